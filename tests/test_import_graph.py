@@ -1,0 +1,83 @@
+"""The arrows of docs/architecture.md, read from the code's own import statements."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+PACKAGES = ("daemon", "fri_client", "identification", "safety", "fixtures")
+ALLOWED = {
+    "daemon": {"fri_client", "identification", "safety"},
+    "fri_client": {"safety"},
+    "identification": set(),
+    "safety": set(),
+    "fixtures": {"fri_client.messages"},
+}
+CLOCKS_AND_SOCKETS = {"socket", "asyncio", "zmq", "time", "sched"}
+
+
+def modules_imported_by(file: Path) -> set[str]:
+    """Absolute names of all modules that a file imports, at any depth of its code."""
+    names: set[str] = set()
+    package = file.relative_to(REPOSITORY).with_suffix("").parts[:-1]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = list(package[: len(package) - node.level + 1]) if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            names.add(module)
+            names.update(f"{module}.{alias.name}" for alias in node.names)
+    return names
+
+
+def project_arrows(package: str) -> set[tuple[Path, str]]:
+    """Pairs (file, imported module) of one package that point to another package of the project, or to the tests."""
+    return {
+        (file.relative_to(REPOSITORY), name)
+        for file in (REPOSITORY / package).rglob("*.py")
+        for name in modules_imported_by(file)
+        if name.split(".")[0] in {*PACKAGES, "tests"} - {package}
+    }
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_arrows_run_down_only(package: str) -> None:
+    def is_allowed(name: str) -> bool:
+        return any(name == root or name.startswith(root + ".") for root in ALLOWED[package])
+
+    wrong = {(str(file), name) for file, name in project_arrows(package) if not is_allowed(name)}
+    # `from fri_client import messages` names the package first; what counts is the module it brings in.
+    if package == "fixtures":
+        wrong = {(file, name) for file, name in wrong if name != "fri_client"}
+    assert not wrong
+
+
+def test_the_simulator_shares_no_code_with_the_estimator() -> None:
+    for package, other in (("fixtures", "identification"), ("identification", "fixtures")):
+        assert not [arrow for arrow in project_arrows(package) if arrow[1].split(".")[0] == other]
+
+
+def test_identification_has_no_sockets_and_no_clocks() -> None:
+    used = {
+        (str(file.relative_to(REPOSITORY)), name)
+        for file in (REPOSITORY / "identification").rglob("*.py")
+        for name in modules_imported_by(file)
+        if name.split(".")[0] in CLOCKS_AND_SOCKETS
+    }
+    assert not used
+
+
+def test_a_forbidden_arrow_would_be_seen(tmp_path: Path) -> None:
+    source = tmp_path / "module.py"
+    source.write_text("def late():\n    from identification.fit import fit_recordings\n    import daemon.api\n")
+    names = {
+        name
+        for node in ast.walk(ast.parse(source.read_text()))
+        for name in ([a.name for a in node.names] if isinstance(node, ast.Import) else [getattr(node, "module", None)])
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    }
+    assert names == {"identification.fit", "daemon.api"}
