@@ -1,0 +1,63 @@
+"""Commands that touch datagrams only: `fri decode`, `fri encode`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from enum import Enum
+from typing import Annotated
+
+import typer
+
+from daemon.cli.app import app
+from daemon.cli.output import data
+from fri_client.json_form import decode_line, encode_line
+from fri_client.messages import FriVersion
+
+fri_app = typer.Typer(help="FRI datagrams: bytes to fields and back.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(fri_app, name="fri")
+
+
+class Direction(str, Enum):
+    """Which way a datagram travels."""
+
+    MONITORING = "monitoring"
+    COMMAND = "command"
+
+
+VersionOption = Annotated[str, typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")]
+DirectionOption = Annotated[Direction, typer.Option("--direction", help="Robot to client, or client to robot.")]
+
+
+def _version(text: str) -> FriVersion:
+    try:
+        return FriVersion.parse(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def _lines() -> Iterator[str]:
+    return (line.strip() for line in sys.stdin)
+
+
+@fri_app.command()
+def decode(fri_version: VersionOption, direction: DirectionOption) -> None:
+    """Hexadecimal datagrams on stdin, one a line, to one JSON object a line.
+
+    Example: echo 0a080881800d10001801 | iiwa-ident fri decode --fri-version 1.15 --direction command
+    """
+    version = _version(fri_version)
+    for line in _lines():
+        data(json.dumps(decode_line(version, direction.value, line), allow_nan=False))
+
+
+@fri_app.command()
+def encode(fri_version: VersionOption, direction: DirectionOption) -> None:
+    """JSON objects on stdin (as `decode` prints them), one a line, to hexadecimal datagrams, byte for byte as KUKA's library.
+
+    Example: iiwa-ident fri decode --fri-version 2.7 --direction command < a.hex | iiwa-ident fri encode --fri-version 2.7 --direction command
+    """
+    version = _version(fri_version)
+    for line in _lines():
+        data(encode_line(version, direction.value, line))
