@@ -1,0 +1,480 @@
+"""The ring in memory between the 1 kHz loop and whoever writes its samples to disk.
+
+Here live the layout of the ring (a header page and fixed slots in an anonymous memory file), its single producer
+and its single consumer, and the codes of the events that ride in its records. Files, formats and processes live
+elsewhere: the supervisor creates the ring and hands its file descriptor to the loop (producer) and to the recorder
+(consumer).
+
+Rules kept here: `push` never blocks, never allocates more than it frees, and never loses a record unseen (a full
+ring raises the lost counter, and the gap shows in `HandoverRecord.index`). The memory belongs to the kernel, not to
+a process: when a process is killed, what was pushed stays readable through any other open descriptor.
+
+Memory order. Every counter is one aligned 64-bit word touched through `memoryview.cast("Q")`, which CPython
+compiles to one 8-byte load or store (struct with "<Q" would write byte by byte and could tear). The producer fills
+the slot first and publishes its counter last; the consumer reads the counter first and the slot afterwards. x86-64
+keeps stores in order and loads in order, and no compiler moves memory accesses across the calls the interpreter
+makes between two statements. On an architecture with weaker order (arm64) this needs a fence that Python cannot
+express; `create` refuses to run there.
+
+    byte   content                                       written by
+    0      magic, layout version, slot size, slots       create
+    64     produced (records published)                  loop
+    128    consumed (records released)                   recorder
+    192    attempted (records pushed or lost), lost      loop
+    256    stop request (EventCode), heartbeat ns        supervisor
+    320    monotonic -> epoch offset ns                  create
+    384    closed flag, LoopStatus                       loop
+    1024   reason: length, UTF-8                         loop
+    4096   slot 0, slot 1, ...
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import platform
+import struct
+import time
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+__all__ = [
+    "COMMAND_CAPACITY",
+    "DEFAULT_SLOTS",
+    "MONITORING_CAPACITY",
+    "SLOT_BYTES",
+    "Disposition",
+    "EventCode",
+    "HandoverError",
+    "HandoverRecord",
+    "HandoverRing",
+    "LoopStatus",
+]
+
+SLOT_BYTES = 2048
+DEFAULT_SLOTS = 32768
+"""32.8 s at 1 kHz in 64 MiB."""
+MONITORING_CAPACITY = 1500
+"""No FRI datagram is longer (PROTOCOL §1); of a longer one the first 1500 bytes are kept."""
+
+_HEADER_BYTES = 4096
+_MAGIC = 0x474E4952_49524649  # "IFRIRING" in memory
+_LAYOUT_VERSION = 1
+_SLOT = struct.Struct("@QqqiiiiiIddHHI")  # index .. lengths; native order, one machine
+_PAYLOAD_OFFSET = 80
+COMMAND_CAPACITY = SLOT_BYTES - _PAYLOAD_OFFSET - MONITORING_CAPACITY
+_STATUS = struct.Struct("@16q")
+_REASON_OFFSET = 1024
+_REASON_CAPACITY = 2000
+
+# Places in the header, counted in 8-byte words.
+_W_MAGIC, _W_VERSION, _W_SLOT_BYTES, _W_SLOTS = 0, 1, 2, 3
+_W_PRODUCED = 8
+_W_CONSUMED = 16
+_W_ATTEMPTED, _W_LOST = 24, 25
+_W_STOP_REQUEST, _W_HEARTBEAT = 32, 33
+_W_EPOCH_OFFSET = 40
+_W_CLOSED = 48
+_STATUS_OFFSET = 49 * 8
+
+
+class HandoverError(Exception):
+    """The ring cannot be created or attached: wrong descriptor, wrong layout, not enough memory, unsuited
+    processor."""
+
+    exit_code = 70
+
+
+class EventCode(IntEnum):
+    """What happened at a record. `event_joint` counts from 1 (0: no joint); the two numbers are named per code."""
+
+    NONE = 0
+    # Changes. value: before, limit: after.
+    STATE_CHANGE = 1
+    PHASE_CHANGE = 2
+    QUALITY_CHANGE = 3
+    # Reasons of a stop: each leads to a stop ramp. value and limit as the criterion has them.
+    OPERATOR_STOP = 10
+    SIGNAL_STOP = 11
+    GUARD = 12
+    EXTERNAL_TORQUE = 13
+    SUPERVISOR_LOST = 14
+    RECORDER_LOST = 15
+    DISK_FULL = 16
+    RAMP_ERROR = 17
+    # The session was lost for this run. value: DropReason, limit: session state after.
+    SESSION_DROP = 30
+    # Ends. value: spread of the last samples in rad, limit: threshold in rad.
+    STANDSTILL_CONFIRMED = 40
+    STANDSTILL_NOT_CONFIRMED = 41
+    START_TIMEOUT = 42
+    # The link. GAP: value messages missing before this one; REFUSED: joint and the number that was not usable.
+    GAP = 50
+    REFUSED = 51
+    SILENCE = 52
+
+    @property
+    def is_stop_reason(self) -> bool:
+        """True for the codes that ask a moving arm to ramp down."""
+        return 10 <= self.value < 30
+
+
+class Disposition(IntEnum):
+    """How the session judged the datagram of a record."""
+
+    FRESH = 0
+    DUPLICATE = 1
+    STALE = 2
+    REFUSED = 3
+    """Decoded, but not usable as a sample: a number that is not finite, or a group missing."""
+    UNDECODABLE = 4
+    """`monitoring` holds the bytes as they came; they are no monitoring message."""
+    EVENT_ONLY = 5
+    """No datagram: the record only carries an event (a second one at the same tick, or silence)."""
+
+
+@dataclass(slots=True)
+class HandoverRecord:
+    """One slot, copied out of the ring.
+
+    index counts pushes from 0, lost ones included, so a step larger than 1 is a gap. receive_ns and send_ns are
+    CLOCK_MONOTONIC (send_ns 0: not answered). phase is a MotionPhase; phase, period and sample_in_period label the
+    command sent in answer (-1 outside EXCITATION). monitoring holds the raw datagram (empty for EVENT_ONLY),
+    command the raw answer (None: not answered).
+    """
+
+    index: int
+    receive_ns: int
+    send_ns: int
+    phase: int
+    period: int
+    sample_in_period: int
+    event_code: int
+    event_joint: int
+    event_value: float
+    event_limit: float
+    monitoring: bytes
+    command: bytes | None
+    disposition: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LoopStatus:
+    """What the loop last said of itself; all counts since its start, time in CLOCK_MONOTONIC ns."""
+
+    time_ns: int = 0
+    tick: int = 0
+    phase: int = 0
+    period: int = -1
+    session_state: int = 0
+    quality: int = 0
+    received: int = 0
+    answered: int = 0
+    late: int = 0
+    missing: int = 0
+    duplicates: int = 0
+    stale: int = 0
+    refused: int = 0
+    undecodable: int = 0
+    stop_reason: int = 0
+    foreign: int = 0
+
+
+class HandoverRing:
+    """Single-producer single-consumer ring of fixed slots in an anonymous memory file (layout: see the module's
+    text)."""
+
+    def __init__(self, fd: int, *, owns_fd: bool) -> None:
+        self._fd = fd
+        self._owns_fd = owns_fd
+        size = os.fstat(fd).st_size
+        if size < _HEADER_BYTES + SLOT_BYTES:
+            raise HandoverError(f"descriptor {fd} holds {size} bytes, which is no hand-over ring")
+        # MAP_POPULATE: no page fault inside the loop.
+        self._map = mmap.mmap(
+            fd, size, flags=mmap.MAP_SHARED | mmap.MAP_POPULATE, prot=mmap.PROT_READ | mmap.PROT_WRITE
+        )
+        self._bytes = memoryview(self._map)
+        self._words = self._bytes[:_HEADER_BYTES].cast("Q")
+        self._signed_words = self._bytes[:_HEADER_BYTES].cast("q")
+        words = self._words
+        slots = words[_W_SLOTS]
+        if (
+            words[_W_MAGIC] != _MAGIC
+            or words[_W_VERSION] != _LAYOUT_VERSION
+            or words[_W_SLOT_BYTES] != SLOT_BYTES
+            or size != _HEADER_BYTES + slots * SLOT_BYTES
+        ):
+            self.close()
+            raise HandoverError(f"descriptor {fd} is no hand-over ring of layout version {_LAYOUT_VERSION}")
+        self._slots = slots
+        self._stop_level = slots * 8 // 10
+        self._produced = words[_W_PRODUCED]
+        self._attempted = words[_W_ATTEMPTED]
+        self._cursor = words[_W_CONSUMED]
+
+    @classmethod
+    def create(cls, slots: int = DEFAULT_SLOTS) -> HandoverRing:
+        """Make an empty ring of `slots` slots; its `fd` is to be inherited by the loop and the recorder (pass_fds).
+
+        All its memory is reserved now, so that a machine short of memory says so here and not as a bus error in the
+        loop. Raises HandoverError when it is not there, or on a processor whose memory order the ring does not
+        suit.
+        """
+        if slots < 1:
+            raise HandoverError(f"a ring needs at least 1 slot, not {slots}")
+        if platform.machine() not in ("x86_64", "AMD64"):
+            raise HandoverError(f"the hand-over ring relies on the memory order of x86-64, not {platform.machine()}")
+        size = _HEADER_BYTES + slots * SLOT_BYTES
+        fd = os.memfd_create("fri-handover", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        try:
+            try:
+                os.posix_fallocate(fd, 0, size)
+            except OSError as error:
+                raise HandoverError(
+                    f"cannot reserve {size} bytes of memory for the hand-over: {error.strerror}"
+                ) from error
+            # No process may shrink the file under another one's feet.
+            fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
+            header = struct.pack("@4Q", _MAGIC, _LAYOUT_VERSION, SLOT_BYTES, slots)
+            os.pwrite(fd, header, 0)
+            os.pwrite(fd, struct.pack("@q", _epoch_offset_ns()), _W_EPOCH_OFFSET * 8)
+            return cls(fd, owns_fd=True)
+        except BaseException:
+            os.close(fd)
+            raise
+
+    @classmethod
+    def attach(cls, fd: int) -> HandoverRing:
+        """Map the ring behind an inherited descriptor; the descriptor stays the caller's. Raises HandoverError."""
+        try:
+            return cls(fd, owns_fd=False)
+        except OSError as error:
+            raise HandoverError(f"descriptor {fd} cannot be mapped as a hand-over ring: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Unmap; the memory itself lives on while any process has its descriptor open."""
+        for view in ("_words", "_signed_words", "_bytes"):
+            if hasattr(self, view):
+                getattr(self, view).release()
+        self._map.close()
+        if self._owns_fd:
+            os.close(self._fd)
+            self._owns_fd = False
+
+    @property
+    def fd(self) -> int:
+        """Descriptor of the memory file."""
+        return self._fd
+
+    @property
+    def slots(self) -> int:
+        """Capacity in records."""
+        return self._slots
+
+    # The producer's side: the loop, and nobody else.
+
+    def push(
+        self,
+        receive_ns: int,
+        send_ns: int,
+        phase: int,
+        period: int,
+        sample_in_period: int,
+        monitoring: bytes | bytearray | memoryview,
+        command: bytes | bytearray | memoryview | None,
+        event_code: int = 0,
+        event_joint: int = 0,
+        event_value: float = 0.0,
+        event_limit: float = 0.0,
+        disposition: int = 0,
+    ) -> bool:
+        """Publish one record. Returns False, and counts it as lost, when the ring is full; never waits."""
+        words = self._words
+        index = self._attempted
+        self._attempted = index + 1
+        words[_W_ATTEMPTED] = index + 1
+        produced = self._produced
+        if produced - words[_W_CONSUMED] >= self._slots:
+            words[_W_LOST] += 1
+            return False
+        start = _HEADER_BYTES + produced % self._slots * SLOT_BYTES
+        monitoring_length = len(monitoring)
+        if monitoring_length > MONITORING_CAPACITY:
+            monitoring_length = MONITORING_CAPACITY
+            monitoring = monitoring[:MONITORING_CAPACITY]
+        # A command is stored with its length plus one, so that "not answered" and "empty" stay apart.
+        command_mark = 0 if command is None else min(len(command), COMMAND_CAPACITY) + 1
+        _SLOT.pack_into(
+            self._bytes,
+            start,
+            index,
+            receive_ns,
+            send_ns,
+            phase,
+            period,
+            sample_in_period,
+            event_code,
+            event_joint,
+            disposition,
+            event_value,
+            event_limit,
+            monitoring_length,
+            command_mark,
+            0,
+        )
+        place = start + _PAYLOAD_OFFSET
+        if monitoring_length:
+            self._bytes[place : place + monitoring_length] = monitoring
+        if command is not None:
+            place += MONITORING_CAPACITY
+            self._bytes[place : place + command_mark - 1] = command[: command_mark - 1]
+        self._produced = produced + 1
+        words[_W_PRODUCED] = produced + 1
+        return True
+
+    def publish_status(self, status: tuple[int, ...]) -> None:
+        """Store the loop's status: the 16 integers of LoopStatus in its order. Readers may see a mix of two ticks."""
+        _STATUS.pack_into(self._bytes, _STATUS_OFFSET, *status)
+
+    def publish_reason(self, sentence: str) -> None:
+        """Store why the loop stops or stopped, in one sentence (cut at 2000 bytes)."""
+        data = sentence.encode()[:_REASON_CAPACITY]
+        place = _REASON_OFFSET + 8
+        self._bytes[place : place + len(data)] = data
+        self._words[_REASON_OFFSET // 8] = len(data)
+
+    def finish(self) -> None:
+        """Say that no record will follow; the consumer ends once it has read the rest."""
+        self._words[_W_CLOSED] = 1
+
+    @property
+    def consumer_stalled(self) -> bool:
+        """True when the backlog is beyond 80 % of the ring: the recorder is gone or cannot follow."""
+        return self._produced - self._words[_W_CONSUMED] > self._stop_level
+
+    # The consumer's side: the recorder, and nobody else.
+
+    def read_batch(self, max_records: int = 1024) -> list[HandoverRecord]:
+        """Copy out up to `max_records` records not read yet, oldest first; their slots stay taken until `release`.
+
+        A recorder that is killed before `release` leaves its records to the next one that attaches.
+        """
+        produced = self._words[_W_PRODUCED]
+        end = min(produced, self._cursor + max_records)
+        records = [self._record(position) for position in range(self._cursor, end)]
+        self._cursor = end
+        return records
+
+    def release(self) -> None:
+        """Give back the slots of all records read so far (call it when they are safe)."""
+        self._words[_W_CONSUMED] = self._cursor
+
+    def _record(self, position: int) -> HandoverRecord:
+        start = _HEADER_BYTES + position % self._slots * SLOT_BYTES
+        (
+            index,
+            receive_ns,
+            send_ns,
+            phase,
+            period,
+            sample_in_period,
+            event_code,
+            event_joint,
+            disposition,
+            event_value,
+            event_limit,
+            monitoring_length,
+            command_mark,
+            _,
+        ) = _SLOT.unpack_from(self._bytes, start)
+        place = start + _PAYLOAD_OFFSET
+        monitoring = bytes(self._bytes[place : place + monitoring_length])
+        place += MONITORING_CAPACITY
+        command = bytes(self._bytes[place : place + command_mark - 1]) if command_mark else None
+        return HandoverRecord(
+            index,
+            receive_ns,
+            send_ns,
+            phase,
+            period,
+            sample_in_period,
+            event_code,
+            event_joint,
+            event_value,
+            event_limit,
+            monitoring,
+            command,
+            disposition,
+        )
+
+    @property
+    def backlog(self) -> int:
+        """Records published and not released yet."""
+        return int(self._words[_W_PRODUCED] - self._words[_W_CONSUMED])
+
+    @property
+    def produced(self) -> int:
+        """Records published so far."""
+        return int(self._words[_W_PRODUCED])
+
+    @property
+    def lost(self) -> int:
+        """Records that found the ring full, so far."""
+        return int(self._words[_W_LOST])
+
+    @property
+    def finished(self) -> bool:
+        """True once the loop said that no record will follow."""
+        return bool(self._words[_W_CLOSED])
+
+    # The supervisor's side.
+
+    def request_stop(self, code: int = EventCode.OPERATOR_STOP) -> None:
+        """Ask the loop for a stop ramp for a stop reason of EventCode; it obeys at its next tick, whoever lives."""
+        self._words[_W_STOP_REQUEST] = int(code)
+
+    @property
+    def stop_request(self) -> int:
+        """The stop reason asked for, 0 when none."""
+        return int(self._words[_W_STOP_REQUEST])
+
+    def beat(self, monotonic_ns: int | None = None) -> None:
+        """The supervisor lives (call it a few times a second; 0 s since `create` means: not supervised)."""
+        self._words[_W_HEARTBEAT] = time.monotonic_ns() if monotonic_ns is None else monotonic_ns
+
+    @property
+    def heartbeat_ns(self) -> int:
+        """CLOCK_MONOTONIC of the supervisor's last beat; 0 when it never beat, then nobody supervises."""
+        return int(self._words[_W_HEARTBEAT])
+
+    @property
+    def epoch_offset_ns(self) -> int:
+        """What to add to CLOCK_MONOTONIC to get Unix time, both in ns, as measured at creation."""
+        return int(self._signed_words[_W_EPOCH_OFFSET])
+
+    @property
+    def status(self) -> LoopStatus:
+        """What the loop last said of itself."""
+        return LoopStatus(*_STATUS.unpack_from(self._bytes, _STATUS_OFFSET))
+
+    @property
+    def reason(self) -> str:
+        """Why the loop stops or stopped; empty while it does not."""
+        length = min(int(self._words[_REASON_OFFSET // 8]), _REASON_CAPACITY)
+        place = _REASON_OFFSET + 8
+        return bytes(self._bytes[place : place + length]).decode(errors="replace")
+
+
+def _epoch_offset_ns() -> int:
+    """Unix time minus CLOCK_MONOTONIC in ns: the tightest of a few bracketed readings."""
+    best_width, best = None, 0
+    for _ in range(16):
+        before = time.monotonic_ns()
+        epoch = time.time_ns()
+        after = time.monotonic_ns()
+        if best_width is None or after - before < best_width:
+            best_width, best = after - before, epoch - (before + after) // 2
+    return best
