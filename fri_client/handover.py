@@ -39,7 +39,6 @@ import time
 from dataclasses import dataclass
 from enum import IntEnum
 
-
 __all__ = [
     "COMMAND_CAPACITY",
     "DEFAULT_SLOTS",
@@ -82,7 +81,8 @@ _STATUS_OFFSET = 49 * 8
 
 class HandoverError(Exception):
     """The ring cannot be created or attached: wrong descriptor, wrong layout, not enough memory, unsuited
-    processor."""
+    processor.
+    """
 
     exit_code = 70
 
@@ -184,7 +184,8 @@ class LoopStatus:
 
 class HandoverRing:
     """Single-producer single-consumer ring of fixed slots in an anonymous memory file (layout: see the module's
-    text)."""
+    text).
+    """
 
     def __init__(self, fd: int, *, owns_fd: bool) -> None:
         self._fd = fd
