@@ -1,0 +1,360 @@
+"""The typed messages that the project's processes exchange: run requests, reports, progress, worker jobs.
+
+Only data lives here: msgspec structures, JSON-serialisable, unknown fields refused. Request and reports travel as
+JSON files, progress travels over ZeroMQ as one tagged union, `ControlMessage`. The supervisor (`service`), the loop
+process, the recorder, the worker and the command line import this module; it imports nothing of theirs.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import msgspec
+
+from daemon.errors import ConfigurationError, MissingInputError
+
+LoopOutcome = Literal[
+    "completed",  # all periods done, standstill confirmed
+    "stopped",  # a stop ramp before the end: guard, operator, lost recorder or supervisor, external torque
+    "dropped",  # the robot left COMMANDING_ACTIVE by itself: latched
+    "no_robot",  # no monitoring message within start_timeout_s
+    "not_started",  # messages came, but the session never reached COMMANDING_ACTIVE
+    "version_mismatch",  # datagrams came, none was of the FRI version asked for
+    "port_in_use",  # the UDP port could not be bound
+    "refused",  # the request itself cannot be run (table, limits, ramp)
+    "fault",  # an internal error; `reason` has its text
+]
+WorkerPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing", "done", "failed"]
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all: immutable, keywords only, unknown fields refused."""
+
+
+# ---- what to do ------------------------------------------------------------------------------------------------------
+
+
+class RunRequest(Message, frozen=True, kw_only=True):
+    """Everything one acquisition needs; written as `request.json` into the run's folder and into the log.
+
+    table_file: `.npy`, (N, 7) float64, rad: one period of commanded joint positions on the grid `table_period_s`, with
+    `amplitude` ALREADY applied (it is recorded, not applied again). trajectory_file: JSON of the trajectory behind the
+    table. Files are absolute paths once `run_acquisition` has copied them into `out_dir`.
+    lead_in_s: the last seconds of the period that are driven before the first recorded period, s.
+    receive_timeout_s: silence that counts as a lost session, s. start_timeout_s: longest wait for the first monitoring
+    message, s; command_timeout_s: longest wait from there to COMMANDING_ACTIVE, s.
+    external_torque_limit: Nm per joint, |external torque| beyond it stops the motion; None = not watched.
+    maximum_distance_to_measured: rad, guard on |command − measured position|.
+    robot_host: only datagrams of this address are taken; None = the first sender is taken and kept.
+    supervisor_timeout_s: the loop stops by ramp when the supervisor's heartbeat is older, s; 0 = not watched.
+    """
+
+    run_id: str
+    robot: str
+    table_file: str
+    trajectory_file: str
+    out_dir: str
+    table_period_s: float = 0.001
+    periods: int = 16
+    lead_in_s: float = 1.0
+    amplitude: float = 1.0
+    bind_host: str = "127.0.0.1"
+    bind_port: int = 30200
+    robot_host: str | None = None
+    fri_version: str = "1.15"
+    receive_timeout_s: float = 0.5
+    start_timeout_s: float = 30.0
+    command_timeout_s: float = 60.0
+    supervisor_timeout_s: float = 2.0
+    external_torque_limit: tuple[float, ...] | None = None
+    maximum_distance_to_measured: float = 0.1
+    urdf_file: str | None = None
+    tool: str = "none"
+    seed: int | None = None
+    fit: bool = True
+    fit_pipeline: str = "auto"
+    ring_slots: int = 16384
+    realtime_priority: int = 80
+    loop_cpu: int | None = None
+    simulation: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise ConfigurationError naming the first field that cannot be right."""
+        if self.periods < 1:
+            raise ConfigurationError(f"{self.periods} periods asked for; at least 1 is needed.", field="periods")
+        if not 0 <= self.bind_port <= 65535:
+            raise ConfigurationError(f"{self.bind_port} is not a UDP port (0 to 65535).", field="bind_port")
+        if not 0.0 < self.amplitude <= 1.0:
+            raise ConfigurationError(f"{self.amplitude:g} is outside (0, 1].", field="amplitude")
+        for field in ("table_period_s", "receive_timeout_s", "start_timeout_s", "command_timeout_s"):
+            value = getattr(self, field)
+            if not 0.0 < value < float("inf"):
+                raise ConfigurationError(f"{value} must be a positive number of seconds.", field=field)
+        if self.lead_in_s < 0.0:
+            raise ConfigurationError(f"{self.lead_in_s:g} s is negative.", field="lead_in_s")
+        if self.ring_slots < 64:
+            raise ConfigurationError(f"{self.ring_slots} slots; at least 64 are needed.", field="ring_slots")
+
+
+class RecorderJob(Message, frozen=True, kw_only=True):
+    """What one recorder process writes: `part` 0 is recording.mcap, 1 that of its replacement."""
+
+    request: RunRequest
+    path: str
+    part: int = 0
+
+
+class WorkerJob(Message, frozen=True, kw_only=True):
+    """One detached fit: recordings in, model.json out, `status_file` rewritten atomically on the way."""
+
+    job_id: str
+    recordings: tuple[str, ...]
+    robot: str
+    model_file: str
+    status_file: str
+    pipeline: str = "auto"
+    progress_endpoint: str | None = None
+
+
+# ---- what happened ---------------------------------------------------------------------------------------------------
+
+
+class PhaseSpan(Message, frozen=True, kw_only=True):
+    """One motion phase: its name (`MotionPhase`), period (0-based, −1 outside excitation), first and last tick."""
+
+    phase: str
+    period: int = -1
+    first_tick: int = -1
+    last_tick: int = -1
+
+
+class Histogram(Message, frozen=True, kw_only=True):
+    """Counts per bin; bin i holds edges[i] <= x < edges[i+1], the last bin is open. edges in µs."""
+
+    edges_us: tuple[float, ...] = ()
+    counts: tuple[int, ...] = ()
+
+
+class LoopReport(Message, frozen=True, kw_only=True):
+    """What the loop process saw and did; written as `loop_report.json` into the run's folder.
+
+    received: monitoring datagrams decoded; answered: commands sent; late: answered after the send period;
+    missing: gaps in the robot's sequence counter; duplicates, stale (older than one already seen), refused (decoded,
+    but not usable: non-finite position, too few joints), undecodable; foreign: datagrams of another sender;
+    lost_in_handover: samples that found the ring full. Peaks per joint of what was commanded: rad, rad/s, rad/s²,
+    rad/s³.
+    reason: machine-readable cause (name of an EventCode, or the outcome). sentence: for the operator.
+    """
+
+    outcome: LoopOutcome
+    reason: str
+    sentence: str
+    joint: int | None = None
+    value: float | None = None
+    limit: float | None = None
+    tick: int | None = None
+    standstill_confirmed: bool = False
+    received: int = 0
+    answered: int = 0
+    late: int = 0
+    missing: int = 0
+    duplicates: int = 0
+    stale: int = 0
+    refused: int = 0
+    undecodable: int = 0
+    foreign: int = 0
+    lost_in_handover: int = 0
+    send_period_ms: float | None = None
+    turn_around: Histogram = Histogram()
+    jitter: Histogram = Histogram()
+    peak_command_position: tuple[float, ...] = ()
+    peak_command_velocity: tuple[float, ...] = ()
+    peak_command_acceleration: tuple[float, ...] = ()
+    peak_command_jerk: tuple[float, ...] = ()
+    phases: tuple[PhaseSpan, ...] = ()
+    periods_completed: int = 0
+    duration_s: float = 0.0
+    realtime: dict[str, Any] = {}
+    link: dict[str, Any] = {}
+
+
+class FileDigest(Message, frozen=True, kw_only=True):
+    """A file of the run folder: name relative to it, size and SHA-256."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class RunOutcome(Message, frozen=True, kw_only=True):
+    """The result of one acquisition, also written as `run.json`. exit_code as in the contract; sentences for people."""
+
+    run_id: str
+    outcome: LoopOutcome
+    exit_code: int
+    sentences: tuple[str, ...]
+    out_dir: str
+    recordings: tuple[str, ...] = ()
+    samples: int = 0
+    samples_in_periods: int = 0
+    sequence_gaps: int = 0
+    handover_gaps: int = 0
+    loop: LoopReport | None = None
+    files: tuple[FileDigest, ...] = ()
+    software: dict[str, str] = {}
+    request: RunRequest | None = None
+    started_at: str = ""
+    finished_at: str = ""
+    worker_pid: int | None = None
+    worker_status_file: str | None = None
+
+
+class RunEvent(Message, frozen=True, kw_only=True):
+    """One thing worth telling the operator while the run goes on.
+
+    kind: "starting", "waiting", "session", "phase", "progress", "warning", "stopping", "finished", "worker".
+    period and periods are filled for "progress" and "phase"; rate in samples/s; missing counts sequence gaps so far.
+    """
+
+    kind: str
+    sentence: str
+    phase: str = ""
+    period: int = -1
+    periods: int = 0
+    samples: int = 0
+    rate: float = 0.0
+    missing: int = 0
+    lost_in_handover: int = 0
+
+
+class WorkerStatus(Message, frozen=True, kw_only=True):
+    """State of a fit job as it stands in its status file."""
+
+    job_id: str
+    phase: WorkerPhase
+    sentence: str
+    fraction: float = 0.0
+    pid: int = 0
+    started_at: str = ""
+    updated_at: str = ""
+    model_file: str | None = None
+    exit_code: int | None = None
+
+
+# ---- over ZeroMQ -----------------------------------------------------------------------------------------------------
+
+
+class RecorderReady(Message, frozen=True, kw_only=True, tag="recorder_ready"):
+    """The recorder has opened its file and drains the ring."""
+
+    part: int
+    path: str
+    pid: int
+
+
+class RecorderProgress(Message, frozen=True, kw_only=True, tag="recorder_progress"):
+    """So far: samples written, gaps found, bytes on disk, records waiting in the ring."""
+
+    part: int
+    samples: int
+    sequence_gaps: int
+    handover_gaps: int
+    undecodable: int
+    bytes: int
+    backlog: int
+
+
+class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finished"):
+    """The file is closed, re-opened and counted; `counted` is the number of samples found in it."""
+
+    part: int
+    path: str
+    samples: int
+    counted: int
+    samples_in_periods: int
+    first_index: int
+    last_index: int
+    sequence_gaps: int
+    handover_gaps: int
+    undecodable: int
+    bytes: int
+
+
+class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
+    """The disk refused. Samples from `first_unwritten_index` on are not in the file."""
+
+    part: int
+    path: str
+    sentence: str
+    errno: int | None
+    samples: int
+    first_unwritten_index: int
+
+
+class WorkerProgress(Message, frozen=True, kw_only=True, tag="worker_progress"):
+    """A worker's status, pushed as it is written to the status file."""
+
+    status: WorkerStatus
+
+
+ControlMessage: TypeAlias = RecorderReady | RecorderProgress | RecorderFinished | RecorderFailed | WorkerProgress
+
+_encoder = msgspec.json.Encoder()
+_control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)
+MAXIMUM_CONTROL_BYTES = 65536
+
+StructType = TypeVar("StructType", bound=Message)
+
+
+def encode_control(message: ControlMessage) -> bytes:
+    """JSON bytes of a control message, with its tag."""
+    return _encoder.encode(message)
+
+
+def decode_control(data: bytes) -> ControlMessage:
+    """The message behind the bytes. Raises msgspec.DecodeError for anything else, however it is malformed."""
+    if len(data) > MAXIMUM_CONTROL_BYTES:
+        raise msgspec.DecodeError(f"control message of {len(data)} bytes; at most {MAXIMUM_CONTROL_BYTES} are taken")
+    try:
+        return _control_decoder.decode(data)
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise msgspec.DecodeError(str(error)) from error
+
+
+def read_json(path: str | Path, kind: type[StructType]) -> StructType:
+    """Read a structure from a JSON file. Raises MissingInputError, or ConfigurationError naming file and field."""
+    file = Path(path)
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(file), kind.__name__) from error
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{error}.", file=str(file)) from error
+
+
+def write_json(path: str | Path, value: Message | dict[str, Any]) -> None:
+    """Write a structure as indented JSON, atomically: a reader sees the old file or the new one, never a part."""
+    write_bytes_atomically(path, msgspec.json.format(_encoder.encode(value), indent=2) + b"\n")
+
+
+def write_bytes_atomically(path: str | Path, data: bytes) -> None:
+    """Write a file beside the target, flush it to the disk and rename it over the target. Raises OSError."""
+    file = Path(path)
+    descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, file)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

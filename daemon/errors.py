@@ -1,0 +1,119 @@
+"""Every error the daemon raises, as one small tree; the command line turns `exit_code` into the process' exit code.
+
+    DaemonError                     70  something in here is wrong
+    ├── ConfigurationError          78  a configuration file or a run request that cannot be used
+    ├── MissingInputError           66  a file that should be there is not
+    ├── BadLogError                 65  a log (MCAP) that cannot be used
+    ├── LogIOError                  74  the disk refused: full, read-only, gone
+    ├── PortInUseError              69  another program holds the UDP port
+    ├── RobotUnreachableError       69  no monitoring message arrived in time
+    ├── ProtocolMismatchError       76  datagrams arrive, but of another FRI version
+    └── ChildProcessFailedError     70  loop or recorder process could not be started or died before the motion
+
+A stop of the motion is not an error: it is a `RunOutcome` with exit code 1 and a partial recording.
+"""
+
+from __future__ import annotations
+
+
+class DaemonError(Exception):
+    """Root of the tree; the text is one sentence an operator can act on."""
+
+    exit_code: int = 70
+
+
+class ConfigurationError(DaemonError):
+    """A configuration that cannot be used. Carries file and field."""
+
+    exit_code = 78
+
+    def __init__(self, reason: str, *, file: str | None = None, field: str | None = None) -> None:
+        self.file = file
+        self.field = field
+        self.reason = reason
+        where = " ".join(part for part in (file or "", f"field {field}" if field else "") if part)
+        super().__init__(f"{where}: {reason}" if where else reason)
+
+
+class MissingInputError(DaemonError):
+    """A file or folder that is not there. Carries its path."""
+
+    exit_code = 66
+
+    def __init__(self, file: str, purpose: str) -> None:
+        self.file = file
+        self.purpose = purpose
+        super().__init__(f"{file} does not exist; it is needed as {purpose}.")
+
+
+class BadLogError(DaemonError):
+    """A log that holds nothing usable. Carries its path."""
+
+    exit_code = 65
+
+    def __init__(self, file: str, reason: str) -> None:
+        self.file = file
+        self.reason = reason
+        super().__init__(f"{file}: {reason}")
+
+
+class LogIOError(DaemonError):
+    """The operating system refused to read or write. Carries path and errno."""
+
+    exit_code = 74
+
+    def __init__(self, file: str, error: OSError) -> None:
+        self.file = file
+        self.errno = error.errno
+        super().__init__(f"{file}: {error.strerror or error}.")
+
+
+class PortInUseError(DaemonError):
+    """Another program holds the UDP port. Carries host and port."""
+
+    exit_code = 69
+
+    def __init__(self, host: str, port: int) -> None:
+        self.host = host
+        self.port = port
+        super().__init__(
+            f"UDP port {port} on {host} is in use by another program: stop that program or choose another port "
+            "(--bind), and set the same port in the robot's FRI configuration."
+        )
+
+
+class RobotUnreachableError(DaemonError):
+    """No monitoring message within the time allowed. Carries address and seconds waited."""
+
+    exit_code = 69
+
+    def __init__(self, host: str, port: int, waited_s: float) -> None:
+        self.host = host
+        self.port = port
+        self.waited_s = waited_s
+        super().__init__(
+            f"No FRI message arrived on {host}:{port} within {waited_s:g} s: "
+            "start the FRI application on the robot and check the address it sends to (`iiwa-ident doctor`)."
+        )
+
+
+class ProtocolMismatchError(DaemonError):
+    """Datagrams arrive that are not of the FRI version asked for. Carries that version."""
+
+    exit_code = 76
+
+    def __init__(self, fri_version: str, reason: str) -> None:
+        self.fri_version = fri_version
+        self.reason = reason
+        super().__init__(reason)
+
+
+class ChildProcessFailedError(DaemonError):
+    """The loop or the recorder process failed before anything moved. Carries its role, return code and last words."""
+
+    def __init__(self, role: str, return_code: int | None, last_words: str) -> None:
+        self.role = role
+        self.return_code = return_code
+        self.last_words = last_words
+        tail = last_words.strip().splitlines()[-1] if last_words.strip() else "it said nothing"
+        super().__init__(f"The {role} process ended before the run began (return code {return_code}): {tail}")
