@@ -1,0 +1,53 @@
+"""Robots: kinematics by name, from a modified Denavit-Hartenberg table or from a URDF, as one value object.
+
+`load_robot` is the door; the built-in tables are in `data`. Inertial parameters are not here: they are identified.
+Used by every other part of `identification` and by the command line.
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from identification.errors import RobotError, RobotNotFoundError
+from identification.robots.model import STANDARD_GRAVITY, Kinematics, RobotModel
+from identification.robots.modified_denavit_hartenberg import robot_from_arrays, robot_from_table
+from identification.robots.urdf import robot_from_urdf
+
+__all__ = [
+    "BUILT_IN_ROBOTS",
+    "STANDARD_GRAVITY",
+    "Kinematics",
+    "RobotModel",
+    "load_robot",
+    "robot_from_arrays",
+    "robot_from_table",
+    "robot_from_urdf",
+]
+
+BUILT_IN_ROBOTS = ("iiwa14", "iiwa7")
+
+
+def load_robot(spec: str | Path) -> RobotModel:
+    """The robot called `spec` (`iiwa14`, `iiwa7`) or described by the file `spec` (`.urdf`, or `.csv` with MDH rows).
+
+    Raises RobotNotFoundError (exit code 66) if there is neither, RobotError (65) if the file cannot be used.
+    """
+    if str(spec) in BUILT_IN_ROBOTS:
+        table = resources.files("identification.robots.data").joinpath(f"{spec}_mdh.csv").read_text("utf-8")
+        return robot_from_table(table, name=str(spec), source=f"built-in {spec}")
+    path = Path(spec)
+    if not path.is_file():
+        raise RobotNotFoundError(
+            f"There is no robot '{spec}': it is neither a file nor one of {', '.join(BUILT_IN_ROBOTS)}.", file=path
+        )
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"{path} cannot be read as text: {error}.", file=path) from error
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        return robot_from_table(text, name=path.stem, source=str(path))
+    if suffix in (".urdf", ".xml"):
+        return robot_from_urdf(text, source=str(path))
+    raise RobotError(f"{path}: a robot is described by a .urdf file or a .csv table, not by '{suffix}'.", file=path)

@@ -1,0 +1,1 @@
+"""Tables of numbers of the built-in robots; read through `importlib.resources` by `identification.robots`."""

@@ -1,0 +1,155 @@
+"""The value object that stands for one robot's kinematics, and the Pinocchio model built from it.
+
+Here: joints, placements, limits, gravity. Not here: reading files (`modified_denavit_hartenberg`, `urdf`) and inertial
+parameters, which are what the package identifies. Used by everything in `identification`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.errors import RobotError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+
+_RIGHT_ANGLE_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kinematics:
+    """Joint tree of a fixed-base robot, in the order of the joints; the frame of link i is the frame of joint i.
+
+    parent: (n,) index of the link that carries joint i, −1 for the base; always smaller than i.
+    rotation: (n, 3, 3) and translation: (n, 3) m, pose of the joint frame at q = 0 in the parent's link frame
+    (columns of the rotation are the joint frame's axes). axis: (n, 3) unit vector in the joint frame.
+    revolute: (n,) True for a revolute joint, False for a prismatic one.
+    """
+
+    parent: IntArray
+    rotation: FloatArray
+    translation: FloatArray
+    axis: FloatArray
+    revolute: BoolArray
+
+    def __post_init__(self) -> None:
+        n = len(self.parent)
+        if n == 0:
+            raise RobotError("The robot has no movable joint.", field="joint")
+        for joint, parent in enumerate(self.parent):
+            if not -1 <= parent < joint:
+                raise RobotError(
+                    f"Joint {joint + 1} hangs on link {parent + 1}; joints must be listed from the base outwards.",
+                    field="parent",
+                    joint=joint + 1,
+                )
+        for name in ("rotation", "translation", "axis"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise RobotError(f"The robot's {name} holds a number that is not finite.", field=name)
+        for values in (self.parent, self.rotation, self.translation, self.axis, self.revolute):
+            values.setflags(write=False)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.parent)
+
+    def upstream(self, link: int) -> tuple[int, ...]:
+        """Joints (counted from 0) whose motion moves `link`, from the base outwards, `link` itself last."""
+        chain = []
+        joint = link
+        while joint >= 0:
+            chain.append(joint)
+            joint = int(self.parent[joint])
+        return tuple(reversed(chain))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """One fixed-base robot with n revolute or prismatic joints, one position number per joint.
+
+    position_lower, position_upper: rad (m for a prismatic joint); velocity: rad/s (m/s); effort: Nm (N); each (n,),
+    nan where unknown. gravity: (3,) m/s² in the base frame. modified_denavit_hartenberg: (n, 4) columns alpha rad, d m,
+    theta rad, rl m, the joint variable's own entry being its offset; None for a robot read from a URDF.
+    source: what it was read from. digest: SHA-256 of that source.
+    pinocchio_model has nq = nv = n; its joint k + 1 is joint k here, continuous URDF joints are plain revolute ones.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    kinematics: Kinematics
+    pinocchio_model: pinocchio.Model = field(repr=False)
+    modified_denavit_hartenberg: FloatArray | None
+    position_lower: FloatArray
+    position_upper: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+    gravity: FloatArray
+    source: str
+    digest: str
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.kinematics.n
+
+
+def build_pinocchio_model(
+    name: str,
+    kinematics: Kinematics,
+    joint_names: tuple[str, ...],
+    gravity: FloatArray,
+    inertias: tuple[pinocchio.Inertia, ...] | None = None,
+) -> pinocchio.Model:
+    """Pinocchio model with one configuration number per joint; zero inertias unless given (one per link)."""
+    model = pinocchio.Model()
+    model.name = name
+    model.gravity.linear = gravity
+    for joint in range(kinematics.n):
+        placement = pinocchio.SE3(kinematics.rotation[joint], kinematics.translation[joint])
+        index = model.addJoint(
+            int(kinematics.parent[joint]) + 1,
+            _pinocchio_joint(kinematics.axis[joint], bool(kinematics.revolute[joint])),
+            placement,
+            joint_names[joint],
+        )
+        model.addJointFrame(index)
+        if inertias is not None:
+            model.appendBodyToJoint(index, inertias[joint], pinocchio.SE3.Identity())
+    return model
+
+
+def _pinocchio_joint(axis: FloatArray, revolute: bool) -> object:
+    aligned = {
+        (1.0, 0.0, 0.0): (pinocchio.JointModelRX, pinocchio.JointModelPX),
+        (0.0, 1.0, 0.0): (pinocchio.JointModelRY, pinocchio.JointModelPY),
+        (0.0, 0.0, 1.0): (pinocchio.JointModelRZ, pinocchio.JointModelPZ),
+    }.get((float(axis[0]), float(axis[1]), float(axis[2])))
+    if aligned is not None:
+        return aligned[0]() if revolute else aligned[1]()
+    return pinocchio.JointModelRevoluteUnaligned(axis) if revolute else pinocchio.JointModelPrismaticUnaligned(axis)
+
+
+def snap_to_right_angles(rotation: FloatArray) -> FloatArray:
+    """The rotation matrix (3, 3) with entries below 1e-5 made exactly zero, orthonormal again.
+
+    URDF files print π/2 as 1.5708 or 1.570796327. The 1e-6 … 1e-10 that this leaves in a matrix is no kinematics, but
+    it turns parameters without any effect into columns of noise, which the grouping would take for real ones.
+    """
+    snapped = np.where(np.abs(rotation) < _RIGHT_ANGLE_TOLERANCE, 0.0, rotation)
+    left, _, right = np.linalg.svd(snapped)
+    orthonormal = np.asarray(left @ right, dtype=np.float64)
+    orthonormal[snapped == 0.0] = 0.0
+    near_unit = np.abs(np.abs(orthonormal) - 1.0) < 1e-12
+    orthonormal[near_unit] = np.sign(orthonormal[near_unit])
+    # Zeroing may not be consistent with a rotation (three tiny entries in general position): then keep the input.
+    if np.linalg.norm(orthonormal @ orthonormal.T - np.eye(3)) > 1e-12:
+        return np.array(rotation, dtype=np.float64)
+    return orthonormal

@@ -1,0 +1,164 @@
+"""Robots from URDF files, read by Pinocchio and brought to one configuration number per joint.
+
+Inertias are optional: the kinematics is what identification needs. Fixed joints are merged into their parent link.
+Called by `identification.robots.load_robot`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+
+from identification.errors import RobotError
+from identification.robots.model import (
+    STANDARD_GRAVITY,
+    FloatArray,
+    Kinematics,
+    RobotModel,
+    build_pinocchio_model,
+    snap_to_right_angles,
+)
+
+_AXIS_OF_SUFFIX = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+
+
+def robot_from_urdf(
+    text: str, *, name: str | None = None, source: str, gravity: tuple[float, float, float] = STANDARD_GRAVITY
+) -> RobotModel:
+    """The fixed-base robot of a URDF text; revolute, continuous and prismatic joints, any number of them.
+
+    Raises RobotError for text that is no URDF, a robot without movable joints, and floating or planar joints.
+    """
+    declared_name = _check_xml(text, source)
+    try:
+        parsed = pinocchio.buildModelFromXML(text)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise RobotError(f"{source} cannot be read as a URDF: {_first_sentence(error)}", file=source) from error
+    if parsed.njoints < 2:
+        raise RobotError(f"{source} describes no movable joint.", file=source, field="joint")
+    joint_names = tuple(parsed.names[1:])
+    kinematics = _kinematics(parsed, joint_names, source)
+    base_gravity = np.array(gravity, dtype=np.float64)
+    robot_name = name or declared_name or Path(source).stem
+    limits = _limits(text, joint_names)
+    return RobotModel(
+        name=robot_name,
+        joint_names=joint_names,
+        kinematics=kinematics,
+        pinocchio_model=build_pinocchio_model(
+            robot_name, kinematics, joint_names, base_gravity, tuple(parsed.inertias[1:])
+        ),
+        modified_denavit_hartenberg=None,
+        position_lower=limits[:, 0],
+        position_upper=limits[:, 1],
+        velocity=limits[:, 2],
+        effort=limits[:, 3],
+        gravity=base_gravity,
+        source=source,
+        digest=hashlib.sha256(text.encode()).hexdigest(),
+    )
+
+
+def _check_xml(text: str, source: str) -> str | None:
+    """Name of the robot element; the errors that Pinocchio would print to stderr instead of raising."""
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{source} is not well-formed XML: {error}.", file=source) from error
+    if root.tag != "robot":
+        raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>.", file=source)
+    links = {link.get("name") for link in root.findall("link")}
+    joints = root.findall("joint")
+    if not links:
+        raise RobotError(f"{source} describes no link.", file=source, field="link")
+    if not any(joint.get("type") not in (None, "fixed") for joint in joints):
+        raise RobotError(
+            f"{source} describes no movable joint; is it the robot's description, or only its meshes?",
+            file=source,
+            field="joint",
+        )
+    for joint in joints:
+        if joint.get("type") in ("floating", "planar"):
+            raise RobotError(
+                f"{source}: joint '{joint.get('name')}' is {joint.get('type')}; only fixed, revolute, continuous and "
+                "prismatic joints of a fixed-base robot are supported.",
+                file=source,
+                field=joint.get("name"),
+            )
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = None if element is None else element.get("link")
+            if link not in links:
+                raise RobotError(
+                    f"{source}: joint '{joint.get('name')}' names {end} link '{link}', which is not described.",
+                    file=source,
+                    field=joint.get("name"),
+                )
+    return root.get("name")
+
+
+def _kinematics(parsed: pinocchio.Model, joint_names: tuple[str, ...], source: str) -> Kinematics:
+    count = len(joint_names)
+    parent = np.empty(count, dtype=np.int64)
+    rotation = np.empty((count, 3, 3))
+    translation = np.empty((count, 3))
+    axis = np.empty((count, 3))
+    revolute = np.empty(count, dtype=np.bool_)
+    for joint in range(count):
+        parent[joint] = parsed.parents[joint + 1] - 1
+        placement = parsed.jointPlacements[joint + 1]
+        rotation[joint] = snap_to_right_angles(placement.rotation)
+        translation[joint] = np.where(np.abs(placement.translation) < 1e-9, 0.0, placement.translation)
+        revolute[joint], axis[joint] = _joint_type_and_axis(parsed.joints[joint + 1], joint_names[joint], source)
+    return Kinematics(parent, rotation, translation, axis, revolute)
+
+
+def _joint_type_and_axis(joint: object, name: str, source: str) -> tuple[bool, FloatArray]:
+    kind = joint.shortname()  # type: ignore[attr-defined]
+    stem = kind.removeprefix("JointModel")
+    if stem in ("RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ"):
+        return True, np.array(_AXIS_OF_SUFFIX[stem[-1]])
+    if stem in ("PX", "PY", "PZ"):
+        return False, np.array(_AXIS_OF_SUFFIX[stem[-1]])
+    if stem in ("RevoluteUnaligned", "RevoluteUnboundedUnalign", "RevoluteUnboundedUnaligned", "PrismaticUnaligned"):
+        vector = np.array(joint.extract().axis, dtype=np.float64)  # type: ignore[attr-defined]
+        return stem.startswith("Revolute"), vector / np.linalg.norm(vector)
+    raise RobotError(
+        f"{source}: joint '{name}' is of a kind that is not supported ({stem}); only revolute, continuous and "
+        "prismatic joints are.",
+        file=source,
+        field=name,
+    )
+
+
+def _limits(text: str, joint_names: tuple[str, ...]) -> FloatArray:
+    """(n, 4) position lower, upper, velocity, effort as the file states them; nan where it does not."""
+    limits = np.full((len(joint_names), 4), np.nan)
+    for element in ElementTree.fromstring(text).findall("joint"):
+        limit = element.find("limit")
+        name = element.get("name")
+        if limit is None or name not in joint_names:
+            continue
+        columns = (
+            ("lower", "upper", "velocity", "effort")
+            if element.get("type") != "continuous"
+            else (
+                None,
+                None,
+                "velocity",
+                "effort",
+            )
+        )
+        for column, attribute in enumerate(columns):
+            value = limit.get(attribute) if attribute else None
+            if value is not None:
+                limits[joint_names.index(name), column] = float(value)
+    return limits
+
+
+def _first_sentence(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
