@@ -28,6 +28,9 @@ Here: the classes and their sentences. Not here: what anyone does about them. Ev
 may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
 """
 
+# The names say what happened, as the project style asks; they do not end in "Error".
+# ruff: noqa: N818
+
 from __future__ import annotations
 
 from typing import ClassVar
@@ -106,7 +109,9 @@ class WrongWireType(DecodeError):
     """A field has a wire type that it, or any FRI field, cannot have."""
 
     def __init__(self, *, message: str, field: str, wire_type: int, offset: int) -> None:
-        super().__init__(f"Field {field} of {message} has wire type {wire_type} at byte {offset}, which it cannot have.")
+        super().__init__(
+            f"Field {field} of {message} has wire type {wire_type} at byte {offset}, which it cannot have."
+        )
         self.message = message
         self.field = field
         self.wire_type = wire_type
@@ -131,11 +136,11 @@ class WrongFrameLength(BadFrame):
     """The length prefix does not agree with the size of the datagram."""
 
     def __init__(self, *, declared: int | None, available: int) -> None:
-        what = "is too short to hold one" if declared is None else f"says {declared}"
-        super().__init__(
-            f"The FRI 2.7 length prefix {what}, but the datagram leaves {available} payload bytes: "
-            "the robot may speak another FRI version."
-        )
+        if declared is None:
+            what = f"The datagram has {available + 8} bytes, too few for the length and checksum of FRI 2.7"
+        else:
+            what = f"The FRI 2.7 length prefix says {declared}, but the datagram leaves {available} payload bytes"
+        super().__init__(f"{what}; the other side may speak another FRI version.")
         self.declared = declared
         self.available = available
 

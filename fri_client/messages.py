@@ -14,7 +14,7 @@ int, because a value outside the enumeration has to survive decoding; compare th
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 
 import msgspec
 
@@ -63,8 +63,8 @@ JOINT_COUNT = 7
 """Values in every joint array; an array with another number is refused."""
 
 
-class FriVersion(str, Enum):
-    """A version of the FRI wire format; the value is the text an operator writes. 1.14, 1.15 and 1.16 are one format."""
+class FriVersion(StrEnum):
+    """A version of the FRI wire format; the value is what an operator writes. 1.14, 1.15 and 1.16 are one format."""
 
     V1_11 = "1.11"
     V1_14 = "1.14"
@@ -91,9 +91,6 @@ class FriVersion(str, Enum):
     def is_framed(self) -> bool:
         """True where a datagram carries a length and a CRC-32 around the payload (2.7)."""
         return self is FriVersion.V2_7
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class SessionState(IntEnum):
@@ -301,7 +298,10 @@ class IpoData(msgspec.Struct, frozen=True, gc=False):
 
 
 class MonitoringMessage(msgspec.Struct, frozen=True, gc=False):
-    """One datagram from the robot. requested_transformations: Transformation in 1.x, QuaternionTransformation in 2.x."""
+    """One datagram from the robot.
+
+    requested_transformations: Transformation in 1.x, QuaternionTransformation in 2.x; at most 5.
+    """
 
     header: MessageHeader
     robot_info: RobotInfo | None = None

@@ -1,0 +1,122 @@
+"""Datagrams to messages and back, for one FRI version.
+
+Here: `Codec`, the door to everything below it: size limit, frame (2.7), payload, message identifier. Not here: the
+tables (`schema`), the bytes (`reader`, `writer`, `wire`, `frame`), and any judgement of what a message says: the
+codec is faithful to NaN and infinities and to a message without connection_info; the session judges.
+The loop, the recorder, the command line and the tests call it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import cast
+
+from fri_client.errors import InvalidFieldValue, MessageTooLong, WrongMessageIdentifier, WrongValueCount
+from fri_client.frame import FRAME_BYTES, framed, unframed
+from fri_client.messages import (
+    COMMAND_IDENTIFIER,
+    JOINT_COUNT,
+    MONITORING_IDENTIFIER,
+    CommandMessage,
+    FriVersion,
+    MonitoringMessage,
+)
+from fri_client.reader import GroupReader
+from fri_client.wire import varint
+from fri_client.writer import GroupWriter, joint_values
+
+__all__ = ["MAXIMUM_DATAGRAM_BYTES", "Codec"]
+
+MAXIMUM_DATAGRAM_BYTES = 1500
+"""Size of the vendor's receive and send buffers (PROTOCOL section 1); 2.7 leaves 1492 for the payload."""
+
+_POSITION_HEADER = b"\x08" + varint(COMMAND_IDENTIFIER) + b"\x10"
+_POSITION_BODY = b"\x12\x41\x0a\x3f"
+
+
+class Codec:
+    """Encodes and decodes both kinds of message in one version. Holds no value of any datagram it has seen."""
+
+    def __init__(self, version: FriVersion) -> None:
+        self.version = FriVersion(version)
+        self._framed = self.version.is_framed
+        self._monitoring_reader = GroupReader(MonitoringMessage, self.version)
+        self._monitoring_writer = GroupWriter(MonitoringMessage, self.version)
+        self._command_reader = GroupReader(CommandMessage, self.version)
+        self._command_writer = GroupWriter(CommandMessage, self.version)
+
+    def decode_monitoring(self, data: bytes | bytearray | memoryview) -> MonitoringMessage:
+        """The monitoring message in one datagram, in fresh storage. Raises CodecError subclasses and nothing else."""
+        payload = self._payload(data)
+        message = cast(MonitoringMessage, self._monitoring_reader.read(payload, 0, len(payload)))
+        _check_identifier(message.header.message_identifier, MONITORING_IDENTIFIER)
+        return message
+
+    def decode_command(self, data: bytes | bytearray | memoryview) -> CommandMessage:
+        """The command message in one datagram, in fresh storage. Raises CodecError subclasses and nothing else."""
+        payload = self._payload(data)
+        message = cast(CommandMessage, self._command_reader.read(payload, 0, len(payload)))
+        _check_identifier(message.header.message_identifier, COMMAND_IDENTIFIER)
+        return message
+
+    def encode_monitoring(self, message: MonitoringMessage) -> bytes:
+        """The datagram a robot of this version would send. Raises CodecError subclasses and nothing else."""
+        payload = self._monitoring_writer.write(message)
+        _check_identifier(message.header.message_identifier, MONITORING_IDENTIFIER)
+        return self._datagram(payload)
+
+    def encode_command(self, message: CommandMessage) -> bytes:
+        """The datagram the vendor's client of this version would send. Raises CodecError subclasses only."""
+        payload = self._command_writer.write(message)
+        _check_identifier(message.header.message_identifier, COMMAND_IDENTIFIER)
+        return self._datagram(payload)
+
+    def encode_position_command(
+        self, sequence_counter: int, reflected_sequence_counter: int, position: Sequence[float]
+    ) -> bytes:
+        """The datagram of a command with 7 joint positions (rad) and nothing else: `encode_command`, but quicker.
+
+        Raises WrongValueCount, InvalidFieldValue.
+        """
+        if not (0 <= sequence_counter < 1 << 32 and 0 <= reflected_sequence_counter < 1 << 32):
+            raise InvalidFieldValue(
+                message="MessageHeader",
+                field="sequenceCounter",
+                value=(sequence_counter, reflected_sequence_counter),
+                expected="an integer from 0 to 2^32 - 1",
+            )
+        try:
+            values = joint_values(position)
+        except (TypeError, ValueError, struct.error) as error:
+            if hasattr(position, "__len__") and len(position) != JOINT_COUNT:
+                raise WrongValueCount(
+                    message="MessageCommandData",
+                    field="jointPosition",
+                    count=len(position),
+                    limit=JOINT_COUNT,
+                    exact=True,
+                ) from error
+            raise InvalidFieldValue(
+                message="MessageCommandData", field="jointPosition", value=position, expected="7 numbers"
+            ) from error
+        header = b"".join((_POSITION_HEADER, varint(sequence_counter), b"\x18", varint(reflected_sequence_counter)))
+        payload = b"".join((b"\x0a", varint(len(header)), header, _POSITION_BODY, values))
+        return framed(payload) if self._framed else payload
+
+    def _payload(self, data: bytes | bytearray | memoryview) -> bytes:
+        if len(data) > MAXIMUM_DATAGRAM_BYTES:
+            raise MessageTooLong(length=len(data), limit=MAXIMUM_DATAGRAM_BYTES)
+        datagram = bytes(data)
+        return unframed(datagram) if self._framed else datagram
+
+    def _datagram(self, payload: bytes) -> bytes:
+        length = len(payload) + (FRAME_BYTES if self._framed else 0)
+        if length > MAXIMUM_DATAGRAM_BYTES:
+            raise MessageTooLong(length=length, limit=MAXIMUM_DATAGRAM_BYTES)
+        return framed(payload) if self._framed else payload
+
+
+def _check_identifier(identifier: int, expected: int) -> None:
+    if identifier != expected:
+        raise WrongMessageIdentifier(identifier=identifier, expected=expected)
