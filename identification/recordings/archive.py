@@ -1,0 +1,89 @@
+"""A Recording as one block of bytes and back, bit by bit: the attachment by which an imported log keeps its arrays.
+
+ROS messages round time to nanoseconds and know neither second encoders nor temperatures; the attachment keeps what the
+import had. Called by the writer of imports and by the MCAP reader.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.recordings.npz_reader import resolve_robot
+from identification.recordings.recording import OPTIONAL_ARRAYS, ImportReport, Recording, RecordingSource
+
+ATTACHMENT_NAME = "recording.npz"
+FORMAT = "iiwa-ident/recording/1"
+
+
+def pack(recording: Recording, *, robot: str | None = None) -> bytes:
+    """All of a recording as the bytes of a compressed .npz; float64 and int64 arrays are kept bit by bit.
+
+    robot: what to note as the robot, a path relative to the log where it is a file.
+    """
+    arrays: dict[str, Any] = {"time": recording.time, "position": recording.position, "torque": recording.torque}
+    for name in (*OPTIONAL_ARRAYS, "period_index", "sample_in_period"):
+        values = getattr(recording, name)
+        if values is not None:
+            arrays[name] = values
+    description = {
+        "format": FORMAT,
+        "sampling_period_s": recording.sampling_period_s,
+        "robot": robot,
+        "joint_names": recording.joint_names,
+        "torque_unit": recording.torque_unit,
+        "period_s": recording.period_s,
+        "samples_per_period": recording.samples_per_period,
+        "source": {
+            "path": Path(recording.source.path).name,
+            "sha256": recording.source.sha256,
+            "kind": recording.source.kind,
+            "metadata": recording.source.metadata,
+        },
+        "report": recording.report.to_json(),
+    }
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, description=np.array(json.dumps(description)), **arrays)
+    return buffer.getvalue()
+
+
+def unpack(data: bytes, path: Path, *, robot: str | None = None) -> Recording:
+    """The recording that `pack` wrote; path is the file it stands in, robot overrides the robot it names.
+
+    The source's name, digest and report stay those of the original file. Raises RecordingError for other bytes.
+    """
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        description = json.loads(str(arrays.pop("description")))
+        if description["format"] != FORMAT:
+            raise ValueError(f"its format is {description['format']}")
+        source = description["source"]
+        names = description["joint_names"]
+        named = resolve_robot(path, description["robot"] or "")
+        return Recording(
+            sampling_period_s=float(description["sampling_period_s"]),
+            source=RecordingSource(
+                str(path),
+                source["sha256"],
+                source["kind"],
+                {**source["metadata"], "imported_from": source["path"]},
+            ),
+            report=ImportReport.from_json(description["report"]),
+            robot=robot if robot is not None else named,
+            joint_names=None if names is None else tuple(names),
+            torque_unit=description["torque_unit"],
+            period_s=description["period_s"],
+            samples_per_period=description["samples_per_period"],
+            **arrays,
+        )
+    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise RecordingError(
+            f"{path.name}: its attachment {ATTACHMENT_NAME} cannot be read ({error})", file=path
+        ) from error

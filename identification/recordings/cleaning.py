@@ -1,0 +1,319 @@
+"""From raw rows to a Recording: every doubtful row is found, named with its place and number, and handled.
+
+Order: shapes, non-finite rows, time stamps, isolated spikes, held rows, then gaps and jitter of what is left. Rows
+are dropped, never repaired: a gap is honest, an invented sample is not. Called by `reader.read_recording`; no file is
+read here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.recordings.labels import label_by_time
+from identification.recordings.recording import (
+    BoolArray,
+    Finding,
+    FloatArray,
+    ImportReport,
+    IntArray,
+    Recording,
+    RecordingSource,
+)
+from identification.recordings.table import RawTable
+
+MINIMUM_DURATION_S = 0.5
+MINIMUM_SAMPLES = 20
+LARGEST_SHARE_OF_BAD_ROWS = 0.2
+GAP_FACTOR = 1.5
+JITTER_SHARE = 0.05
+# An isolated value is garbled when it leaves the median of its five neighbours by more than this many times the largest
+# ordinary step of its channel (99th percentile of the sample-to-sample change) and of its ordinary scatter.
+SPIKE_STEPS = 10.0
+SPIKE_SCATTER = 15.0
+
+
+def build_recording(table: RawTable, *, sha256: str, robot: str | None = None) -> Recording:
+    """Judge the rows of a table and build the Recording of those that hold.
+
+    robot: name or path that overrides what the file says. Raises RecordingError when the arrays do not fit together,
+    when more than a fifth of the rows is unusable, when time does not advance, or when less than half a second is left.
+    """
+    _check_shapes(table)
+    rows_read = table.time.shape[0]
+    number = np.arange(1, rows_read + 1, dtype=np.int64)
+    findings = list(table.findings)
+    keep = np.ones(rows_read, dtype=np.bool_)
+
+    finite = np.isfinite(table.time) & np.isfinite(table.position).all(axis=1) & np.isfinite(table.torque).all(axis=1)
+    _note_runs(
+        findings,
+        "garbled_rows",
+        number[~finite],
+        "holds a value in t, q or tau that is not finite; it was left out",
+    )
+    keep &= finite
+    _refuse_too_many(table, keep, "hold values that are not finite")
+
+    keep[keep] = _advancing_time(table, table.time[keep], number[keep], findings)
+    spikes = _spikes(table.position[keep]) | _spikes(table.torque[keep])
+    _note_runs(
+        findings,
+        "garbled_rows",
+        number[keep][spikes],
+        "stands alone far away from its neighbours in q or tau; the row was left out",
+    )
+    keep[keep] = ~spikes
+    held = _held_rows(table.position[keep], table.torque[keep])
+    _note_runs(
+        findings,
+        "repeated_rows",
+        number[keep][held],
+        "repeats q and tau of the row before in the middle of a motion (a held sample); the row was left out",
+    )
+    if held.mean() < LARGEST_SHARE_OF_BAD_ROWS:
+        keep[keep] = ~held
+    _refuse_too_many(table, keep, "are garbled or repeated")
+
+    time = table.time[keep]
+    if time.size < MINIMUM_SAMPLES or time[-1] - time[0] < MINIMUM_DURATION_S:
+        duration = float(time[-1] - time[0]) if time.size else 0.0
+        raise RecordingError(
+            f"{table.path.name}: {time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples "
+            f"and {MINIMUM_DURATION_S} s are needed",
+            file=str(table.path),
+        )
+    sampling_period_s = float(np.median(np.diff(time)))
+    _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s)
+
+    arrays: dict[str, Any] = {}
+    for name, values in table.optional.items():
+        arrays[name] = _optional_array(name, values[keep], findings, rows_read)
+    if table.period_index is not None and table.sample_in_period is not None:
+        arrays["period_index"] = table.period_index[keep]
+        arrays["sample_in_period"] = table.sample_in_period[keep]
+        arrays["period_s"] = table.period_s
+        arrays["samples_per_period"] = table.samples_per_period
+    elif table.period_s:
+        arrays.update(_labels(table, time, sampling_period_s, findings, rows_read))
+    findings.sort(key=lambda finding: finding.first_row)
+    return Recording(
+        time=time,
+        position=table.position[keep],
+        torque=table.torque[keep],
+        sampling_period_s=sampling_period_s,
+        source=RecordingSource(str(table.path), sha256, table.kind, table.metadata),
+        report=ImportReport(rows_read, int(keep.sum()), tuple(findings)),
+        robot=robot if robot is not None else table.robot,
+        joint_names=table.joint_names,
+        torque_unit=table.torque_unit,
+        **arrays,
+    )
+
+
+def _check_shapes(table: RawTable) -> None:
+    name = table.path.name
+    if table.time.ndim != 1:
+        raise RecordingError(f"{name}: t has shape {table.time.shape}, one column of N times is needed", file=name)
+    for label, values in (("q", table.position), ("tau", table.torque)):
+        if values.ndim != 2 or values.shape[0] != table.time.shape[0]:
+            raise RecordingError(
+                f"{name}: {label} has shape {values.shape}, but t has {table.time.shape[0]} rows; "
+                f"({table.time.shape[0]}, number of joints) is needed",
+                file=name,
+            )
+    if table.position.shape[1] != table.torque.shape[1] or table.position.shape[1] == 0:
+        raise RecordingError(
+            f"{name}: q has {table.position.shape[1]} joints and tau has {table.torque.shape[1]}; "
+            "both need the same number of joints, at least one",
+            file=name,
+        )
+    for label, values in table.optional.items():
+        if values.shape != table.position.shape:
+            raise RecordingError(
+                f"{name}: {label} has shape {values.shape}, but q has {table.position.shape}", file=name
+            )
+    if table.time.shape[0] == 0:
+        raise RecordingError(f"{name}: holds no sample at all", file=name)
+
+
+def _refuse_too_many(table: RawTable, keep: BoolArray, what: str) -> None:
+    bad = int((~keep).sum())
+    if bad > LARGEST_SHARE_OF_BAD_ROWS * keep.size:
+        first = int(np.flatnonzero(~keep)[0]) + 1
+        raise RecordingError(
+            f"{table.path.name}: {bad} of {keep.size} rows {what} (first: row {first}); too many to trust the rest",
+            file=str(table.path),
+            field=f"row {first}",
+        )
+
+
+def _note_runs(findings: list[Finding], kind: str, rows: IntArray, what: str) -> None:
+    """One finding for all rows of a kind; a few places are named, all rows are counted."""
+    if rows.size == 0:
+        return
+    if rows.size == 1:
+        place = f"row {rows[0]}"
+    elif rows[-1] - rows[0] == rows.size - 1:
+        place = f"each of the {rows.size} rows {rows[0]} to {rows[-1]}"
+    else:
+        shown = ", ".join(str(row) for row in rows[:5]) + (", …" if rows.size > 5 else "")
+        place = f"each of {rows.size} rows between {rows[0]} and {rows[-1]} ({shown})"
+    findings.append(Finding(kind, int(rows[0]), int(rows[-1]), int(rows.size), f"{place} {what}"))
+
+
+def _median_of_five(values: FloatArray) -> FloatArray:
+    """Running median over five rows along axis 0, the ends repeated."""
+    padded = np.concatenate([values[:1], values[:1], values, values[-1:], values[-1:]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0)
+    return np.asarray(np.median(windows, axis=-1), dtype=np.float64)
+
+
+def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, findings: list[Finding]) -> BoolArray:
+    """Rows (of those given) whose time stamps can be used: no isolated jump, strictly increasing."""
+    steps = np.diff(time)
+    ordinary = float(np.median(np.abs(steps))) if steps.size else 0.0
+    if time.size < 2 or not np.any(steps != 0.0) or ordinary == 0.0:
+        raise RecordingError(
+            f"{table.path.name}: time stands still (t = {time[0]:g} s in most rows); "
+            "advancing time stamps in seconds are needed",
+            file=str(table.path),
+        )
+    good = np.abs(time - _median_of_five(time[:, None])[:, 0]) <= 100.0 * ordinary
+    _note_runs(
+        findings,
+        "garbled_rows",
+        number[~good],
+        "carries a time stamp far from its neighbours'; it was left out",
+    )
+    rest = time[good]
+    highest_before = np.concatenate([[-np.inf], np.maximum.accumulate(rest)[:-1]])
+    repeated = rest == highest_before
+    backwards = rest < highest_before
+    if backwards.sum() > LARGEST_SHARE_OF_BAD_ROWS * rest.size:
+        at = int(np.flatnonzero(backwards)[0])
+        raise RecordingError(
+            f"{table.path.name}: time goes backwards at row {number[good][at]} "
+            f"(from {highest_before[at]:.6g} s to {rest[at]:.6g} s) and does not recover; split the file there",
+            file=str(table.path),
+            field="t",
+        )
+    _note_runs(findings, "repeated_rows", number[good][repeated], "repeats the time stamp before it; it was left out")
+    _note_runs(
+        findings,
+        "time_backwards",
+        number[good][backwards],
+        "carries a time before an earlier row's; it was left out",
+    )
+    good[good] = ~(repeated | backwards)
+    return good
+
+
+def _spikes(values: FloatArray) -> BoolArray:
+    """Rows that leave the running median of five by far more than the channel's ordinary steps and scatter."""
+    if values.shape[0] < 5:
+        return np.zeros(values.shape[0], dtype=np.bool_)
+    deviation = np.abs(values - _median_of_five(values))
+    step = np.percentile(np.abs(np.diff(values, axis=0)), 99.0, axis=0)
+    scatter = 1.4826 * np.median(deviation, axis=0)
+    limit = np.maximum(SPIKE_STEPS * step, SPIKE_SCATTER * scatter) + 1e-9
+    return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)
+
+
+def _held_rows(position: FloatArray, torque: FloatArray) -> BoolArray:
+    """Rows equal to the row before in every q and tau, while the next different row shows that the robot moved."""
+    same = np.zeros(position.shape[0], dtype=np.bool_)
+    same[1:] = (np.diff(position, axis=0) == 0.0).all(axis=1) & (np.diff(torque, axis=0) == 0.0).all(axis=1)
+    if not same.any():
+        return same
+    # Position of the first row after each run of equal rows: a robot at rest shows the same position there.
+    starts = np.flatnonzero(~same)
+    following = np.searchsorted(starts, np.arange(same.size), side="right")
+    next_row = np.append(starts, same.size - 1)[np.minimum(following, starts.size)]
+    moved = (position[next_row] != position).any(axis=1)
+    return np.asarray(same & moved, dtype=np.bool_)
+
+
+def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: IntArray, period: float) -> None:
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > GAP_FACTOR * period)
+    if gaps.size:
+        missing = int(np.round(steps[gaps] / period - 1.0).sum())
+        longest = int(gaps[np.argmax(steps[gaps])])
+        findings.append(
+            Finding(
+                "gap",
+                int(number[gaps[0]]),
+                int(number[gaps[-1] + 1]),
+                int(gaps.size),
+                f"{gaps.size} gaps longer than {GAP_FACTOR} sampling periods of {1e3 * period:.4g} ms, about {missing} "
+                f"samples missing; the longest is {1e3 * steps[longest]:.4g} ms after row {number[longest]}",
+            )
+        )
+    ordinary = steps[steps <= GAP_FACTOR * period]
+    if ordinary.size and float(np.std(ordinary)) > JITTER_SHARE * period:
+        findings.append(
+            Finding(
+                "jitter",
+                int(number[0]),
+                int(number[-1]),
+                int((np.abs(ordinary - period) > JITTER_SHARE * period).sum()),
+                f"time stamps are uneven: steps between {1e3 * ordinary.min():.4g} and {1e3 * ordinary.max():.4g} ms "
+                f"around {1e3 * period:.4g} ms (standard deviation {1e3 * float(np.std(ordinary)):.2g} ms)",
+            )
+        )
+
+
+def _optional_array(name: str, values: FloatArray, findings: list[Finding], rows: int) -> FloatArray:
+    """An optional array; columns of zeros in the second encoder mean that the joint has none, and become nan."""
+    values = np.array(values, dtype=np.float64)
+    if name != "link_position":
+        return values
+    for joint in range(values.shape[1]):
+        if not np.any(values[:, joint] != 0.0):
+            values[:, joint] = np.nan
+            findings.append(
+                Finding(
+                    "no_second_encoder",
+                    1,
+                    rows,
+                    rows,
+                    f"joint {joint + 1}: q_link holds zeros only; taken as having no second encoder",
+                    joint + 1,
+                )
+            )
+    return values
+
+
+def _labels(
+    table: RawTable, time: FloatArray, sampling_period_s: float, findings: list[Finding], rows: int
+) -> dict[str, Any]:
+    """Period labels from the stated period, when the recording holds at least two of them."""
+    assert table.period_s is not None
+    if not np.isfinite(table.period_s) or table.period_s < 0.0:
+        raise RecordingError(
+            f"{table.path.name}: period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that "
+            "is not periodic",
+            file=str(table.path),
+        )
+    if time[-1] - time[0] < 0.99 * table.period_s:
+        findings.append(
+            Finding(
+                "short_of_a_period",
+                1,
+                rows,
+                rows,
+                f"the recording covers {time[-1] - time[0]:.4g} s of a stated period of {table.period_s:.4g} s; "
+                "it is used as not periodic",
+            )
+        )
+        return {}
+    period_index, sample, per_period = label_by_time(time, table.period_s, sampling_period_s)
+    return {
+        "period_index": period_index,
+        "sample_in_period": sample,
+        "period_s": float(table.period_s),
+        "samples_per_period": per_period,
+    }

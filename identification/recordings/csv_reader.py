@@ -1,0 +1,148 @@
+"""Reads .csv recordings: a header t,q1..qn,tau1..taun[,dq1..][,q_cmd1..][,tau_ext1..], then one row per sample."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.recordings.npz_reader import OPTIONAL_FIELDS, resolve_robot
+from identification.recordings.recording import Finding, FloatArray
+from identification.recordings.table import RawTable
+
+COLUMN = re.compile(r"^(q_link|q_cmd|tau_ext|temperature|tau|dq|q)_?(\d+)$")
+
+
+def read_csv(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one signature for all readers
+    """Rows of a .csv file; lines that start with # may carry `robot=...`, `period_s=...`, `tau_unit=...`.
+
+    Raises RecordingError naming line and column for a cell that is no number. An empty cell counts as not a number
+    (the row is left out later); an incomplete last line is left out with a finding.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (UnicodeDecodeError, OSError) as error:
+        raise RecordingError(f"{path.name}: cannot be read as text ({error})", file=path) from error
+    settings, start = _settings(lines)
+    if start >= len(lines):
+        raise RecordingError(f"{path.name}: holds no header and no rows", file=path)
+    header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
+    columns = _columns(path, header)
+    findings: list[Finding] = []
+    values = _values(path, lines, start + 1, header, findings)
+    joints = max(int(number) for name, number in columns if name == "q")
+    arrays = {
+        name: np.column_stack([values[:, columns[(name, str(joint))]] for joint in range(1, joints + 1)])
+        for name in dict.fromkeys(name for name, _ in columns)
+        if name != "t"
+    }
+    period = _setting_number(path, settings, "period_s")
+    return RawTable(
+        path=path,
+        kind="csv",
+        time=values[:, columns[("t", "")]],
+        position=arrays["q"],
+        torque=arrays["tau"],
+        optional={OPTIONAL_FIELDS[name]: arrays[name] for name in arrays if name in OPTIONAL_FIELDS},
+        period_s=period if period else None,
+        robot=resolve_robot(path, settings.get("robot", "")),
+        torque_unit=settings.get("tau_unit", "Nm"),
+        findings=findings,
+    )
+
+
+def _settings(lines: list[str]) -> tuple[dict[str, str], int]:
+    settings: dict[str, str] = {}
+    for index, line in enumerate(lines):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            return settings, index
+        key, separator, value = text.lstrip("# ").partition("=")
+        if separator:
+            settings[key.strip()] = value.strip()
+    return settings, len(lines)
+
+
+def _setting_number(path: Path, settings: dict[str, str], name: str) -> float | None:
+    if name not in settings:
+        return None
+    try:
+        return float(settings[name])
+    except ValueError:
+        raise RecordingError(f"{path.name}: {name}={settings[name]} is no number", file=path, field=name) from None
+
+
+def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
+    """Index of each known column as {(quantity, joint number): index}; complains about what is missing."""
+    columns: dict[tuple[str, str], int] = {}
+    for index, name in enumerate(header):
+        match = COLUMN.match(name)
+        key = ("t", "") if name in ("t", "time") else (match.group(1), match.group(2)) if match else None
+        if key is None:
+            continue
+        if key in columns:
+            raise RecordingError(f"{path.name}: column '{name}' stands twice in the header", file=path, field=name)
+        columns[key] = index
+    if ("t", "") not in columns:
+        raise RecordingError(
+            f"{path.name}: column 't' is missing; the header is: {', '.join(header)[:200]}", file=path, field="t"
+        )
+    joints = max((int(number) for name, number in columns if name == "q"), default=0)
+    if joints == 0:
+        raise RecordingError(f"{path.name}: columns q1, q2, … are missing", file=path, field="q1")
+    for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
+        for joint in range(1, joints + 1):
+            if (quantity, str(joint)) not in columns:
+                raise RecordingError(
+                    f"{path.name}: column '{quantity}{joint}' is missing ({joints} joints by the columns of q)",
+                    file=path,
+                    field=f"{quantity}{joint}",
+                    joint=joint,
+                )
+    return columns
+
+
+def _values(path: Path, lines: list[str], first: int, header: list[str], findings: list[Finding]) -> FloatArray:
+    """All cells as numbers, (rows, columns). The quick way first; line by line only to say where it fails."""
+    body = [(index + 1, line) for index, line in enumerate(lines[first:], start=first) if line.strip()]
+    if body and body[-1][1].count(",") < len(header) - 1:
+        number, _ = body.pop()
+        findings.append(
+            Finding(
+                "truncated_row",
+                len(body) + 1,
+                len(body) + 1,
+                1,
+                f"the last line ({number}) breaks off before its last column; it was left out",
+            )
+        )
+    if not body:
+        raise RecordingError(f"{path.name}: holds a header but no rows", file=path)
+    try:
+        values = np.loadtxt([line for _, line in body], delimiter=",", dtype=np.float64, ndmin=2, comments=None)
+        if values.shape[1] == len(header):
+            return values
+    except ValueError:
+        pass
+    rows = np.empty((len(body), len(header)), dtype=np.float64)
+    for row, (number, line) in enumerate(body):
+        cells = next(csv.reader([line]))
+        if len(cells) != len(header):
+            raise RecordingError(
+                f"{path.name}, line {number}: {len(cells)} columns where the header has {len(header)}",
+                file=path,
+                field=f"line {number}",
+            )
+        for column, cell in enumerate(cells):
+            try:
+                rows[row, column] = float(cell) if cell.strip() else np.nan
+            except ValueError:
+                raise RecordingError(
+                    f"{path.name}, line {number}, column '{header[column]}': '{cell.strip()[:40]}' is no number",
+                    file=path,
+                    field=header[column],
+                ) from None
+    return rows

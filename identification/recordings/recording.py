@@ -1,0 +1,175 @@
+"""The value objects of a recording: what was measured, when, in which period, and what the import found.
+
+Nothing here reads a file. Readers build these objects, `identification.signals` and the fit consume them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+OPTIONAL_ARRAYS = (
+    "velocity",
+    "command_position",
+    "link_position",
+    "external_torque",
+    "temperature",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing the import found in the rows of a file.
+
+    kind: a short name such as "gap", "repeated_rows", "garbled_rows", "time_backwards".
+    first_row, last_row: rows of the file, counted from 1 (the header of a CSV is not counted).
+    count: how many rows (for gaps: how many gaps). joint: from 1, or None for the whole row.
+    """
+
+    kind: str
+    first_row: int
+    last_row: int
+    count: int
+    sentence: str
+    joint: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The finding as plain JSON types."""
+        return {
+            "kind": self.kind,
+            "rows": [self.first_row, self.last_row, self.count],
+            "joint": self.joint,
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ImportReport:
+    """Everything an import found, and how many rows it read and kept."""
+
+    rows_read: int
+    rows_kept: int
+    findings: tuple[Finding, ...] = ()
+
+    def of_kind(self, kind: str) -> tuple[Finding, ...]:
+        """The findings of one kind, in the order of their rows."""
+        return tuple(finding for finding in self.findings if finding.kind == kind)
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as plain JSON types."""
+        return {
+            "rows_read": self.rows_read,
+            "rows_kept": self.rows_kept,
+            "findings": [finding.to_json() for finding in self.findings],
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> ImportReport:
+        """The report that `to_json` wrote."""
+        return cls(
+            int(data["rows_read"]),
+            int(data["rows_kept"]),
+            tuple(
+                Finding(
+                    str(item["kind"]),
+                    int(item["rows"][0]),
+                    int(item["rows"][1]),
+                    int(item["rows"][2]),
+                    str(item["sentence"]),
+                    None if item.get("joint") is None else int(item["joint"]),
+                )
+                for item in data["findings"]
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSource:
+    """Where a recording came from: the file's name, its SHA-256, the kind of file, and what its metadata said."""
+
+    path: str
+    sha256: str
+    kind: str
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Measured motion and torque of an n-joint robot, one row per sample, in the order of time.
+
+    time: (N,) s, strictly increasing, need not be uniform. position: (N, n) rad (m for prismatic joints).
+    torque: (N, n) Nm (N), sign of the inverse-dynamics torque (a torque that accelerates the joint in its positive
+    direction is positive). Optional, each (N, n), nan where a joint has none: velocity (rad/s), command_position,
+    link_position (second encoder) in rad, external_torque in Nm, temperature in °C.
+    period_index: (N,) number of the period from 0, -1 outside the periodic part; None when not periodic.
+    sample_in_period: (N,) index on the grid of one period, -1 outside. period_s, samples_per_period: None when not
+    periodic. torque_unit: "Nm", or "A" when the file holds motor currents. sampling_period_s: median distance of the
+    time stamps. robot: name or path of the robot as the file or the caller gave it, None when neither did. report: what
+    the import found and did.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    torque: FloatArray
+    sampling_period_s: float
+    source: RecordingSource
+    report: ImportReport
+    robot: str | None = None
+    joint_names: tuple[str, ...] | None = None
+    torque_unit: str = "Nm"
+    velocity: FloatArray | None = None
+    command_position: FloatArray | None = None
+    link_position: FloatArray | None = None
+    external_torque: FloatArray | None = None
+    temperature: FloatArray | None = None
+    period_index: IntArray | None = None
+    sample_in_period: IntArray | None = None
+    period_s: float | None = None
+    samples_per_period: int | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of rows N."""
+        return int(self.time.shape[0])
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.position.shape[1])
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the rows carry period labels."""
+        return self.period_index is not None
+
+    @property
+    def complete_periods(self) -> int:
+        """Number of periods that hold at least one sample."""
+        if self.period_index is None:
+            return 0
+        return int(np.unique(self.period_index[self.period_index >= 0]).size)
+
+    def rows(self, keep: BoolArray) -> Recording:
+        """The same recording with only the rows where keep (N,) is true; the report is unchanged."""
+        changed: dict[str, Any] = {
+            "time": self.time[keep],
+            "position": self.position[keep],
+            "torque": self.torque[keep],
+        }
+        for name in (*OPTIONAL_ARRAYS, "period_index", "sample_in_period"):
+            values = getattr(self, name)
+            if values is not None:
+                changed[name] = values[keep]
+        return replace(self, **changed)
