@@ -1,0 +1,232 @@
+"""The verdict on one command, each cycle, before it leaves for the robot.
+
+Judged is what we command, never what the sensors measure: measured velocities are noisy, and a guard that trips on noise
+stops arms that do nothing wrong. The measured position enters only through its distance to the command, with a generous
+limit. Lives elsewhere: planning the stop after a verdict (ramps.py). Called by the 1 kHz loop, hence plain floats and
+seven-fold Python loops, which are faster than NumPy on seven numbers, and no storage that grows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safety.braking import stopping_travel
+from safety.errors import TrajectoryShapeError
+from safety.limits import FloatArray, JointLimits
+
+POSITION_TOLERANCE_RAD = 1e-9
+"""Slack on position limits: above the round-off of a double at 3 rad (4e-16), far below an encoder step (1e-6 rad)."""
+
+VELOCITY_TOLERANCE = 1e-6
+"""Relative slack on step and velocity: round-off of a difference at 1 ms is 1e-12 rad/s."""
+
+ACCELERATION_TOLERANCE = 1e-3
+"""Relative slack on accelerations: a second difference at 1 ms turns a planner's 1e-9 rad into 1e-3 rad/s²."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardVerdict:
+    """Why a command was refused.
+
+    criterion: "anchor", "finite", "position", "distance_to_measured", "velocity", "acceleration", "stopping_velocity" or
+    "stopping_position". joint: counted from 1. value, limit: in `unit`; a limit of an interval is the side that was passed.
+    """
+
+    criterion: str
+    joint: int
+    value: float
+    limit: float
+    unit: str
+
+    def sentence(self) -> str:
+        """One sentence for the operator."""
+        return _SENTENCES[self.criterion].format(joint=self.joint, value=self.value, limit=self.limit, unit=self.unit)
+
+
+_SENTENCES = {
+    "anchor": "The guard has not been told where the arm is, so it refuses every command.",
+    "shape": "The command holds {value:.0f} numbers, but the robot has {limit:.0f} joints.",
+    "finite": "The command of joint {joint} is {value}, which is not a finite number.",
+    "position": "The command of joint {joint} is {value:.5f} {unit}, beyond its position limit of {limit:.5f} {unit}.",
+    "distance_to_measured": "The command of joint {joint} is {value:.5f} {unit} away from its measured position; "
+                            "{limit:.5f} {unit} are allowed.",
+    "velocity": "The command of joint {joint} asks for {value:.4f} {unit}; its velocity limit is {limit:.4f} {unit}.",
+    "acceleration": "The command of joint {joint} asks for {value:.3f} {unit}; its acceleration limit is "
+                    "{limit:.3f} {unit}.",
+    "stopping_velocity": "After this command joint {joint} could not avoid {value:.4f} {unit}; its velocity limit is "
+                         "{limit:.4f} {unit}.",
+    "stopping_position": "After this command joint {joint} could not stop before {value:.5f} {unit}; its position limit "
+                         "is {limit:.5f} {unit}.",
+}
+
+
+class CommandGuard:
+    """Judges a stream of joint position commands, one per command period.
+
+    limits: what the commands have to keep to. command_period_s: time from one command to the next, s.
+    maximum_distance_to_measured: rad, one number or one per joint. The arm follows its command with a lag of some 10 ms
+    (15 to 25 mrad at full velocity), so 0.1 rad is generous and still stops an arm that is held or does not follow.
+
+    An accepted command becomes the reference of the next one; a refused one leaves no trace. Between the first
+    acceptance and the last the guard keeps this promise: from `position`, `velocity`, `acceleration` the stop of
+    `plan_stop_ramp` under the same limits stays inside every limit.
+    """
+
+    def __init__(self, limits: JointLimits, command_period_s: float, *,
+                 maximum_distance_to_measured: ArrayLike = 0.1) -> None:
+        if not (math.isfinite(command_period_s) and command_period_s > 0.0):
+            raise TrajectoryShapeError(f"The command period is {command_period_s} s, but it has to be above 0 s.")
+        n = limits.joint_count
+        distance = np.asarray(maximum_distance_to_measured, dtype=np.float64)
+        if distance.shape not in {(), (n,)} or not np.all(distance > 0.0):
+            raise TrajectoryShapeError(f"The largest distance to the measured position has to be one number above 0 or "
+                                       f"{n} of them, not {maximum_distance_to_measured!r}.")
+        self._limits = limits
+        self._n = n
+        self._period = command_period_s
+        self._rate = 1.0 / command_period_s
+        self._velocity_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE)).tolist()
+        self._acceleration_limit = (limits.acceleration * (1.0 + ACCELERATION_TOLERANCE)).tolist()
+        self._jerk = limits.jerk.tolist()
+        # The velocity at a tick is extrapolated from three commands; on a motion of full jerk that is jerk T² / 3 off.
+        self._peak_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE)
+                            + limits.jerk * command_period_s**2).tolist()
+        # One row per joint: everything the inner loop needs, in the order it is unpacked.
+        distances = np.broadcast_to(distance, (n,)).tolist()
+        room = [_longest_travel(v, a, j) for v, a, j in zip(self._peak_limit, self._acceleration_limit, self._jerk,
+                                                            strict=True)]
+        self._rows = tuple(
+            (lower - POSITION_TOLERANCE_RAD, upper + POSITION_TOLERANCE_RAD, gap, v, a, peak, j, lower + far, upper - far)
+            for lower, upper, gap, v, a, peak, j, far in zip(
+                limits.position_lower.tolist(), limits.position_upper.tolist(), distances, self._velocity_limit,
+                self._acceleration_limit, self._peak_limit, self._jerk, room, strict=True))
+        self._anchored = False
+        self._position = [0.0] * n
+        self._velocity = [0.0] * n           # (q_k - q_{k-1}) / T, the velocity half a period before the tick
+        self._acceleration = [0.0] * n       # (q_k - 2 q_{k-1} + q_{k-2}) / T²
+
+    @property
+    def limits(self) -> JointLimits:
+        """The limits the commands are held against."""
+        return self._limits
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the guard knows where the arm is."""
+        return self._anchored
+
+    @property
+    def position(self) -> FloatArray:
+        """Last accepted command, (n,) rad."""
+        return np.array(self._position)
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity at the last accepted command, (n,) rad/s: (3 q_k - 4 q_{k-1} + q_{k-2}) / 2T."""
+        half = 0.5 * self._period
+        return np.array([v + half * a for v, a in zip(self._velocity, self._acceleration, strict=True)])
+
+    @property
+    def acceleration(self) -> FloatArray:
+        """Acceleration of the last three accepted commands, (n,) rad/s²: (q_k - 2 q_{k-1} + q_{k-2}) / T²."""
+        return np.array(self._acceleration)
+
+    def anchor(self, position: Sequence[float] | FloatArray) -> None:
+        """Take `position`, (n,) rad, as commanded and at rest: the IPO position when COMMANDING_ACTIVE begins.
+
+        Raises TrajectoryShapeError for a wrong number of joints or a value that is not finite.
+        """
+        values = [float(value) for value in position]
+        if len(values) != self._n:
+            raise TrajectoryShapeError(f"The anchor holds {len(values)} numbers, but the robot has {self._n} joints.")
+        for joint, value in enumerate(values, start=1):
+            if not math.isfinite(value):
+                raise TrajectoryShapeError(f"The anchor of joint {joint} is {value}, which is not a finite number.")
+        self._position = values
+        self._velocity = [0.0] * self._n
+        self._acceleration = [0.0] * self._n
+        self._anchored = True
+
+    def release(self) -> None:
+        """Forget where the arm is: every command is refused until the next anchor."""
+        self._anchored = False
+
+    def judge(self, command: Sequence[float] | FloatArray, measured_position: Sequence[float] | FloatArray, *,
+              stopping: bool = False) -> GuardVerdict | None:
+        """Judge one command, (n,) rad, against the last accepted one and the measured position, (n,) rad.
+
+        Returns None and remembers the command when it is accepted; otherwise the first criterion it fails, and the state
+        stays as it was. stopping: the command belongs to a stop that was planned from an accepted state; such a stop
+        is itself the proof that the arm can be stopped, so the two stopping criteria are not asked again (near a limit
+        their finite differences lag one period behind a stop at full jerk, and would refuse the very stop they demand).
+        """
+        if not self._anchored:
+            return GuardVerdict("anchor", 0, math.nan, math.nan, "")
+        # float64 arrays are turned into lists once: indexing them element by element is five times slower.
+        wanted = command.tolist() if isinstance(command, np.ndarray) else command
+        measured = measured_position.tolist() if isinstance(measured_position, np.ndarray) else measured_position
+        if len(wanted) != self._n or len(measured) != self._n:
+            wrong = len(wanted) if len(wanted) != self._n else len(measured)
+            return GuardVerdict("shape", 0, float(wrong), float(self._n), "")
+        rate = self._rate
+        half = 0.5 * self._period
+        velocities = []
+        accelerations = []
+        joint = 0
+        for q, last, last_v, actual, row in zip(wanted, self._position, self._velocity, measured, self._rows, strict=True):
+            joint += 1
+            lower, upper, gap, v_limit, a_limit, peak_limit, jerk, inner_lower, inner_upper = row
+            # Every comparison is written so that a NaN fails it.
+            if not (lower <= q <= upper):
+                if not math.isfinite(q):
+                    return GuardVerdict("finite", joint, float(q), math.nan, "rad")
+                side = self._limits.position_lower if q < lower else self._limits.position_upper
+                return GuardVerdict("position", joint, float(q), float(side[joint - 1]), "rad")
+            if not (-gap <= q - actual <= gap):
+                return GuardVerdict("distance_to_measured", joint, float(q - actual), gap, "rad")
+            v = (q - last) * rate
+            if not (-v_limit <= v <= v_limit):
+                return GuardVerdict("velocity", joint, v, float(self._limits.velocity[joint - 1]), "rad/s")
+            a = (v - last_v) * rate
+            if not (-a_limit <= a <= a_limit):
+                return GuardVerdict("acceleration", joint, a, float(self._limits.acceleration[joint - 1]), "rad/s²")
+            if not stopping:
+                now = v + half * a
+                peak = now + a * abs(a) / (2.0 * jerk)
+                if (peak > peak_limit and now > 0.0) or (peak < -peak_limit and now < 0.0):
+                    return GuardVerdict("stopping_velocity", joint, peak, float(self._limits.velocity[joint - 1]), "rad/s")
+                if not (inner_lower <= q <= inner_upper):
+                    verdict = self._stopping_position(joint, q, now, a)
+                    if verdict is not None:
+                        return verdict
+            velocities.append(v)
+            accelerations.append(a)
+        self._position = list(wanted)
+        self._velocity = velocities
+        self._acceleration = accelerations
+        return None
+
+    def _stopping_position(self, joint: int, q: float, velocity: float, acceleration: float) -> GuardVerdict | None:
+        row = self._rows[joint - 1]
+        limit, jerk = float(self._limits.acceleration[joint - 1]), row[6]
+        limit = max(limit, abs(acceleration))
+        highest = q + stopping_travel(velocity, acceleration, limit, jerk)
+        if highest > row[1]:
+            return GuardVerdict("stopping_position", joint, highest, float(self._limits.position_upper[joint - 1]), "rad")
+        lowest = q - stopping_travel(-velocity, -acceleration, limit, jerk)
+        if lowest < row[0]:
+            return GuardVerdict("stopping_position", joint, lowest, float(self._limits.position_lower[joint - 1]), "rad")
+        return None
+
+
+def _longest_travel(velocity: float, acceleration: float, jerk: float) -> float:
+    """Upper bound, rad, of the travel of any stop whose inevitable velocity is at most `velocity`.
+
+    A state accelerating at a reaches the peak velocity after a / jerk at most and brakes from there.
+    """
+    return velocity * acceleration / jerk + stopping_travel(velocity, 0.0, acceleration, jerk)
