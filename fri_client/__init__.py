@@ -1,4 +1,4 @@
-"""The FRI client: messages and codec of KUKA's Fast Robot Interface, link statistics, and the client's side of the loop.
+"""The FRI client: messages and codec of KUKA's Fast Robot Interface, link statistics, the client's side of the loop.
 
 Names that other packages use are re-exported here as far as they cost nothing to import; `session`, `motion`, `loop`
 and `handover` are imported by their own names, so that a reader of recordings does not load the loop.

@@ -68,7 +68,7 @@ class FriError(Exception):
     exit_code: ClassVar[int] = 76
 
 
-class UnknownFriVersion(FriError):
+class UnknownFriVersion(FriError, ValueError):
     """The text names no FRI version this client speaks."""
 
     exit_code: ClassVar[int] = 78
