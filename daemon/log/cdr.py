@@ -1,0 +1,367 @@
+"""Packing of the log's messages into CDR bytes, by structures compiled once.
+
+Here: one pure function per message of `definitions`. Not here: files, clocks, decisions. The writer calls it.
+
+Plain CDR (XCDR1), little endian, as ROS 2 writes it: 4 bytes of encapsulation (00 01 00 00), then every primitive
+aligned to its own size counted from behind those 4 bytes; a string is its uint32 length including the closing NUL and
+its bytes; a sequence is its uint32 count and its elements. The fixed-size parts lie in descending size (8, 4, 1), so
+their only padding is in front of the first count. Two independent readers decode these bytes in the tests.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from fri_client.messages import (
+    CommandMessage,
+    IoValue,
+    MonitoringMessage,
+    QuaternionTransformation,
+    Transformation,
+)
+
+__all__ = [
+    "JOINT_NAMES",
+    "DiagnosticStatus",
+    "SampleLabels",
+    "pack_diagnostics",
+    "pack_event",
+    "pack_fri_command",
+    "pack_fri_state",
+    "pack_joint_state",
+    "pack_string",
+    "state_counters",
+]
+
+JOINT_NAMES = tuple(f"iiwa_joint_{joint}" for joint in range(1, 8))
+
+_ENCAPSULATION = b"\x00\x01\x00\x00"
+_NAN = float("nan")
+_NAN_6, _NAN_7, _NAN_12 = (_NAN,) * 6, (_NAN,) * 7, (_NAN,) * 12
+_NO_DRIVES = (-1,) * 7
+
+# 65 reals, 2 host times, sample index, 7 counters, 22 integers, 21 flags, padding to 4.
+_STATE = struct.Struct("<4s65d2qQ7I22i21?3x")
+# 28 reals, 2 host times, sample index, 3 counters, 4 integers, 5 flags, padding to 4.
+_COMMAND = struct.Struct("<4s28d2qQ3I4i5?3x")
+_EVENT = struct.Struct("<4s2dqQ2i")
+_TRANSFORMATION = struct.Struct("<12d3I?")
+_IO_VALUE = struct.Struct("<dQ2i2?")
+_COUNT = struct.Struct("<I")
+_EMPTY_STATE_TAIL = _COUNT.pack(0) * 3
+_EMPTY_COMMAND_TAIL = _COUNT.pack(0) * 2
+_STATE_COUNTERS = struct.Struct("<Q2I")
+_STATE_COUNTERS_OFFSET = 4 + 65 * 8 + 2 * 8  # sample_index, message_identifier, sequence_counter
+_STATE_PERIOD = struct.Struct("<i")
+_STATE_PERIOD_OFFSET = 4 + 65 * 8 + 3 * 8 + 7 * 4 + 20 * 4
+
+
+class SampleLabels(NamedTuple):
+    """What the host adds to a message: times (UNIX ns), index, motion labels and how the message was judged."""
+
+    receive_time_ns: int
+    send_time_ns: int
+    sample_index: int
+    motion_phase: int
+    period: int
+    sample_in_period: int
+    answered: bool
+    duplicate: bool
+    out_of_order: bool
+    non_finite: bool
+
+
+class DiagnosticStatus(NamedTuple):
+    """One entry of /diagnostics: level 0 OK, 1 warning, 2 error, 3 stale."""
+
+    level: int
+    name: str
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+
+def pack_fri_state(message: MonitoringMessage, labels: SampleLabels) -> bytes:
+    """CDR of iiwa_ident_msgs/msg/FriState: the message as decoded, vendor's sign and units (PROTOCOL §3, §11)."""
+    header = message.header
+    robot, monitor, connection, ipo = (
+        message.robot_info,
+        message.monitor_data,
+        message.connection_info,
+        message.ipo_data,
+    )
+    position = torque = commanded_position = commanded_torque = external_torque = force = None
+    pose = redundancy = stamp = None
+    ios: Sequence[IoValue] = ()
+    if monitor is not None:
+        position, torque = monitor.measured_joint_position, monitor.measured_torque
+        commanded_position, commanded_torque = monitor.commanded_joint_position, monitor.commanded_torque
+        external_torque, force = monitor.external_torque, monitor.external_force
+        ios, pose = monitor.read_io_request, monitor.measured_cartesian_pose
+        redundancy, stamp = monitor.measured_redundancy_information, monitor.timestamp
+    ipo_position = ipo_pose = ipo_redundancy = tracking = None
+    command_mode = overlay = None
+    if ipo is not None:
+        ipo_position, ipo_pose, ipo_redundancy = ipo.joint_position, ipo.cartesian_pose, ipo.redundancy_information
+        tracking, command_mode, overlay = ipo.tracking_performance, ipo.client_command_mode, ipo.overlay_type
+    joints = safety = operation = control = None
+    drives: tuple[int, ...] = _NO_DRIVES
+    if robot is not None:
+        joints, safety, operation, control = (
+            robot.number_of_joints,
+            robot.safety_state,
+            robot.operation_mode,
+            robot.control_mode,
+        )
+        drives = robot.drive_state if len(robot.drive_state) == 7 else (*robot.drive_state, *_NO_DRIVES)[:7]
+    state = quality = -1
+    send_period = multiplier = None
+    if connection is not None:
+        state, quality = connection.session_state, connection.quality
+        send_period, multiplier = connection.send_period, connection.receive_multiplier
+    end_length = end_crc = None
+    if message.end_of_message_data is not None:
+        end_length = message.end_of_message_data.message_length
+        checksum = message.end_of_message_data.message_checksum
+        end_crc = None if checksum is None else checksum.crc32
+    fixed = _STATE.pack(
+        _ENCAPSULATION,
+        *(position or _NAN_7),
+        *(torque or _NAN_7),
+        *(commanded_position or _NAN_7),
+        *(commanded_torque or _NAN_7),
+        *(external_torque or _NAN_7),
+        *(ipo_position or _NAN_7),
+        *(_NAN_6 if force is None else (*force, *_NAN_6)[:6]),
+        *(_NAN_7 if pose is None else (*pose.element, *_NAN_7)[:7]),
+        *(_NAN_7 if ipo_pose is None else (*ipo_pose.element, *_NAN_7)[:7]),
+        _NAN if redundancy is None else redundancy.value,
+        _NAN if ipo_redundancy is None else ipo_redundancy.value,
+        _NAN if tracking is None else tracking,
+        labels.receive_time_ns,
+        labels.send_time_ns,
+        labels.sample_index,
+        header.message_identifier,
+        header.sequence_counter,
+        header.reflected_sequence_counter,
+        0 if stamp is None else stamp.sec,
+        0 if stamp is None else stamp.nanosec,
+        send_period or 0,
+        multiplier or 0,
+        -1 if joints is None else joints,
+        state,
+        quality,
+        -1 if safety is None else safety,
+        -1 if operation is None else operation,
+        -1 if control is None else control,
+        -1 if command_mode is None else command_mode,
+        -1 if overlay is None else overlay,
+        -1 if redundancy is None else redundancy.strategy,
+        -1 if ipo_redundancy is None else ipo_redundancy.strategy,
+        *drives,
+        -1 if end_length is None else end_length,
+        -1 if end_crc is None else end_crc,
+        labels.motion_phase,
+        labels.period,
+        labels.sample_in_period,
+        position is not None,
+        torque is not None,
+        commanded_position is not None,
+        commanded_torque is not None,
+        external_torque is not None,
+        ipo_position is not None,
+        force is not None,
+        pose is not None,
+        ipo_pose is not None,
+        redundancy is not None,
+        ipo_redundancy is not None,
+        tracking is not None,
+        stamp is not None,
+        send_period is not None,
+        multiplier is not None,
+        end_length is not None,
+        end_crc is not None,
+        labels.answered,
+        labels.duplicate,
+        labels.out_of_order,
+        labels.non_finite,
+    )
+    if not ios and not message.requested_transformations and pose is None and ipo_pose is None:
+        return fixed + _EMPTY_STATE_TAIL
+    tail = bytearray(fixed)
+    _append_io_values(tail, ios)
+    _append_transformations(tail, message.requested_transformations)
+    _append_transformations(tail, tuple(each for each in (pose, ipo_pose) if each is not None))
+    return bytes(tail)
+
+
+def pack_fri_command(message: CommandMessage, labels: SampleLabels) -> bytes:
+    """CDR of iiwa_ident_msgs/msg/FriCommand: the command as it was sent, vendor's sign and units."""
+    header, command = message.header, message.command_data
+    position = torque = wrench = pose = redundancy = None
+    ios: Sequence[IoValue] = ()
+    transformations: Sequence[Transformation | QuaternionTransformation] = ()
+    if command is not None:
+        position, torque = command.joint_position, command.joint_torque
+        wrench, pose, redundancy = (
+            command.cartesian_wrench_feed_forward,
+            command.cartesian_pose,
+            command.redundancy_information,
+        )
+        ios, transformations = command.write_io_request, command.commanded_transformations
+    fixed = _COMMAND.pack(
+        _ENCAPSULATION,
+        *(position or _NAN_7),
+        *(torque or _NAN_7),
+        *(_NAN_6 if wrench is None else (*wrench, *_NAN_6)[:6]),
+        *(_NAN_7 if pose is None else (*pose.element, *_NAN_7)[:7]),
+        _NAN if redundancy is None else redundancy.value,
+        labels.receive_time_ns,
+        labels.send_time_ns,
+        labels.sample_index,
+        header.message_identifier,
+        header.sequence_counter,
+        header.reflected_sequence_counter,
+        -1 if redundancy is None else redundancy.strategy,
+        labels.motion_phase,
+        labels.period,
+        labels.sample_in_period,
+        position is not None,
+        torque is not None,
+        wrench is not None,
+        pose is not None,
+        redundancy is not None,
+    )
+    if not ios and not transformations:
+        return fixed + _EMPTY_COMMAND_TAIL
+    tail = bytearray(fixed)
+    _append_io_values(tail, ios)
+    _append_transformations(tail, transformations)
+    return bytes(tail)
+
+
+def _joint_state_names() -> bytes:
+    """Header's empty frame_id and the joint names, from byte 8 of the message to the count of `position`."""
+    part = bytearray(_ENCAPSULATION + bytes(8))
+    _append_string(part, "")
+    _append_count(part, len(JOINT_NAMES))
+    for name in JOINT_NAMES:
+        _append_string(part, name)
+    _append_count(part, len(JOINT_NAMES))
+    return bytes(part[12:])
+
+
+def pack_joint_state(
+    stamp_ns: int, position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]
+) -> bytes:
+    """CDR of sensor_msgs/msg/JointState of the 7 joints: rad, rad/s, Nm; stamp in UNIX ns."""
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    return _JOINT_STATE.pack(
+        _ENCAPSULATION, seconds, nanoseconds, _JOINT_STATE_NAMES, *position, 7, *velocity, 7, *effort
+    )
+
+
+def pack_event(
+    code: int,
+    name: str,
+    sentence: str,
+    *,
+    host_time_ns: int,
+    sample_index: int = 0,
+    joint: int = 0,
+    value: float = _NAN,
+    limit: float = _NAN,
+) -> bytes:
+    """CDR of iiwa_ident_msgs/msg/RunEvent; joint counts from 1, 0 = none."""
+    data = bytearray(_EVENT.pack(_ENCAPSULATION, value, limit, host_time_ns, sample_index, code, joint))
+    _append_string(data, name)
+    _append_string(data, sentence)
+    return bytes(data)
+
+
+def pack_string(text: str) -> bytes:
+    """CDR of std_msgs/msg/String."""
+    data = bytearray(_ENCAPSULATION)
+    _append_string(data, text)
+    return bytes(data)
+
+
+def pack_diagnostics(stamp_ns: int, statuses: Sequence[DiagnosticStatus], hardware: str) -> bytes:
+    """CDR of diagnostic_msgs/msg/DiagnosticArray; stamp in UNIX ns."""
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    data = bytearray(_ENCAPSULATION + struct.pack("<iI", seconds, nanoseconds))
+    _append_string(data, "")
+    _append_count(data, len(statuses))
+    for status in statuses:
+        data.append(status.level)
+        _append_string(data, status.name)
+        _append_string(data, status.message)
+        _append_string(data, hardware)
+        _append_count(data, len(status.values))
+        for key, value in status.values:
+            _append_string(data, key)
+            _append_string(data, value)
+    return bytes(data)
+
+
+def state_counters(fri_state: bytes) -> tuple[int, int, int]:
+    """sample_index, sequence_counter and period of a packed FriState, without decoding the rest.
+
+    Raises struct.error when the bytes are too few to be one.
+    """
+    sample_index, _, sequence_counter = _STATE_COUNTERS.unpack_from(fri_state, _STATE_COUNTERS_OFFSET)
+    (period,) = _STATE_PERIOD.unpack_from(fri_state, _STATE_PERIOD_OFFSET)
+    return sample_index, sequence_counter, period
+
+
+def _align(data: bytearray, size: int) -> None:
+    data.extend(bytes(-(len(data) - len(_ENCAPSULATION)) % size))
+
+
+def _append_count(data: bytearray, count: int) -> None:
+    _align(data, 4)
+    data += _COUNT.pack(count)
+
+
+def _append_string(data: bytearray, text: str) -> None:
+    encoded = text.encode("utf-8", errors="replace").replace(b"\x00", b"") + b"\x00"
+    _append_count(data, len(encoded))
+    data += encoded
+
+
+def _append_io_values(data: bytearray, values: Sequence[IoValue]) -> None:
+    _append_count(data, len(values))
+    for value in values:
+        _align(data, 8)
+        data += _IO_VALUE.pack(
+            _NAN if value.analog_value is None else value.analog_value,
+            value.digital_value or 0,
+            value.type,
+            value.direction,
+            value.digital_value is not None,
+            value.analog_value is not None,
+        )
+        _append_string(data, value.name)
+
+
+def _append_transformations(
+    data: bytearray, transformations: Sequence[Transformation | QuaternionTransformation]
+) -> None:
+    _append_count(data, len(transformations))
+    for transformation in transformations:
+        elements = transformation.matrix if isinstance(transformation, Transformation) else transformation.element
+        stamp = transformation.timestamp
+        _align(data, 8)
+        data += _TRANSFORMATION.pack(
+            *(*elements, *_NAN_12)[:12],
+            len(elements),
+            0 if stamp is None else stamp.sec,
+            0 if stamp is None else stamp.nanosec,
+            stamp is not None,
+        )
+        _append_string(data, transformation.name)
+
+
+_JOINT_STATE_NAMES = _joint_state_names()
+_JOINT_STATE = struct.Struct(f"<4siI{len(_JOINT_STATE_NAMES)}s4x7dI4x7dI4x7d")
