@@ -1,0 +1,211 @@
+"""What the link did: loss, duplicates, reordering, jitter and turn-around, counted while the loop runs.
+
+Here: counters and two histograms of fixed size; a tick costs a few integer operations and keeps no object. Not here:
+what to do about a lost or old message (`session`), and the grade an operator sees (`doctor`). The loop calls `observe`
+once per decoded monitoring message; whoever reports calls `summary`.
+
+Sequence counters are uint32 and wrap. A counter ahead of the newest one by less than 2^31 is newer, anything else is
+old. The last 64 counters are remembered as bits: an old one that had been counted as missing is `reordered` and is no
+longer missing, one that was seen is a `duplicate`, one further back is `stale`.
+"""
+
+from __future__ import annotations
+
+from array import array
+from enum import IntEnum
+from typing import Any
+
+__all__ = ["Arrival", "Histogram", "LinkStatistics"]
+
+_WRAP = 0xFFFFFFFF
+_HALF = 1 << 31
+_WINDOW = 64
+_WINDOW_MASK = (1 << _WINDOW) - 1
+
+
+class Arrival(IntEnum):
+    """What one monitoring message is, judged by its sequence counter alone."""
+
+    FRESH = 0
+    DUPLICATE = 1
+    REORDERED = 2
+    STALE = 3
+
+
+class Histogram:
+    """Durations in logarithmic bins: 16 per octave, so a bin is at most 1/16 of its lower edge wide, up to 68 s.
+
+    Durations are added in nanoseconds and reported in microseconds; negative ones count as 0, longer ones fall into
+    the last bin. The number of bins never changes.
+    """
+
+    __slots__ = ("_counts", "count", "maximum_ns")
+
+    BINS = 32 * 16 + 32
+    _LONGEST = (1 << 36) - 1
+
+    def __init__(self) -> None:
+        self._counts = array("Q", bytes(8 * self.BINS))
+        self.count = 0
+        self.maximum_ns = 0
+
+    def add(self, duration_ns: int) -> None:
+        """Count one duration."""
+        self.count += 1
+        if duration_ns > self.maximum_ns:
+            self.maximum_ns = duration_ns
+            if duration_ns > self._LONGEST:
+                duration_ns = self._LONGEST
+        elif duration_ns < 0:
+            duration_ns = 0
+        elif duration_ns > self._LONGEST:
+            duration_ns = self._LONGEST
+        shift = duration_ns.bit_length() - 5
+        if shift > 0:
+            self._counts[(shift << 4) + (duration_ns >> shift)] += 1
+        else:
+            self._counts[duration_ns] += 1
+
+    @staticmethod
+    def lower_edge_ns(bin_index: int) -> int:
+        """Smallest duration that falls into a bin."""
+        if bin_index < 32:
+            return bin_index
+        shift = (bin_index >> 4) - 1
+        return (bin_index - (shift << 4)) << shift
+
+    def quantile_us(self, fraction: float) -> float | None:
+        """Duration that `fraction` of the counted ones do not exceed, rounded up to its bin; None without any."""
+        if not self.count:
+            return None
+        wanted = fraction * self.count
+        reached = 0
+        for index, count in enumerate(self._counts):
+            reached += count
+            if count and reached >= wanted:
+                upper = self.lower_edge_ns(index + 1) - 1
+                return min(upper, self.maximum_ns) / 1000 if index + 1 < self.BINS else self.maximum_ns / 1000
+        return self.maximum_ns / 1000
+
+    def summary(self) -> dict[str, Any]:
+        """count, p50_us, p99_us, p999_us, max_us; edges_us (lower edges) and counts of the occupied range of bins."""
+        occupied = [index for index, count in enumerate(self._counts) if count]
+        span = range(occupied[0], occupied[-1] + 1) if occupied else range(0)
+        return {
+            "count": self.count,
+            "p50_us": self.quantile_us(0.5),
+            "p99_us": self.quantile_us(0.99),
+            "p999_us": self.quantile_us(0.999),
+            "max_us": self.maximum_ns / 1000 if self.count else None,
+            "edges_us": [self.lower_edge_ns(index) / 1000 for index in span],
+            "counts": [self._counts[index] for index in span],
+        }
+
+
+class LinkStatistics:
+    """Counters of one run of the link.
+
+    received: decoded monitoring messages, whatever their order. answered: those a command was sent for.
+    missing: numbers the robot's counter passed over and that have not come since. late: answered, but more than one
+    send period after they were received. duplicates, reordered, stale: see the module. undecodable: datagrams refused.
+    turn_around: from receive to send. jitter: |interval between two fresh messages - their distance in send periods|.
+    """
+
+    __slots__ = (
+        "_newest",
+        "_newest_receive_ns",
+        "_seen",
+        "answered",
+        "duplicates",
+        "jitter",
+        "late",
+        "missing",
+        "received",
+        "reordered",
+        "stale",
+        "turn_around",
+        "undecodable",
+    )
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.answered = 0
+        self.missing = 0
+        self.late = 0
+        self.duplicates = 0
+        self.reordered = 0
+        self.stale = 0
+        self.undecodable = 0
+        self.turn_around = Histogram()
+        self.jitter = Histogram()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the counter of the robot (a new session may start anywhere); everything counted stays."""
+        self._newest = -1
+        self._newest_receive_ns = 0
+        self._seen = 0
+
+    def observe_undecodable(self) -> None:
+        """Count a datagram that was refused."""
+        self.undecodable += 1
+
+    def observe(self, sequence_counter: int, receive_ns: int, send_ns: int | None, period_ms: float | None) -> Arrival:
+        """Count one decoded monitoring message and its answer.
+
+        sequence_counter: the robot's, uint32. receive_ns, send_ns: one monotonic clock; send_ns is None or 0 where
+        nothing was sent. period_ms: the send period, None or 0 where the robot does not say; then neither lateness nor
+        jitter is judged.
+        """
+        self.received += 1
+        period_ns = int(period_ms * 1_000_000) if period_ms else 0
+        if send_ns:
+            self.answered += 1
+            turn_around_ns = send_ns - receive_ns
+            self.turn_around.add(turn_around_ns)
+            if 0 < period_ns < turn_around_ns:
+                self.late += 1
+        if self._newest < 0:
+            self._newest = sequence_counter
+            self._newest_receive_ns = receive_ns
+            self._seen = 1
+            return Arrival.FRESH
+        ahead = (sequence_counter - self._newest) & _WRAP
+        if 0 < ahead < _HALF:
+            self.missing += ahead - 1
+            if period_ns:
+                self.jitter.add(abs(receive_ns - self._newest_receive_ns - ahead * period_ns))
+            self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < _WINDOW else 1
+            self._newest = sequence_counter
+            self._newest_receive_ns = receive_ns
+            return Arrival.FRESH
+        return self._observe_old((self._newest - sequence_counter) & _WRAP)
+
+    def _observe_old(self, behind: int) -> Arrival:
+        if behind >= _WINDOW:
+            self.stale += 1
+            return Arrival.STALE
+        if self._seen >> behind & 1:
+            self.duplicates += 1
+            return Arrival.DUPLICATE
+        self._seen |= 1 << behind
+        self.reordered += 1
+        # Numbers before the first message of a session were never counted as missing.
+        if self.missing:
+            self.missing -= 1
+        return Arrival.REORDERED
+
+    def summary(self) -> dict[str, Any]:
+        """Everything counted, as plain numbers, lists and dicts that JSON can hold."""
+        return {
+            "received": self.received,
+            "answered": self.answered,
+            "missing": self.missing,
+            "late": self.late,
+            "duplicates": self.duplicates,
+            "reordered": self.reordered,
+            "stale": self.stale,
+            "undecodable": self.undecodable,
+            "turn_around": self.turn_around.summary(),
+            "jitter": self.jitter.summary(),
+        }
