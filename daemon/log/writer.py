@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
@@ -109,7 +109,10 @@ class LogWriter:
     ) -> None:
         self._path = path
         self._file = PatientFile(path)
-        self._writer = Writer(cast(IO[bytes], self._file), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        # Any: the library annotates only part of its methods.
+        self._writer: Any = Writer(
+            cast(IO[bytes], self._file), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
+        )
         self._metadata = dict(metadata)
         self._metadata_written = False
         self._finished = False
@@ -140,9 +143,8 @@ class LogWriter:
 
     def _channel(self, topic: str, message: str, *, latched: bool = False) -> int:
         schema = self._writer.register_schema(message, "ros2msg", definitions.schema_text(message).encode())
-        return self._writer.register_channel(
-            topic, "cdr", schema, {"offered_qos_profiles": _quality_of_service(latched=latched)}
-        )
+        profiles = {"offered_qos_profiles": _quality_of_service(latched=latched)}
+        return int(self._writer.register_channel(topic, "cdr", schema, profiles))
 
     def write_sample(self, message: MonitoringMessage, command: CommandMessage | None, labels: SampleLabels) -> None:
         """One received monitoring message and its answer: /fri/state, /fri/command if answered, /joint_states."""
