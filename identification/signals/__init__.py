@@ -1,0 +1,26 @@
+"""From a Recording to what an estimator can use: motion, torque, and one linear treatment of both sides.
+
+Here: averaging over periods, derivatives, filters, standstill, noise from period to period. Not here: reading files
+(`recordings`), regressors and estimation. Called by the fit, the validation and the diagnosis.
+"""
+
+from __future__ import annotations
+
+from identification.signals.aperiodic import AperiodicSettings, process_aperiodic
+from identification.signals.paper_chain import process_as_in_paper
+from identification.signals.periodic import PeriodicSettings, process_periodic
+from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
+from identification.signals.processed import ProcessedSignals
+
+__all__ = [
+    "AperiodicSettings",
+    "PeriodAverage",
+    "PeriodTable",
+    "PeriodicSettings",
+    "ProcessedSignals",
+    "average_periods",
+    "period_table",
+    "process_aperiodic",
+    "process_as_in_paper",
+    "process_periodic",
+]

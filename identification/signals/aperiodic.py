@@ -1,0 +1,197 @@
+"""The pipeline for recordings without a period: uneven time stamps, gaps, standstill, high rates.
+
+1. Gaps longer than a quarter of the low-pass's period split the recording into segments; very long segments are cut
+   into overlapping pieces. 2. Within a piece, uneven time stamps are brought onto a uniform grid with a cubic spline;
+   even ones are taken as they are. 3. The position passes a zero-phase Butterworth low-pass and is differentiated
+   with a sixth-order central difference. 4. `project` sends the torque and every regressor column (signs of friction
+   included) through the same low-pass, cuts the ends where it rings, and keeps every k-th row (about 2.5 rows per
+   period of the cutoff frequency). 5. Rows in which a joint stands still are not used for that joint: its friction
+   may have any value there.
+Called by the fit and the validation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from identification.errors import RecordingError
+from identification.recordings.recording import Recording
+from identification.signals.processed import ProcessedSignals
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+FILTER_ORDER = 4
+LONGEST_PIECE = 30_000
+ROWS_PER_CUTOFF_PERIOD = 2.5
+EVEN_STAMPS = 0.01
+_DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class AperiodicSettings:
+    """low_pass_hz: cutoff of the zero-phase low-pass, None = 10 Hz, lowered to an eighth of the sampling rate.
+
+    standstill_share: a joint slower than this share of its own largest speed, for at least one period of the cutoff
+    frequency, stands still. edge_periods: length cut off at both ends of a segment, in periods of the cutoff frequency.
+    """
+
+    low_pass_hz: float | None = None
+    standstill_share: float = 0.01
+    edge_periods: float = 1.0
+
+    def cutoff_hz(self, sampling_period_s: float) -> float:
+        """The cutoff used at a sampling period. Raises RecordingError when the rate is too low for the one asked."""
+        rate = 1.0 / sampling_period_s
+        if self.low_pass_hz is None:
+            return min(10.0, rate / 8.0)
+        if not 0.0 < self.low_pass_hz < rate / 2.5:
+            raise RecordingError(
+                f"A low-pass at {self.low_pass_hz:g} Hz does not fit a recording at {rate:.4g} Hz; "
+                f"choose one between 0 and {rate / 2.5:.4g} Hz"
+            )
+        return self.low_pass_hz
+
+
+def process_aperiodic(recording: Recording, settings: AperiodicSettings | None = None) -> list[ProcessedSignals]:
+    """Every usable piece of a recording, filtered alike on both sides.
+
+    Raises RecordingError when no piece is long enough for the filter.
+    """
+    settings = settings if settings is not None else AperiodicSettings()
+    step = recording.sampling_period_s
+    cutoff = settings.cutoff_hz(step)
+    edge = round(settings.edge_periods / cutoff / step)
+    fastest = _fastest(recording, cutoff)
+    pieces = [
+        _process_piece(recording, rows, cutoff, edge, settings.standstill_share * fastest)
+        for rows in _pieces(recording, cutoff, edge)
+    ]
+    if not pieces:
+        raise RecordingError(
+            f"{recording.source.path}: no stretch without gaps is longer than {4 * settings.edge_periods / cutoff:.3g} "
+            f"s, which a low-pass at {cutoff:g} Hz needs",
+            file=recording.source.path,
+        )
+    return pieces
+
+
+def _pieces(recording: Recording, cutoff_hz: float, edge: int) -> list[slice]:
+    step = recording.sampling_period_s
+    splits = np.flatnonzero(np.diff(recording.time) > max(0.25 / cutoff_hz, 3.0 * step)) + 1
+    bounds = [0, *splits.tolist(), recording.samples]
+    pieces = []
+    for start, stop in pairwise(bounds):
+        if stop - start < max(4 * edge, 16):
+            continue
+        if stop - start <= LONGEST_PIECE:
+            pieces.append(slice(start, stop))
+            continue
+        # Neighbours overlap by both their edges, so that what is kept joins without a hole.
+        count = int(np.ceil((stop - start) / LONGEST_PIECE))
+        cuts = np.linspace(start, stop, count + 1).astype(int)
+        pieces.extend(slice(max(start, int(low) - edge), min(stop, int(high) + edge)) for low, high in pairwise(cuts))
+    return pieces
+
+
+def _process_piece(
+    recording: Recording, rows: slice, cutoff_hz: float, edge: int, slowest: FloatArray
+) -> ProcessedSignals:
+    step = recording.sampling_period_s
+    time, position, torque = uniform_grid(recording.time[rows], recording.position[rows], recording.torque[rows], step)
+    position = zero_phase_low_pass(position, step, cutoff_hz)
+    velocity = sixth_order_difference(position, step)
+    acceleration = sixth_order_difference(velocity, step)
+    stride = max(1, int(1.0 / step / (ROWS_PER_CUTOFF_PERIOD * cutoff_hz)))
+    kept = slice(edge, time.size - edge, stride)
+    moving = ~standstill(
+        velocity, slowest, shortest=round(1.0 / cutoff_hz / step), margin=round(0.5 / cutoff_hz / step)
+    )
+    project = partial(_low_pass_and_thin, step=step, cutoff_hz=cutoff_hz, kept=kept)
+    return ProcessedSignals(
+        pipeline="aperiodic",
+        time=time,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=torque,
+        project=project,
+        used=moving[kept],
+        row_time=time[kept],
+        row_noise=None,
+        evaluate=project,
+        evaluated=moving[kept],
+        evaluation_time=time[kept],
+        noise_floor_nm=np.full(recording.n, np.nan),
+        facts={
+            "low_pass_hz": cutoff_hz,
+            "start_s": float(time[0]),
+            "stop_s": float(time[-1]),
+            "standstill_share": (1.0 - moving.mean(axis=0)).round(3).tolist(),
+        },
+    )
+
+
+def _low_pass_and_thin(values: FloatArray, *, step: float, cutoff_hz: float, kept: slice) -> FloatArray:
+    return zero_phase_low_pass(values, step, cutoff_hz)[kept]
+
+
+def uniform_grid(
+    time: FloatArray, position: FloatArray, torque: FloatArray, step: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time, position and torque on a uniform grid of about that step; values as they are where stamps are even."""
+    count = round((time[-1] - time[0]) / step) + 1
+    grid = np.linspace(time[0], time[-1], count)
+    if count == time.size and np.abs(time - grid).max() <= EVEN_STAMPS * step:
+        return grid, position, torque
+    return grid, CubicSpline(time, position)(grid), CubicSpline(time, torque)(grid)
+
+
+def zero_phase_low_pass(values: FloatArray, step: float, cutoff_hz: float) -> FloatArray:
+    """Butterworth low-pass of order 4 run forward and backward along axis 0; ends are mirrored through their value."""
+    sections = butter(FILTER_ORDER, cutoff_hz, fs=1.0 / step, output="sos")
+    padding = min(values.shape[0] - 1, int(3.0 / cutoff_hz / step))
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=padding), dtype=np.float64)
+
+
+def sixth_order_difference(values: FloatArray, step: float) -> FloatArray:
+    """First derivative along axis 0 by the sixth-order central difference; of lower order at three samples at each end."""
+    result = np.gradient(values, step, axis=0, edge_order=2)
+    if values.shape[0] < 2 * _DIFFERENCE.size:
+        return np.asarray(result, dtype=np.float64)
+    inner = sum(
+        coefficient * values[offset : values.shape[0] - 6 + offset] for offset, coefficient in enumerate(_DIFFERENCE)
+    )
+    result[3:-3] = inner / step
+    return np.asarray(result, dtype=np.float64)
+
+
+def standstill(velocity: FloatArray, slowest: FloatArray, *, shortest: int, margin: int) -> BoolArray:
+    """(S, n) samples at which a joint stands still: slower than `slowest` (n,) for `shortest` samples on end.
+
+    A mere reversal is shorter and stays in. The stretch is widened by `margin` samples: the low-pass carries the
+    unknown friction of the standstill that far.
+    """
+    result = np.zeros(velocity.shape, dtype=np.bool_)
+    for joint in range(velocity.shape[1]):
+        slow = np.abs(velocity[:, joint]) <= slowest[joint]
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(np.int8)))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            if stop - start >= shortest:
+                result[max(0, start - margin) : stop + margin, joint] = True
+    return result
+
+
+def _fastest(recording: Recording, cutoff_hz: float) -> FloatArray:
+    """Largest speed of each joint over the whole recording, (n,) rad/s, from a thinned and smoothed position."""
+    width = max(1, round(0.25 / cutoff_hz / recording.sampling_period_s))
+    change = recording.position[width:] - recording.position[:-width]
+    duration = recording.time[width:] - recording.time[:-width]
+    return np.asarray(np.percentile(np.abs(change / duration[:, None]), 99.5, axis=0), dtype=np.float64)

@@ -1,0 +1,117 @@
+"""The periodic pipeline: exact derivatives from the harmonics of the mean period, both sides on the same lines.
+
+Position: its first H harmonics, differentiated exactly (q̇_h = i ω h q_h); H is the last line, below a cap, on which
+any joint's mean position stands clearly above its noise. Torque and regressor columns: computed on the full time grid
+and taken to the same spectral lines 0 … B. Choosing lines is the filter; it is the same on both sides, it wraps, and
+nothing is padded. Called by the fit and the diagnosis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.recordings.recording import Recording
+from identification.signals.periods import PeriodAverage, average_periods, period_table
+from identification.signals.processed import ProcessedSignals, unchanged
+
+FloatArray = npt.NDArray[np.float64]
+
+# A line counts as motion when its power is this many times the noise power of the mean (chance of a noise line: 4e-6).
+MOTION_OVER_NOISE = 12.0
+# Below this amplitude (rad) a line is rounding, whatever the noise estimate says.
+SMALLEST_AMPLITUDE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodicSettings:
+    """Bandwidths in Hz. motion: cap of the position's harmonics; torque: lines compared on both sides of τ = Y π."""
+
+    motion_bandwidth_hz: float = 20.0
+    torque_bandwidth_hz: float = 60.0
+
+
+def process_periodic(recording: Recording, settings: PeriodicSettings | None = None) -> ProcessedSignals:
+    """The mean period of a recording with exact derivatives, and the projection onto spectral lines.
+
+    Rows of `project` are the orthonormal real Fourier coefficients: line 0, then cosine and sine of lines 1 … B; the
+    squares of white noise are as large there as in time. Raises RecordingError as `period_table` does.
+    """
+    settings = settings if settings is not None else PeriodicSettings()
+    average = average_periods(period_table(recording))
+    samples = average.position.shape[0]
+    harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
+    position, velocity, acceleration = differentiate_harmonics(average.position, average.period_s, harmonics)
+    lines = min(int(settings.torque_bandwidth_hz * average.period_s), (samples - 1) // 2)
+    rows = 2 * lines + 1
+    counts = np.maximum(average.counts, 1)[:, None]
+    noise = None
+    if average.torque_spectrum is not None:
+        of_mean = np.sqrt(average.torque_spectrum[: lines + 1] / average.periods)
+        noise = np.concatenate([of_mean[:1], np.repeat(of_mean[1:], 2, axis=0)])
+    time = np.arange(samples, dtype=np.float64) * average.sampling_period_s
+    return ProcessedSignals(
+        pipeline="periodic",
+        time=time,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=average.torque,
+        project=lambda values: to_lines(values, lines),
+        used=np.ones((rows, recording.n), dtype=np.bool_),
+        row_time=None,
+        row_noise=noise,
+        evaluate=unchanged,
+        evaluated=np.repeat(~average.filled[:, None], recording.n, axis=1),
+        evaluation_time=time,
+        noise_floor_nm=average.torque_noise_nm * np.sqrt(np.mean(1.0 / counts)),
+        facts={
+            "periods": average.periods,
+            "samples_per_period": samples,
+            "period_s": average.period_s,
+            "motion_harmonics": harmonics,
+            "torque_lines": lines,
+            "notes": list(average.notes),
+        },
+    )
+
+
+def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> int:
+    """Number H of harmonics kept: the last line up to bandwidth_hz on which some joint's mean position is no noise."""
+    samples = average.position.shape[0]
+    cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
+    # Same units as the noise spectrum: |line|² / M, white noise of variance s² gives s².
+    power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
+    floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
+    spectrum = average.position_spectrum
+    noise = np.zeros_like(power) if spectrum is None else spectrum / average.periods
+    motion = (power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)).any(axis=1)
+    return int(np.flatnonzero(motion)[-1]) + 1 if motion.any() else 1
+
+
+def differentiate_harmonics(
+    position: FloatArray, period_s: float, harmonics: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The first harmonics of a periodic position (M, n) with first and second derivative, exact for that band."""
+    samples = position.shape[0]
+    spectrum = np.fft.rfft(position, axis=0)
+    spectrum[harmonics + 1 :] = 0.0
+    rotation = 2.0j * np.pi / period_s * np.arange(spectrum.shape[0])[:, None]
+    smooth, velocity, acceleration = (
+        np.fft.irfft(spectrum * rotation**order, n=samples, axis=0) for order in (0, 1, 2)
+    )
+    return smooth, velocity, acceleration
+
+
+def to_lines(values: FloatArray, lines: int) -> FloatArray:
+    """Orthonormal real Fourier coefficients of lines 0 … lines along axis 0: (M, …) → (2 lines + 1, …)."""
+    samples = values.shape[0]
+    spectrum = np.fft.rfft(values, axis=0)[: lines + 1]
+    rows = np.empty((2 * lines + 1, *values.shape[1:]))
+    rows[0] = spectrum[0].real / np.sqrt(samples)
+    scale = np.sqrt(2.0 / samples)
+    rows[1::2] = scale * spectrum[1:].real
+    rows[2::2] = scale * spectrum[1:].imag
+    return rows

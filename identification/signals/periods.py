@@ -1,0 +1,274 @@
+"""Periods of a periodic recording: laid out in a table, averaged with respect for gaps, compared with each other.
+
+The average over K periods keeps signal and repeatable misfit; the differences of successive periods know only the
+noise (von Neumann: blind to slow drift). The two are never mixed. Called by the periodic pipelines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import RecordingError
+from identification.recordings.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+LARGEST_SHARE_WITHOUT_DATA = 0.02
+LARGEST_GAP_WITHOUT_DATA_S = 0.05
+# Time stamps further than this from the grid (in samples) are brought onto it along the local slope.
+SMALLEST_SHIFT = 0.02
+# A stated period is doubted when successive periods differ by more than this share of the motion.
+LARGEST_PERIOD_DIFFERENCE = 0.1
+TRANSIENT_FACTOR = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodTable:
+    """Position and torque laid out by period and sample, nan where a sample is missing.
+
+    position, torque: (K, M, n) rad, Nm. periods: (K,) their numbers in the recording. period_s: s.
+    notes: sentences on what was left out.
+    """
+
+    position: FloatArray
+    torque: FloatArray
+    periods: IntArray
+    period_s: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sampling_period_s(self) -> float:
+        """Distance of the samples, s."""
+        return self.period_s / int(self.position.shape[1])
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodAverage:
+    """The mean period and what the periods say about noise.
+
+    position, torque: (M, n) mean over the periods that have the sample. counts: (M,) how many had it.
+    filled: (M,) samples that no period had, interpolated along the period. periods: number K of periods.
+    torque_spectrum, position_spectrum: (M // 2 + 1, n) variance of the noise of ONE period per spectral line, in the
+    units of a white noise's variance (Nm², rad²), from successive differences; None for a single period.
+    torque_noise_nm: (n,) standard deviation of one sample of one period, nan for a single period.
+    """
+
+    position: FloatArray
+    torque: FloatArray
+    counts: IntArray
+    filled: BoolArray
+    periods: int
+    period_s: float
+    torque_spectrum: FloatArray | None
+    position_spectrum: FloatArray | None
+    torque_noise_nm: FloatArray
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sampling_period_s(self) -> float:
+        """Distance of the samples, s."""
+        return self.period_s / int(self.position.shape[0])
+
+
+def period_table(recording: Recording) -> PeriodTable:
+    """Lay a periodic recording out by period and sample.
+
+    Labels that the run itself wrote are taken as they are. Labels by time stamps are refined: a stamp that is off the
+    grid moves the value along the local slope onto it. Of several periods, a first one that differs from the others
+    ten times as much as they differ among themselves (the transient of a start) is left out.
+    Raises RecordingError when the recording has no period labels, or the motion does not repeat with the stated period.
+    """
+    if recording.period_index is None or recording.sample_in_period is None:
+        raise RecordingError(
+            f"{recording.source.path}: states no period; give period_s, or use the pipeline for aperiodic recordings",
+            file=recording.source.path,
+            field="period_s",
+        )
+    assert recording.period_s is not None
+    assert recording.samples_per_period is not None
+    inside = recording.period_index >= 0
+    numbers, row = np.unique(recording.period_index[inside], return_inverse=True)
+    sample = recording.sample_in_period[inside]
+    if numbers.size == 0 or int(sample.max()) >= recording.samples_per_period:
+        raise RecordingError(
+            f"{recording.source.path}: its period labels do not fit {recording.samples_per_period} samples per period",
+            file=recording.source.path,
+            field="sample_in_period",
+        )
+    values = [recording.position, recording.torque]
+    if recording.source.kind != "log":
+        values = _onto_grid(recording, values)
+    shape = (numbers.size, recording.samples_per_period, recording.n)
+    tables = []
+    for value in values:
+        table = np.full(shape, np.nan)
+        table[row, sample] = value[inside]
+        tables.append(table)
+    position, torque = tables
+    notes: list[str] = []
+    keep = np.ones(numbers.size, dtype=np.bool_)
+    coverage = np.isfinite(position[:, :, 0]).mean(axis=1)
+    if np.any(coverage < 0.5) and np.any(coverage >= 0.5):
+        keep = coverage >= 0.5
+        notes.append(f"{int((~keep).sum())} of {numbers.size} periods hold less than half of their samples; left out")
+    if recording.source.kind != "log":
+        keep &= ~_transient(position, keep, notes)
+    position, torque, numbers = position[keep], torque[keep], numbers[keep]
+    _check_repetition(recording, position)
+    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes))
+
+
+def average_periods(table: PeriodTable) -> PeriodAverage:
+    """Average over periods; a missing sample is left out of that sample's mean, and its count says so.
+
+    Samples that no period has are interpolated along the (wrapped) period when they are few: at most 2 % of the period
+    and no hole longer than 50 ms; otherwise RecordingError. They count as interpolated in `filled`.
+    """
+    present = np.isfinite(table.position[:, :, 0]) & np.isfinite(table.torque[:, :, 0])
+    counts = present.sum(axis=0)
+    filled = counts == 0
+    notes = list(table.notes)
+    if filled.any():
+        longest = _longest_run(filled) * table.sampling_period_s
+        if filled.mean() > LARGEST_SHARE_WITHOUT_DATA or longest > LARGEST_GAP_WITHOUT_DATA_S:
+            first = int(np.flatnonzero(filled)[0])
+            raise RecordingError(
+                f"{int(filled.sum())} of {filled.size} samples of the period are missing in every period (first: "
+                f"sample {first}, longest hole {longest:.3g} s); record at least one period more"
+            )
+        notes.append(f"{int(filled.sum())} samples of the period are missing in every period; interpolated")
+    elif np.any(counts < present.shape[0]):
+        notes.append(
+            f"{int((present.shape[0] - counts).sum())} samples are missing in single periods; "
+            "each sample's mean is over the periods that have it"
+        )
+    position, torque = (
+        _wrapped_fill(np.where(present[..., None], values, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None], filled)
+        for values in (table.position, table.torque)
+    )
+    several = present.shape[0] > 1
+    return PeriodAverage(
+        position=position,
+        torque=torque,
+        counts=counts.astype(np.int64),
+        filled=filled,
+        periods=present.shape[0],
+        period_s=table.period_s,
+        torque_spectrum=_noise_spectrum(table.torque, present) if several else None,
+        position_spectrum=_noise_spectrum(table.position, present) if several else None,
+        torque_noise_nm=_noise_deviation(table.torque, present),
+        notes=tuple(notes),
+    )
+
+
+def _onto_grid(recording: Recording, values: list[FloatArray]) -> list[FloatArray]:
+    assert recording.period_index is not None
+    assert recording.sample_in_period is not None
+    assert recording.period_s is not None
+    assert recording.samples_per_period is not None
+    step = recording.period_s / recording.samples_per_period
+    inside = recording.period_index >= 0
+    place = recording.period_index * recording.period_s + recording.sample_in_period * step
+    start = recording.time[inside][0] - place[inside][0]
+    shift = np.where(inside, recording.time - start - place, 0.0)
+    shift -= np.median(shift[inside])
+    if np.abs(shift).max() <= SMALLEST_SHIFT * step:
+        return values
+    return [value - shift[:, None] * np.gradient(value, recording.time, axis=0) for value in values]
+
+
+def _transient(position: FloatArray, keep: BoolArray, notes: list[str]) -> BoolArray:
+    """Marks the first kept period if it is the transient of a start: far from the mean of the others."""
+    marked = np.zeros(keep.size, dtype=np.bool_)
+    kept = np.flatnonzero(keep)
+    if kept.size < 4:
+        return marked
+    middle = np.nanmedian(position[kept[1:]], axis=0)
+    distance = np.sqrt(np.nanmean((position[kept] - middle) ** 2, axis=(1, 2)))
+    if distance[0] > 1e-4 and distance[0] > TRANSIENT_FACTOR * float(np.median(distance[1:])):
+        marked[kept[0]] = True
+        notes.append(
+            f"the first period differs from the others by {distance[0]:.2g} rad (RMS), they among themselves by "
+            f"{float(np.median(distance[1:])):.2g} rad: the transient of the start, left out"
+        )
+    return marked
+
+
+def _check_repetition(recording: Recording, position: FloatArray) -> None:
+    if position.shape[0] < 2:
+        return
+    difference = float(np.sqrt(np.nanmean(np.diff(position, axis=0) ** 2) / 2.0))
+    motion = float(np.sqrt(np.nanmean((position - np.nanmean(position, axis=(0, 1))) ** 2)))
+    if difference > LARGEST_PERIOD_DIFFERENCE * motion:
+        raise RecordingError(
+            f"{recording.source.path}: the motion does not repeat every {recording.period_s:g} s: successive periods "
+            f"differ by {difference:.3g} rad where the motion itself is {motion:.3g} rad (RMS)",
+            file=recording.source.path,
+            field="period_s",
+        )
+
+
+def _longest_run(marked: BoolArray) -> int:
+    """Longest run of marked samples on the wrapped period."""
+    if marked.all():
+        return int(marked.size)
+    turned = np.roll(marked, -int(np.flatnonzero(~marked)[0]))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], turned, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+
+
+def _wrapped_fill(values: FloatArray, filled: BoolArray) -> FloatArray:
+    if not filled.any():
+        return values
+    grid = np.arange(filled.size)
+    known = grid[~filled]
+    result = values.copy()
+    for joint in range(values.shape[1]):
+        result[filled, joint] = np.interp(grid[filled], known, values[known, joint], period=filled.size)
+    return result
+
+
+def _successive_differences(values: FloatArray, present: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Differences of neighbouring periods (K − 1, M, n), zero where either sample is missing, and where both exist."""
+    both = present[1:] & present[:-1]
+    return np.where(both[..., None], np.diff(np.nan_to_num(values), axis=0), 0.0), both
+
+
+def _noise_deviation(values: FloatArray, present: BoolArray) -> FloatArray:
+    if present.shape[0] < 2:
+        return np.full(values.shape[2], np.nan)
+    difference, both = _successive_differences(values, present)
+    return np.asarray(np.sqrt((difference**2).sum(axis=(0, 1)) / (2.0 * max(1, int(both.sum())))), dtype=np.float64)
+
+
+def _noise_spectrum(values: FloatArray, present: BoolArray) -> FloatArray:
+    """E|T_{k+1} − T_k|² / 2 per line, scaled so that white noise of variance s² gives s² on every line.
+
+    Smoothed over ± max(3, 10 %) lines; line 0 (the mean, where drift gathers) stands for itself.
+    """
+    difference, both = _successive_differences(values, present)
+    samples = values.shape[1]
+    covered = np.maximum(both.mean(axis=1), 1.0 / samples)[:, None, None]
+    power = (np.abs(np.fft.rfft(difference, axis=1)) ** 2 / (2.0 * samples) / covered).mean(axis=0)
+    smooth = smooth_over_lines(power)
+    if difference.shape[0] < 4:  # too few differences to say anything about one line alone
+        smooth[0] = np.maximum(smooth[0], smooth[1])
+    return smooth
+
+
+def smooth_over_lines(power: FloatArray) -> FloatArray:
+    """Running mean over ± max(3, 10 %) lines along axis 0, line 0 left as it is. power: (lines, n), two lines or more."""
+    lines = power.shape[0]
+    total = np.concatenate([np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)])
+    number = np.arange(1, lines)
+    half = np.maximum(3, number // 10)
+    low = np.maximum(1, number - half)
+    high = np.minimum(lines - 1, number + half)
+    result = power.copy()
+    result[1:] = (total[high + 1] - total[low]) / (high + 1 - low)[:, None]
+    return result
