@@ -45,7 +45,7 @@ class IdentificationError(Exception):
 
 
 class FileRelatedError(IdentificationError):
-    """An error about one file: `file`, `field` (column, element or key) and `joint` (from 1), each None where unknown."""
+    """An error about one file: `file`, `field` (column or element) and `joint` (from 1), each None where unknown."""
 
     exit_code = 65
 
