@@ -1,7 +1,7 @@
 """Datagrams to messages and back, for one FRI version.
 
 Here: `Codec`, the door to everything below it: size limit, frame (2.7), payload, message identifier. Not here: the
-tables (`schema`), the bytes (`reader`, `writer`, `wire`, `frame`), and any judgement of what a message says: the
+tables (`schema`), the bytes (`reader`, `layout`, `writer`, `wire`, `frame`), any judgement of what a message says: the
 codec is faithful to NaN and infinities and to a message without connection_info; the session judges.
 The loop, the recorder, the command line and the tests call it.
 """
@@ -14,6 +14,7 @@ from typing import cast
 
 from fri_client.errors import InvalidFieldValue, MessageTooLong, WrongMessageIdentifier, WrongValueCount
 from fri_client.frame import FRAME_BYTES, framed, unframed
+from fri_client.layout import LayoutBook
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     JOINT_COUNT,
@@ -36,29 +37,41 @@ _POSITION_BODY = b"\x12\x41\x0a\x3f"
 
 
 class Codec:
-    """Encodes and decodes both kinds of message in one version. Holds no value of any datagram it has seen."""
+    """Encodes and decodes both kinds of message in one version.
+
+    Keeps the shapes of datagrams it has read (see `layout`), never a value of one: what a datagram decodes to does not
+    depend on what was decoded before.
+    """
 
     def __init__(self, version: FriVersion) -> None:
         self.version = FriVersion(version)
         self._framed = self.version.is_framed
         self._monitoring_reader = GroupReader(MonitoringMessage, self.version)
+        self._monitoring_layouts = LayoutBook(MonitoringMessage, self.version)
         self._monitoring_writer = GroupWriter(MonitoringMessage, self.version)
         self._command_reader = GroupReader(CommandMessage, self.version)
+        self._command_layouts = LayoutBook(CommandMessage, self.version)
         self._command_writer = GroupWriter(CommandMessage, self.version)
 
     def decode_monitoring(self, data: bytes | bytearray | memoryview) -> MonitoringMessage:
         """The monitoring message in one datagram, in fresh storage. Raises CodecError subclasses and nothing else."""
         payload = self._payload(data)
-        message = cast(MonitoringMessage, self._monitoring_reader.read(payload, 0, len(payload)))
-        _check_identifier(message.header.message_identifier, MONITORING_IDENTIFIER)
-        return message
+        message = self._monitoring_layouts.read(payload)
+        if message is None:
+            message = self._monitoring_reader.read(payload, 0, len(payload))
+            _check_identifier(message.header.message_identifier, MONITORING_IDENTIFIER)
+            self._monitoring_layouts.learn(payload, message)
+        return cast(MonitoringMessage, message)
 
     def decode_command(self, data: bytes | bytearray | memoryview) -> CommandMessage:
         """The command message in one datagram, in fresh storage. Raises CodecError subclasses and nothing else."""
         payload = self._payload(data)
-        message = cast(CommandMessage, self._command_reader.read(payload, 0, len(payload)))
-        _check_identifier(message.header.message_identifier, COMMAND_IDENTIFIER)
-        return message
+        message = self._command_layouts.read(payload)
+        if message is None:
+            message = self._command_reader.read(payload, 0, len(payload))
+            _check_identifier(message.header.message_identifier, COMMAND_IDENTIFIER)
+            self._command_layouts.learn(payload, message)
+        return cast(CommandMessage, message)
 
     def encode_monitoring(self, message: MonitoringMessage) -> bytes:
         """The datagram a robot of this version would send. Raises CodecError subclasses and nothing else."""

@@ -41,7 +41,7 @@ class Histogram:
 
     __slots__ = ("_counts", "count", "maximum_ns")
 
-    BINS = 32 * 16 + 32
+    BINS = 31 * 16 + 32
     _LONGEST = (1 << 36) - 1
 
     def __init__(self) -> None:
@@ -115,6 +115,7 @@ class LinkStatistics:
         "_newest",
         "_newest_receive_ns",
         "_seen",
+        "_since_first",
         "answered",
         "duplicates",
         "jitter",
@@ -145,6 +146,7 @@ class LinkStatistics:
         self._newest = -1
         self._newest_receive_ns = 0
         self._seen = 0
+        self._since_first = 0
 
     def observe_undecodable(self) -> None:
         """Count a datagram that was refused."""
@@ -176,6 +178,7 @@ class LinkStatistics:
             if period_ns:
                 self.jitter.add(abs(receive_ns - self._newest_receive_ns - ahead * period_ns))
             self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < _WINDOW else 1
+            self._since_first += ahead
             self._newest = sequence_counter
             self._newest_receive_ns = receive_ns
             return Arrival.FRESH
@@ -190,8 +193,8 @@ class LinkStatistics:
             return Arrival.DUPLICATE
         self._seen |= 1 << behind
         self.reordered += 1
-        # Numbers before the first message of a session were never counted as missing.
-        if self.missing:
+        # Numbers before the first message were never counted as missing.
+        if behind < self._since_first:
             self.missing -= 1
         return Arrival.REORDERED
 

@@ -25,6 +25,7 @@ HIGHEST_PRIORITY = 90
 
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
+_CAP_IPC_LOCK = 14
 
 Undo = Callable[[], None]
 
@@ -143,8 +144,8 @@ def _lock_memory() -> tuple[str, Undo]:
         # An ordinary user may raise the soft limit up to the hard one.
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
     # With MCL_FUTURE every later allocation counts against the limit and fails beyond it, which would be worse than a
-    # page fault; so it is used only where there is no limit, or none that binds root.
-    unlimited = hard == resource.RLIM_INFINITY or os.geteuid() == 0
+    # page fault; so it is used only where there is no limit, or none that binds.
+    unlimited = hard == resource.RLIM_INFINITY or _has_capability(_CAP_IPC_LOCK)
     attempts = [(_MCL_CURRENT | _MCL_FUTURE, "all memory, present and future")] if unlimited else []
     attempts.append((_MCL_CURRENT, "the memory present at set-up; later allocations may fault"))
     code = 0
@@ -153,6 +154,16 @@ def _lock_memory() -> tuple[str, Undo]:
             return detail, lambda: _unlock_memory(library)
         code = ctypes.get_errno()
     raise OSError(code, os.strerror(code))
+
+
+def _has_capability(bit: int) -> bool:
+    """Whether the process holds a Linux capability; root in a container often lacks it."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            effective = next((line.split()[1] for line in status if line.startswith("CapEff:")), "0")
+    except OSError:
+        return False
+    return bool(int(effective, 16) >> bit & 1)
 
 
 def _unlock_memory(library: ctypes.CDLL) -> None:
