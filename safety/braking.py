@@ -12,10 +12,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from safety.limits import FloatArray, JointLimits
-
 
 def stopping_travel(velocity: float, acceleration: float, acceleration_limit: float, jerk_limit: float) -> float:
     """Largest displacement, rad, in positive direction during the firmest stop of one joint; never below 0.

@@ -1,0 +1,253 @@
+"""Distances along a path: link to link, link to floor, walls and forbidden boxes, with a proof for what lies between samples.
+
+Lives here: the workspace, the pairs that are looked at, and the search for the smallest distance of a sampled path. Lives
+elsewhere: the arm's shape (geometry.py), what is done about it (preflight.py). Distances of capsules and boxes come
+from coal; distances to planes are one subtraction.
+
+Between two samples no point of a part moves further than s = sum_j reach_j |dq_j|. With distances d_0 and d_1 at the ends, the
+distance in between is therefore at least (d_0 + d_1 - s) / 2. The search leaps over samples only where that bound
+stays above the smallest distance found so far less `resolution_m`, so `guaranteed_m` holds for the whole path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import coal
+import numpy as np
+
+from safety.errors import GeometryError
+from safety.geometry import Capsule, RobotGeometry
+from safety.limits import FloatArray
+
+_Key = TypeVar("_Key")
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A wall: the arm has to stay where normal · x >= offset_m. normal: unit vector in the base frame."""
+
+    name: str
+    normal: tuple[float, float, float]
+    offset_m: float
+
+    def __post_init__(self) -> None:
+        if not abs(math.hypot(*self.normal) - 1.0) < 1e-6 or not math.isfinite(self.offset_m):
+            raise GeometryError(f"The wall {self.name!r} needs a normal of length 1 and a finite offset, not {self.normal} "
+                                f"and {self.offset_m}.")
+
+
+@dataclass(frozen=True, slots=True)
+class ForbiddenBox:
+    """A box the arm must not enter: center_m and size_m (full edges) in the base frame, turned by yaw_rad about z."""
+
+    name: str
+    center_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (*self.center_m, *self.size_m, self.yaw_rad)) or min(self.size_m) <= 0.0:
+            raise GeometryError(f"The box {self.name!r} needs a finite centre and edges above 0 m, not {self.center_m} and "
+                                f"{self.size_m}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """What surrounds the arm, in the base frame (x forward, z up, z = 0 at the mounting face).
+
+    floor_height_m: height of a floor or table top below or around the base, None for no floor. first_link: parts on links
+    before this one are not held against floor, walls and boxes, since they hardly move; the default 3 leaves out base,
+    column and shoulder.
+    """
+
+    floor_height_m: float | None = 0.0
+    walls: tuple[Plane, ...] = ()
+    boxes: tuple[ForbiddenBox, ...] = ()
+    first_link: int = 3
+
+    def planes(self) -> tuple[Plane, ...]:
+        """Floor and walls alike."""
+        if self.floor_height_m is None:
+            return self.walls
+        return (Plane("floor", (0.0, 0.0, 1.0), self.floor_height_m), *self.walls)
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """Smallest distance of one pair along a path.
+
+    first, second: names of links ("link 6") or obstacles. distance_m: smallest found, at `row` of the path (from 0);
+    negative is penetration. guaranteed_m: lower bound for the whole path, between samples too.
+    """
+
+    first: str
+    second: str
+    distance_m: float
+    guaranteed_m: float
+    row: int
+
+    @property
+    def pair(self) -> str:
+        """Both names, for reports."""
+        return f"{self.first} - {self.second}"
+
+
+@dataclass(slots=True)
+class _Part:
+    """One capsule along a path: its pose per row (made when asked for) and what coal needs."""
+
+    capsule: Capsule
+    shape: coal.Capsule
+    rotations: FloatArray                   # (N, 3, 3), z along the segment
+    centers: FloatArray                     # (N, 3)
+    reach: FloatArray                       # (n,)
+    poses: dict[int, coal.Transform3s] = field(default_factory=dict)
+
+    def pose(self, row: int) -> coal.Transform3s:
+        pose = self.poses.get(row)
+        if pose is None:
+            pose = coal.Transform3s(self.rotations[row], self.centers[row])
+            self.poses[row] = pose
+        return pose
+
+
+def self_collision_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]:
+    """Pairs of links that are held against each other: those with at least two bending joints between them.
+
+    With at most one bending joint in between, its position limit alone keeps the housings apart, by the maker's design;
+    our capsules, thicker than the housings, would report contact near the limit.
+    """
+    links = range(geometry.joint_count + 1)
+    return tuple((i, j) for i in links for j in links[i + 1:]
+                 if sum(i < joint <= j for joint in geometry.bending_joints) >= 2)
+
+
+def self_clearances(positions: FloatArray, geometry: RobotGeometry, *, resolution_m: float = 0.001,
+                    ) -> tuple[Clearance, ...]:
+    """Smallest distance of each pair of links along a path, (N, n) rad, N >= 1; closest pair first.
+
+    Raises GeometryError for a path of the wrong shape or with values that are not finite.
+    """
+    path = _path(positions, geometry)
+    parts = _parts(path, geometry)
+    steps = np.abs(np.diff(path, axis=0))
+    best: dict[tuple[int, int], Clearance] = {}
+    pairs = set(self_collision_pairs(geometry))
+    for a, first in enumerate(parts):
+        for second in parts[a + 1:]:
+            links = (first.capsule.link, second.capsule.link)
+            if links not in pairs:
+                continue
+            # Joints before the first link move both alike, so only those between the two count.
+            reach = np.where(np.arange(geometry.joint_count) >= links[0], second.reach, 0.0)
+            found = _search(_distance(first, second), _travel(steps, reach), resolution_m)
+            _keep(best, links, Clearance(f"link {links[0]}", f"link {links[1]}", *found))
+    return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
+
+
+def workspace_clearances(positions: FloatArray, geometry: RobotGeometry, workspace: Workspace, *,
+                         resolution_m: float = 0.001) -> tuple[Clearance, ...]:
+    """Smallest distance of each link to floor, walls and boxes along a path, (N, n) rad; closest pair first."""
+    path = _path(positions, geometry)
+    parts = [part for part in _parts(path, geometry) if part.capsule.link >= workspace.first_link]
+    steps = np.abs(np.diff(path, axis=0))
+    best: dict[tuple[int, str], Clearance] = {}
+    for part in parts:
+        link = part.capsule.link
+        travel = _travel(steps, part.reach)
+        for plane in workspace.planes():
+            # Both ends of the segment at once: the lower end less the radius is the distance.
+            along = part.rotations[:, :, 2] * part.shape.halfLength
+            normal = np.array(plane.normal)
+            height = part.centers @ normal - np.abs(along @ normal) - part.capsule.radius_m - plane.offset_m
+            row = int(np.argmin(height))
+            between = (height[:-1] + height[1:] - np.diff(travel)) / 2.0
+            guaranteed = min(float(height[row]), float(between.min()) if between.size else math.inf)
+            _keep(best, (link, plane.name), Clearance(f"link {link}", plane.name, float(height[row]), guaranteed, row))
+        for box in workspace.boxes:
+            found = _search(_distance(part, _fixed(box)), travel, resolution_m)
+            _keep(best, (link, box.name), Clearance(f"link {link}", box.name, *found))
+    return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
+
+
+def _path(positions: FloatArray, geometry: RobotGeometry) -> FloatArray:
+    path = np.asarray(positions, dtype=np.float64)
+    if path.ndim != 2 or path.shape[1] != geometry.joint_count or path.shape[0] < 1:
+        raise GeometryError(f"The path has shape {path.shape}, but the geometry of {geometry.robot} needs "
+                            f"(rows, {geometry.joint_count}).")
+    if not np.isfinite(path).all():
+        raise GeometryError("The path holds values that are not finite numbers.")
+    return path
+
+
+def _parts(path: FloatArray, geometry: RobotGeometry) -> list[_Part]:
+    rotations, origins = geometry.link_poses(path)
+    parts = []
+    for capsule in geometry.capsules:
+        start, end = np.array(capsule.start_m), np.array(capsule.end_m)
+        length = float(np.linalg.norm(end - start))
+        align = _turn_z_to((end - start) / length) if length > 0.0 else np.eye(3)
+        parts.append(_Part(capsule, coal.Capsule(capsule.radius_m, length), rotations[:, capsule.link] @ align,
+                           origins[:, capsule.link] + rotations[:, capsule.link] @ ((start + end) / 2.0),
+                           geometry.reach(capsule)))
+    return parts
+
+
+def _fixed(box: ForbiddenBox) -> tuple[coal.Box, coal.Transform3s]:
+    c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+    return coal.Box(*box.size_m), coal.Transform3s(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
+                                                   np.array(box.center_m))
+
+
+def _turn_z_to(direction: FloatArray) -> FloatArray:
+    """A rotation whose third column is `direction`."""
+    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(direction, x), direction])
+
+
+def _distance(first: _Part, second: _Part | tuple[coal.Box, coal.Transform3s]) -> Callable[[int], float]:
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def between(row: int) -> float:
+        result.clear()
+        shape, pose = (second.shape, second.pose(row)) if isinstance(second, _Part) else second
+        return float(coal.distance(first.shape, first.pose(row), shape, pose, request, result))
+
+    return between
+
+
+def _travel(steps: FloatArray, reach: FloatArray) -> FloatArray:
+    """Cumulated bound on the motion of a part, (N,) m, from steps (N-1, n) rad and reach (n,) m."""
+    return np.concatenate([[0.0], np.cumsum(steps @ reach)])
+
+
+def _search(distance: Callable[[int], float], travel: FloatArray, resolution_m: float) -> tuple[float, float, int]:
+    """Smallest distance, its bound for the continuous path, and its row; looks only where the bound asks for it."""
+    last = travel.size - 1
+    best_row, best = min(((row, distance(row)) for row in range(0, last + 1, max(1, last // 16))), key=lambda x: x[1])
+    guaranteed = best
+    row, here = 0, distance(0)
+    while True:
+        if here < best:
+            best_row, best = row, here
+        if row == last:
+            return best, min(guaranteed, best), best_row
+        # Furthest row that the motion bound still keeps above best - resolution.
+        ahead = int(np.searchsorted(travel, travel[row] + here - best + resolution_m, side="right")) - 1
+        following = min(last, max(row + 1, ahead))
+        there = distance(following)
+        guaranteed = min(guaranteed, (here + there - float(travel[following] - travel[row])) / 2.0)
+        row, here = following, there
+
+
+def _keep(best: dict[_Key, Clearance], key: _Key, found: Clearance) -> None:
+    """Of the parts of one link, keep the closest; the bound of the pair is the smallest of its parts' bounds."""
+    known = best.get(key)
+    if known is None or found.guaranteed_m < known.guaranteed_m:
+        best[key] = found

@@ -1,0 +1,302 @@
+"""The check of a whole table of commands before any of them is sent: `check` and `run` ask it, nothing moves without it.
+
+Lives here: the list of checks and the report. Lives elsewhere: the limits (limits.py), the stops (ramps.py, braking.py), the
+distances (collision.py). Velocities and accelerations are the same finite differences that the guard takes cycle by
+cycle, the seam of a periodic table included, so a table that passes here passes there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safety.braking import stopping_travel
+from safety.collision import Clearance, Workspace, self_clearances, workspace_clearances
+from safety.errors import RampError, TrajectoryShapeError
+from safety.geometry import RobotGeometry
+from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
+from safety.limits import FloatArray, JointLimits
+from safety.ramps import plan_start_ramp, plan_stop_ramp
+
+SELF_COLLISION_MARGIN_M = 0.02
+"""Distance that links keep from each other. The capsules already enclose the housings."""
+
+WORKSPACE_MARGIN_M = 0.02
+"""Distance that links keep from floor, walls and boxes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One question about the table and its answer.
+
+    joint: the worst joint, counted from 1, None where the question concerns no single joint. row: the row of the table (from
+    0) where the worst value stands. value, limit: in `unit`, NaN where there is none.
+    """
+
+    name: str
+    passed: bool
+    joint: int | None
+    value: float
+    limit: float
+    unit: str
+    sentence: str
+    row: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for a JSON file; a number that is not finite becomes null."""
+        return {"name": self.name, "passed": self.passed, "joint": self.joint, "row": self.row,
+                "value": self.value if math.isfinite(self.value) else None,
+                "limit": self.limit if math.isfinite(self.limit) else None, "unit": self.unit, "sentence": self.sentence}
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightReport:
+    """Answers to all checks, and the smallest distances per pair of links and per obstacle."""
+
+    checks: tuple[Check, ...]
+    clearances: tuple[Clearance, ...] = ()
+
+    @property
+    def safe(self) -> bool:
+        """Whether every check passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that did not pass."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    def to_json(self) -> dict[str, Any]:
+        """{"safe", "checks": [...], "clearances": [{"pair", "distance_m", "guaranteed_m", "row"}]}."""
+        return {"safe": self.safe, "checks": [check.to_json() for check in self.checks],
+                "clearances": [{"pair": c.pair, "distance_m": c.distance_m, "guaranteed_m": c.guaranteed_m, "row": c.row}
+                               for c in self.clearances]}
+
+
+def preflight(positions: FloatArray, sample_period_s: float, limits: JointLimits, *, periodic: bool = True,
+              torque: FloatArray | None = None, geometry: RobotGeometry | None = None,
+              workspace: Workspace | None = None, self_collision_margin_m: float = SELF_COLLISION_MARGIN_M,
+              workspace_margin_m: float = WORKSPACE_MARGIN_M, stop_stride: int = 10, start_row: int | None = None,
+              start_position: ArrayLike | None = None) -> PreflightReport:
+    """Check one period of a table of positions, (N, n) rad, sent one row per sample_period_s.
+
+    periodic: the table is repeated without a break, so its seam is checked too; otherwise it begins and ends as it stands.
+    torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g. load_geometry("iiwa14");
+    None leaves out self-collision and workspace. stop_stride: a stop is planned and checked at every so many rows, and at
+    the rows with least room; the closed form of braking.py is asked at every row. start_row: where a start ramp hands
+    over to the table; with start_position (default: the mean of the table) the ramp is planned and checked as well.
+
+    Raises TrajectoryShapeError for a table of the wrong shape or a period that is not above 0. Values that are not finite
+    are an answer (check "finite"), not an error; the other checks are then left out.
+    """
+    table = np.asarray(positions, dtype=np.float64)
+    n = limits.joint_count
+    if table.ndim != 2 or table.shape[1] != n or table.shape[0] < 4:
+        raise TrajectoryShapeError(f"The table has shape {table.shape}, but at least 4 rows of {n} joints are needed.")
+    if not (math.isfinite(sample_period_s) and sample_period_s > 0.0):
+        raise TrajectoryShapeError(f"The sample period is {sample_period_s} s, but it has to be above 0 s.")
+    finite = _finite(table)
+    if not finite.passed:
+        return PreflightReport((finite,))
+    motion = _Motion.of(table, sample_period_s, periodic)
+    checks = [finite, _position(table, limits),
+              _magnitude("velocity", motion.velocity, limits.velocity, VELOCITY_TOLERANCE, "rad/s"),
+              _magnitude("acceleration", motion.acceleration, limits.acceleration, ACCELERATION_TOLERANCE, "rad/s²"),
+              _jerk(motion.jerk, limits)]
+    stops: list[FloatArray] = []
+    if all(check.passed for check in checks):
+        checks.append(_stopping_velocity(motion, limits, sample_period_s))
+        stop_check, stops = _stops(table, motion, limits, stop_stride)
+        checks.append(stop_check)
+    starts: list[FloatArray] = []
+    if start_row is not None:
+        start_check, starts = _start(table, motion, limits, sample_period_s, start_row, start_position)
+        checks.append(start_check)
+    if torque is not None:
+        checks.append(_torque(np.asarray(torque, dtype=np.float64), table, limits))
+    clearances: tuple[Clearance, ...] = ()
+    if geometry is not None:
+        # A table outside its limits may still be looked at: the operator then learns all that is wrong at once.
+        path = np.vstack([table, table[:1]]) if periodic else table
+        surroundings = workspace if workspace is not None else Workspace()
+        own = self_clearances(path, geometry)
+        outer = workspace_clearances(path, geometry, surroundings)
+        checks.append(_clearance("self_collision", own, self_collision_margin_m, "the table", table.shape[0]))
+        checks.append(_clearance("workspace", outer, workspace_margin_m, "the table", table.shape[0]))
+        for name, ramps, what in (("stop", stops, "a stop"), ("start", starts, "the start ramp")):
+            if ramps:
+                worst_own, worst_outer = _along(ramps, geometry, surroundings)
+                checks.append(_clearance(f"{name}_self_collision", worst_own, self_collision_margin_m, what, None))
+                checks.append(_clearance(f"{name}_workspace", worst_outer, workspace_margin_m, what, None))
+        clearances = own + outer
+    return PreflightReport(tuple(checks), clearances)
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """Finite differences of a table as the guard sees them after each row; shape (N, n), rows without a past left out."""
+
+    rows: FloatArray                # table rows the differences belong to
+    velocity: FloatArray            # (q_k - q_{k-1}) / T
+    acceleration: FloatArray        # (q_k - 2 q_{k-1} + q_{k-2}) / T²
+    jerk: FloatArray
+    now: FloatArray                 # velocity at the row itself, (3 q_k - 4 q_{k-1} + q_{k-2}) / 2T
+
+    @staticmethod
+    def of(table: FloatArray, period: float, periodic: bool) -> _Motion:
+        if periodic:
+            # Three rows of the period before: then every row has its past, and the seam is a row like any other.
+            extended, rows = np.vstack([table[-3:], table]), np.arange(table.shape[0])
+        else:
+            extended, rows = table, np.arange(3, table.shape[0])
+        velocity = np.diff(extended, axis=0) / period
+        acceleration = np.diff(velocity, axis=0) / period
+        jerk = np.diff(acceleration, axis=0) / period
+        velocity, acceleration = velocity[2:], acceleration[1:]
+        return _Motion(rows, velocity, acceleration, jerk, velocity + 0.5 * period * acceleration)
+
+
+def _finite(table: FloatArray) -> Check:
+    bad = np.argwhere(~np.isfinite(table))
+    if bad.size == 0:
+        return Check("finite", True, None, 0.0, 0.0, "", f"All {table.size} positions are finite numbers.")
+    row, column = int(bad[0, 0]), int(bad[0, 1])
+    return Check("finite", False, column + 1, float(len(bad)), 0.0, "",
+                 f"Row {row} of the table holds {table[row, column]} for joint {column + 1}; {len(bad)} of its positions are "
+                 "not finite numbers.", row)
+
+
+def _position(table: FloatArray, limits: JointLimits) -> Check:
+    beyond = np.maximum(limits.position_lower - table, table - limits.position_upper)
+    row, column = _where_largest(beyond)
+    value = float(table[row, column])
+    near_lower = limits.position_lower[column] - value >= value - limits.position_upper[column]
+    limit = float((limits.position_lower if near_lower else limits.position_upper)[column])
+    passed = bool(beyond[row, column] <= POSITION_TOLERANCE_RAD)
+    return Check("position", passed, column + 1, value, limit, "rad",
+                 f"Joint {column + 1} comes to {value:.4f} rad in row {row}, "
+                 f"{'inside' if passed else 'beyond'} its limit of {limit:.4f} rad.", row)
+
+
+def _magnitude(name: str, values: FloatArray, limit: FloatArray, tolerance: float, unit: str) -> Check:
+    row, column = _where_largest(np.abs(values) / limit)
+    value, bound = float(abs(values[row, column])), float(limit[column])
+    passed = value <= bound * (1.0 + tolerance)
+    return Check(name, passed, column + 1, value, bound, unit,
+                 f"Joint {column + 1} reaches {value:.3f} {unit} in row {row}, {100.0 * value / bound:.1f} % of its {name} "
+                 f"limit of {bound:.3f} {unit}.", row)
+
+
+def _jerk(jerk: FloatArray, limits: JointLimits) -> Check:
+    row, column = _where_largest(np.abs(jerk) / limits.jerk)
+    value, bound = float(abs(jerk[row, column])), float(limits.jerk[column])
+    # Reported only: the limit is ours, and a table rounded to 1e-7 rad already shows 100 rad/s³ that nobody feels.
+    return Check("jerk", True, column + 1, value, bound, "rad/s³",
+                 f"Joint {column + 1} reaches a jerk of {value:.1f} rad/s³ in row {row} (reported only; stops are planned with "
+                 f"{bound:.1f} rad/s³).", row)
+
+
+def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> Check:
+    peak = motion.now + motion.acceleration * np.abs(motion.acceleration) / (2.0 * limits.jerk)
+    peak = np.where(peak * motion.now > 0.0, np.abs(peak), 0.0)
+    allowed = limits.velocity * (1.0 + VELOCITY_TOLERANCE) + limits.jerk * period**2
+    row, column = _where_largest(peak / allowed)
+    value = float(peak[row, column])
+    return Check("stopping_velocity", bool(value <= allowed[column]), column + 1, value, float(limits.velocity[column]),
+                 "rad/s", f"A stop in row {row} cannot keep joint {column + 1} below {value:.3f} rad/s; its velocity limit is "
+                 f"{limits.velocity[column]:.3f} rad/s.", int(motion.rows[row]))
+
+
+def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, list[FloatArray]]:
+    """The stop from every row in closed form, and planned by Ruckig at every stride-th row and at the tightest rows."""
+    here = table[motion.rows]
+    room = np.empty_like(here)
+    extreme = np.empty_like(here)
+    acceleration_bound = np.maximum(limits.acceleration, np.abs(motion.acceleration))
+    for column in range(limits.joint_count):
+        lower, upper = float(limits.position_lower[column]), float(limits.position_upper[column])
+        jerk = float(limits.jerk[column])
+        for row, (q, v, a, bound) in enumerate(zip(here[:, column].tolist(), motion.now[:, column].tolist(),
+                                                   motion.acceleration[:, column].tolist(),
+                                                   acceleration_bound[:, column].tolist(), strict=True)):
+            highest = q + stopping_travel(v, a, bound, jerk)
+            lowest = q - stopping_travel(-v, -a, bound, jerk)
+            upwards = upper - highest <= lowest - lower
+            extreme[row, column] = highest if upwards else lowest
+            room[row, column] = upper - highest if upwards else lowest - lower
+    row, column = _where_largest(-room)
+    value = float(extreme[row, column])
+    limit = float((limits.position_upper if value > table[:, column].mean() else limits.position_lower)[column])
+    passed = bool(room[row, column] >= -POSITION_TOLERANCE_RAD)
+    sentence = (f"The firmest stop takes joint {column + 1} no further than {value:.4f} rad (row {motion.rows[row]}); its "
+                f"limit is {limit:.4f} rad.")
+    tightest = np.argsort(room.min(axis=1))[:20]
+    paths = []
+    for k in sorted({*range(0, here.shape[0], max(1, stride)), *tightest.tolist()}):
+        try:
+            ramp = plan_stop_ramp(here[k], motion.now[k], motion.acceleration[k], limits)
+        except RampError as error:
+            return Check("stop", False, error.joint, error.value, error.limit, error.unit,
+                         f"No stop fits in row {motion.rows[k]}: {error}", int(motion.rows[k])), []
+        if k % max(1, 5 * stride) == 0:
+            times = np.linspace(0.0, ramp.duration_s, max(2, math.ceil(ramp.duration_s / 0.02) + 1))
+            paths.append(np.array([ramp.position_at(float(t)) for t in times]))
+    return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), paths
+
+
+def _start(table: FloatArray, motion: _Motion, limits: JointLimits, period: float, start_row: int,
+           start_position: ArrayLike | None) -> tuple[Check, list[FloatArray]]:
+    at = int(np.argmin(np.abs(motion.rows - start_row % table.shape[0])))
+    begin = table.mean(axis=0) if start_position is None else np.asarray(start_position, dtype=np.float64)
+    row = int(motion.rows[at])
+    try:
+        ramp = plan_start_ramp(begin, table[row], motion.now[at], motion.acceleration[at], limits, command_period_s=period)
+    except RampError as error:
+        return Check("start_ramp", False, error.joint, error.value, error.limit, error.unit, str(error), row), []
+    path = np.array([ramp.position_at(float(t)) for t in np.linspace(0.0, ramp.duration_s,
+                                                                      max(2, math.ceil(ramp.duration_s / 0.02) + 1))])
+    return Check("start_ramp", True, None, ramp.duration_s, math.nan, "s",
+                 f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {100.0 * ramp.fraction:.0f} % of the limits.",
+                 row), [path]
+
+
+def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check:
+    if torque.shape != table.shape:
+        raise TrajectoryShapeError(f"The torques have shape {torque.shape}, but the table has shape {table.shape}.")
+    bad = np.argwhere(~np.isfinite(torque))
+    if bad.size:
+        row, column = int(bad[0, 0]), int(bad[0, 1])
+        return Check("torque", False, column + 1, math.nan, float(limits.torque[column]), "Nm",
+                     f"The expected torque of joint {column + 1} in row {row} is not a finite number.", row)
+    return _magnitude("torque", torque, limits.torque, 0.0, "Nm")
+
+
+def _along(ramps: Sequence[FloatArray], geometry: RobotGeometry, workspace: Workspace,
+           ) -> tuple[tuple[Clearance, ...], tuple[Clearance, ...]]:
+    """Closest approach over several ramps."""
+    own = [c for ramp in ramps for c in self_clearances(ramp, geometry)[:1]]
+    outer = [c for ramp in ramps for c in workspace_clearances(ramp, geometry, workspace)[:1]]
+    return (tuple(sorted(own, key=lambda c: c.guaranteed_m)), tuple(sorted(outer, key=lambda c: c.guaranteed_m)))
+
+
+def _clearance(name: str, found: tuple[Clearance, ...], margin_m: float, what: str, rows: int | None) -> Check:
+    if not found:
+        return Check(name, True, None, math.inf, margin_m, "m", "There is nothing to keep a distance from.")
+    closest = found[0]
+    passed = closest.guaranteed_m >= margin_m
+    place = "" if rows is None else f" in row {closest.row % rows}"
+    how = f"come as close as {1000.0 * closest.distance_m:.0f} mm" if closest.distance_m >= 0.0 else \
+        f"overlap by {-1000.0 * closest.distance_m:.0f} mm"
+    return Check(name, passed, None, closest.guaranteed_m, margin_m, "m",
+                 f"Along {what}, {closest.first} and {closest.second} {how}{place}; {1000.0 * margin_m:.0f} mm are "
+                 "required.", None if rows is None else closest.row % rows)
+
+
+def _where_largest(values: FloatArray) -> tuple[int, int]:
+    row, column = np.unravel_index(int(np.argmax(values)), values.shape)
+    return int(row), int(column)
