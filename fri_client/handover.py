@@ -39,6 +39,8 @@ import time
 from dataclasses import dataclass
 from enum import IntEnum
 
+from fri_client.errors import FriError
+
 __all__ = [
     "COMMAND_CAPACITY",
     "DEFAULT_SLOTS",
@@ -79,7 +81,7 @@ _W_CLOSED = 48
 _STATUS_OFFSET = 49 * 8
 
 
-class HandoverError(Exception):
+class HandoverError(FriError):
     """The ring cannot be created or attached: wrong descriptor, wrong layout, not enough memory, unsuited
     processor.
     """
@@ -104,16 +106,18 @@ class EventCode(IntEnum):
     RECORDER_LOST = 15
     DISK_FULL = 16
     RAMP_ERROR = 17
+    FAULT = 18
     # The session was lost for this run. value: DropReason, limit: session state after.
     SESSION_DROP = 30
     # Ends. value: spread of the last samples in rad, limit: threshold in rad.
     STANDSTILL_CONFIRMED = 40
     STANDSTILL_NOT_CONFIRMED = 41
     START_TIMEOUT = 42
-    # The link. GAP: value messages missing before this one; REFUSED: joint and the number that was not usable.
+    # The link; silence in s and its time-out. GAP: value messages missing before this one; REFUSED: joint and the number that was not usable.
     GAP = 50
     REFUSED = 51
     SILENCE = 52
+    UNDECODABLE = 53
 
     @property
     def is_stop_reason(self) -> bool:

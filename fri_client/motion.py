@@ -1,0 +1,390 @@
+"""The motion of one acquisition as a state machine that is driven by ticks and knows neither sockets nor clocks.
+
+Here: the order of the phases, the label of each sample, the stop from any tick, and when the arm counts as standing
+still. Not here: the shape of ramps and the judgement of commands (`safety`), the session (`session`), who calls
+(`loop`).
+
+    WAITING -> START_RAMP -> LEAD_IN -> EXCITATION x periods -> STOP_RAMP -> HOLD -> DONE
+                   any stop reason at any tick ------------------> STOP_RAMP
+                   a drop of the session at any tick ------------> LATCHED
+
+One call of `tick` is one command: the path advances by one step per answered fresh message and never by more, so a lost
+or late message delays the path and cannot make a step larger than planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fri_client.errors import FriError
+from fri_client.handover import EventCode
+from fri_client.standstill import Standstill
+from safety.errors import RampError
+from safety.guard import CommandGuard, GuardVerdict
+from safety.limits import JointLimits
+from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
+
+__all__ = ["MotionError", "MotionPhase", "MotionProgram", "StopReason", "command_stride"]
+
+FloatArray = NDArray[np.float64]
+
+_RELATIVE_GRID_TOLERANCE = 1e-6
+
+
+class MotionPhase(IntEnum):
+    """Where the motion is; the value labels every sample in the log."""
+
+    WAITING = 0
+    START_RAMP = 1
+    LEAD_IN = 2
+    EXCITATION = 3
+    STOP_RAMP = 4
+    HOLD = 5
+    LATCHED = 6
+    DONE = 7
+
+
+_WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
+
+
+class MotionError(FriError):
+    """The table cannot be driven as asked: shape, a value that is not finite, or a period off the command grid."""
+
+    exit_code = 65
+
+
+@dataclass(frozen=True, slots=True)
+class StopReason:
+    """Why the motion stops or stopped early: code of EventCode, one sentence, joint (from 1, 0: none) and numbers."""
+
+    code: EventCode
+    sentence: str
+    joint: int = 0
+    value: float = 0.0
+    limit: float = 0.0
+
+    @classmethod
+    def from_verdict(cls, verdict: GuardVerdict) -> StopReason:
+        """The guard refused a command."""
+        return cls(EventCode.GUARD, verdict.sentence(), verdict.joint, verdict.value, verdict.limit)
+
+
+def command_stride(rows: int, table_period_s: float, command_period_s: float) -> int:
+    """Rows of the table per command: command_period_s / table_period_s.
+
+    Raises MotionError unless that is a whole number and the table's period a whole number of commands.
+    """
+    ratio = command_period_s / table_period_s
+    stride = round(ratio)
+    if stride < 1 or abs(ratio - stride) > _RELATIVE_GRID_TOLERANCE * ratio:
+        raise MotionError(
+            f"The robot takes a command every {command_period_s * 1e3:g} ms, which is no whole multiple of the table's "
+            f"{table_period_s * 1e3:g} ms grid: choose another send period or receive multiplier."
+        )
+    if rows % stride:
+        raise MotionError(
+            f"The trajectory's period of {rows * table_period_s:g} s is no whole number of command periods of "
+            f"{command_period_s * 1e3:g} ms: choose another send period or another trajectory."
+        )
+    return stride
+
+
+class MotionProgram:
+    """One acquisition's motion; call `prepare` while waiting, `begin` at COMMANDING_ACTIVE, then `tick` per command.
+
+    table: (N, 7) positions of one period in rad on the grid table_period_s (s), periodic: row N would be row 0 again.
+    command_period_s: send period times receive multiplier, s; samples_per_command: the receive multiplier.
+    lead_in_s: the last seconds of the period, driven once before the first period. external_torque_limit: Nm per
+    joint, None: not watched. Raises MotionError, and RampError when the motion could not be stopped at its end.
+
+    phase, period (from 0, -1 outside EXCITATION) and sample_in_period (-1 outside; on the grid of the send period)
+    label the command last returned.
+    """
+
+    def __init__(
+        self,
+        table: FloatArray,
+        limits: JointLimits,
+        *,
+        command_period_s: float,
+        periods: int,
+        lead_in_s: float = 1.0,
+        table_period_s: float = 0.001,
+        samples_per_command: int = 1,
+        maximum_distance_to_measured: FloatArray | float = 0.1,
+        external_torque_limit: Sequence[float] | None = None,
+    ) -> None:
+        table = _checked_table(table, limits.joint_count)
+        stride = command_stride(len(table), table_period_s, command_period_s)
+        self._limits = limits
+        self._command_period_s = command_period_s
+        self._samples_per_command = samples_per_command
+        self._periods = periods
+        self._guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
+        self._external_torque_limit = None if external_torque_limit is None else tuple(external_torque_limit)
+        # Tuples of floats: a tick then takes one out and makes nothing new.
+        self._path: list[tuple[float, ...]] = list(map(tuple, table[::stride].tolist()))
+        self._lead_in = round(lead_in_s / command_period_s)
+        first = -self._lead_in * stride % len(table)
+        self._start_state = _state_of_row(table, first, table_period_s)
+        self._end_ramp = plan_stop_ramp(*_state_of_row(table, len(table) - stride, table_period_s), limits)
+        self._first = first // stride
+        self._step = 0  # steps done within the current phase
+        self._total = periods * len(self._path)
+        self._start_ramp: Ramp | None = None
+        self._start_position: tuple[float, ...] = ()
+        self._start_ticks = 0
+        self._stop_ramp: Ramp | None = None
+        self._last: Sequence[float] = ()
+        self._start_done = 0
+        self._on_path = 0
+        self._stop_steps = 0
+        self._stop_done = False
+        self._stop_asked: StopReason | None = None
+        self.phase = _WAITING
+        self.period = -1
+        self.sample_in_period = -1
+        self.stop_reason: StopReason | None = None
+        self.overruled = 0
+        self.standstill = Standstill(command_period_s / samples_per_command)
+
+    @property
+    def samples_per_period(self) -> int:
+        """Monitoring messages per period."""
+        return len(self._path) * self._samples_per_command
+
+    @property
+    def periods_completed(self) -> int:
+        """Periods of which every command went out."""
+        return max(0, self._on_path - self._lead_in) // len(self._path)
+
+    @property
+    def moving(self) -> bool:
+        """True while the commands move the arm."""
+        return _START_RAMP <= self.phase <= _STOP_RAMP
+
+    def prepare(self, ipo_position: tuple[float, ...]) -> None:
+        """Plan the start ramp from the IPO position (rad) ahead of time; cheap where it is planned already.
+
+        Raises RampError with joint and numbers when there is no ramp inside the limits.
+        """
+        if self._start_ramp is not None and ipo_position == self._start_position:
+            return
+        self._start_ramp = plan_start_ramp(
+            ipo_position, *self._start_state, self._limits, command_period_s=self._command_period_s
+        )
+        self._start_position = ipo_position
+        self._start_ticks = round(self._start_ramp.duration_s / self._command_period_s)
+
+    def begin(self, ipo_position: tuple[float, ...]) -> None:
+        """Anchor on the IPO position of the first COMMANDING_ACTIVE message; the next `tick` returns the first command.
+
+        Raises RampError as `prepare` does, and ValueError when the motion was begun before: there is no second time.
+        """
+        if self.phase != _WAITING:
+            raise ValueError("a motion begins once")
+        self.prepare(ipo_position)
+        self._guard.anchor(ipo_position)
+        self._last = ipo_position
+        self.phase = _START_RAMP
+        self._step = 0
+
+    def stop(self, reason: StopReason) -> None:
+        """Ask for a stop ramp at the next tick; the first reason counts, and none does once the arm is stopping."""
+        if self._stop_asked is None and self.phase < _STOP_RAMP:
+            self._stop_asked = self.stop_reason = reason
+            if self.phase == _WAITING:
+                self.phase = _DONE
+
+    def tick(
+        self, measured_position: Sequence[float], external_torque: Sequence[float] | None = None
+    ) -> Sequence[float]:
+        """The next command, seven positions in rad, in answer to one fresh sample in COMMANDING_ACTIVE.
+
+        Never returns a command of the path that the guard refused: the stop ramp from the last accepted one follows.
+        """
+        phase = self.phase
+        if phase < _STOP_RAMP:
+            limits = self._external_torque_limit
+            if limits is not None and external_torque is not None and self._stop_asked is None:
+                for joint, value in enumerate(external_torque):
+                    if not -limits[joint] <= value <= limits[joint]:
+                        self.stop(_too_much_torque(joint + 1, value, limits[joint]))
+                        break
+            if self._stop_asked is None:
+                command = self._next_on_path()
+                if command is not None:
+                    verdict = self._guard.judge(command, measured_position)
+                    if verdict is None:
+                        self._last = command
+                        return command
+                    self._step_back()
+                    self.stop(StopReason.from_verdict(verdict))
+            self._begin_stop()
+        return self._next_of_stop(measured_position)
+
+    def skip(self) -> None:
+        """A fresh sample that is not answered (receive multiplier above 1): only its label moves on."""
+        if self.phase == _EXCITATION:
+            self.sample_in_period += 1
+
+    def observe(self, measured_position: Sequence[float]) -> None:
+        """Watch for standstill in HOLD (leads to DONE either way) and in LATCHED; call it for each fresh sample."""
+        if self.phase not in (_HOLD, _LATCHED):
+            return
+        self.standstill.observe(measured_position)
+        if self.phase == _HOLD and (self.standstill.confirmed or self.standstill.gave_up):
+            self.phase = _DONE
+
+    def latch(self, *, at_rest: bool = False) -> None:
+        """The session was lost: no further motion, ever. `tick_latched` may still bring the arm to rest.
+
+        at_rest: the robot has held the last command for so long (silence) that its velocity is gone.
+        """
+        if self.phase in (_START_RAMP, _LEAD_IN, _EXCITATION):
+            self._stop_ramp = None
+            if not at_rest:
+                self._plan_stop()
+            self._step = 0
+        elif self.phase == _STOP_RAMP and at_rest:
+            self._stop_ramp = None
+        self.phase = _LATCHED
+        self.period = self.sample_in_period = -1
+        self.standstill.reset()
+
+    def tick_latched(self, measured_position: Sequence[float]) -> Sequence[float]:
+        """The command after a drop, while the robot still takes commands: the stop ramp to its end, then its last
+        position.
+        """
+        return self._next_of_stop(measured_position)
+
+    def commanded_path(self) -> FloatArray:
+        """All commands of the motion so far, (M, 7) rad, with the anchor in front: rebuilt from the plan, not stored.
+
+        Of more than two periods on the table the repetitions are left out (they change no peak).
+        """
+        if not self._last:
+            return np.empty((0, self._limits.joint_count))
+        period = self._command_period_s
+        rows: list[Sequence[float]] = [self._start_position] * 3
+        if self._start_ramp is not None:
+            rows += [self._start_ramp.position_at(k * period) for k in range(self._start_done)]
+        count = min(self._on_path, self._lead_in + 2 * len(self._path))
+        rows += [self._path[(self._first + k) % len(self._path)] for k in range(count)]
+        if self._stop_ramp is not None:
+            rows += [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
+        return np.array(rows, dtype=np.float64)
+
+    # The path.
+
+    def _next_on_path(self) -> Sequence[float] | None:
+        """The next command of ramp, lead-in or table; None when the table is done. Moves the labels."""
+        step = self._step
+        if self.phase == _START_RAMP:
+            if step < self._start_ticks and self._start_ramp is not None:
+                self._step = step + 1
+                self._start_done = step + 1
+                return self._start_ramp.position_at(step * self._command_period_s)
+            self.phase = _LEAD_IN
+            self._step = step = 0
+        place = self._on_path
+        count = len(self._path)
+        if place < self._lead_in:
+            self._on_path = place + 1
+            return self._path[(self._first + place) % count]
+        place -= self._lead_in
+        if place >= self._total:
+            return None
+        self._on_path += 1
+        self.phase = _EXCITATION
+        self.period, sample = divmod(place, count)
+        self.sample_in_period = sample * self._samples_per_command
+        return self._path[sample]
+
+    def _step_back(self) -> None:
+        """The command last taken from the path was refused, so it does not count as driven."""
+        if self.phase == _START_RAMP:
+            self._start_done -= 1
+        else:
+            self._on_path -= 1
+
+    # The stop.
+
+    def _begin_stop(self) -> None:
+        if self._stop_asked is None:
+            self._stop_ramp = self._end_ramp
+        else:
+            self._plan_stop()
+        self.phase = _STOP_RAMP
+        self.period = self.sample_in_period = -1
+        self._step = 0
+
+    def _plan_stop(self) -> None:
+        guard = self._guard
+        try:
+            self._stop_ramp = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, self._limits)
+        except RampError as error:
+            # Better late than not at all: the firmest stop there is; without one, the last accepted command is held.
+            self._stop_ramp = error.firmest
+            if self.stop_reason is None:
+                self.stop_reason = StopReason(
+                    EventCode.RAMP_ERROR, str(error), error.joint or 0, error.value, error.limit
+                )
+
+    def _next_of_stop(self, measured_position: Sequence[float]) -> Sequence[float]:
+        ramp = self._stop_ramp
+        if ramp is None:
+            if self.phase == _STOP_RAMP:
+                self._hold()
+            return self._last
+        if self.phase in (_STOP_RAMP, _LATCHED) and not self._stop_done:
+            self._step += 1
+            self._stop_steps = self._step
+            time = self._step * self._command_period_s
+            command = ramp.position_at(time)
+            # The ramp was checked against every limit when it was planned. What the guard can still say against it is
+            # that the arm does not follow; stopping remains the best answer to that, so it is counted and overruled.
+            if self._guard.judge(command, measured_position, stopping=True) is not None:
+                self.overruled += 1
+            self._last = command
+            if time >= ramp.duration_s:
+                self._stop_done = True
+        elif self.phase == _STOP_RAMP:
+            self._hold()
+        return self._last
+
+    def _hold(self) -> None:
+        self.phase = _HOLD
+        self.standstill.reset()
+
+
+def _checked_table(table: FloatArray, joints: int) -> FloatArray:
+    array = np.asarray(table, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != joints or len(array) < 3:
+        raise MotionError(f"The table has shape {array.shape}; at least 3 rows of {joints} joint positions are needed.")
+    wrong = np.argwhere(~np.isfinite(array))
+    if len(wrong):
+        row, joint = (int(place) for place in wrong[0])
+        raise MotionError(f"The table holds {array[row, joint]} at row {row}, joint {joint + 1}; nothing was moved.")
+    return array
+
+
+def _state_of_row(table: FloatArray, row: int, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position rad, velocity rad/s and acceleration rad/s² at one row, by central differences of the periodic table."""
+    before, here, after = table[row - 1], table[row], table[(row + 1) % len(table)]
+    return here.copy(), (after - before) / (2.0 * period_s), (after - 2.0 * here + before) / period_s**2
+
+
+def _too_much_torque(joint: int, value: float, limit: float) -> StopReason:
+    return StopReason(
+        EventCode.EXTERNAL_TORQUE,
+        f"The external torque of joint {joint} is {value:.1f} Nm, beyond the limit of {limit:.1f} Nm.",
+        joint,
+        value,
+        limit,
+    )

@@ -1,0 +1,436 @@
+"""The client's side of one FRI session: what a monitoring message is worth, what is answered, and when it is over.
+
+Here: judging each decoded message (fresh, duplicate, stale, refused), the counters of both sides, what each session
+state is answered with, and the latch that falls when a motion's session is lost. Not here: sockets and clocks
+(`loop`), which position the motion wants (`motion`). The loop calls `judge` for each message and `answer` when one
+is due.
+
+Which messages are answered. Every fresh message of a living session is (at a receive multiplier of N every N-th,
+PROTOCOL section 7). Duplicates and stale messages are not: the robot has the answer to the duplicate, and an answer
+to an old message would reach it after the answer to a newer one. The vendor's client answers both and lets old
+values overwrite new ones (PROTOCOL section 6); a motion that advances one step per answer must not. Refused
+messages are not answered either, because nothing in them can be trusted; if they go on for the time-out, that is
+silence.
+
+The latch. Once a motion was begun, anything but an undisturbed COMMANDING_ACTIVE drops the session for good. From
+then on the only position that `answer` puts into a command is the mirrored IPO position, with one exception: as
+long as the robot has not left COMMANDING_ACTIVE (its safety stop or a fall of the quality is seen before the state
+changes), the IPO position may be far from where the arm is, and mirroring it would be the very jump the latch is
+there to prevent. In that unbroken stint the motion's stop ramp and hold may still go out; see `may_ramp_down`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from fri_client.handover import Disposition
+from fri_client.messages import (
+    COMMAND_IDENTIFIER,
+    JOINT_COUNT,
+    ClientCommandMode,
+    CommandData,
+    CommandMessage,
+    ConnectionInfo,
+    ConnectionQuality,
+    DriveState,
+    FriVersion,
+    IpoData,
+    MessageHeader,
+    MonitoringMessage,
+    RobotInfo,
+    SafetyState,
+    SessionState,
+)
+from fri_client.session_drop import DropReason, SessionDrop, name_of
+
+__all__ = ["DropReason", "Session", "SessionCounts", "SessionDrop"]
+
+COUNTER_WINDOW = 1000
+"""A sequence counter further away than this from the last one (1 s at 1 kHz) is not believed from one message alone."""
+
+RESTART_RUN = 10
+"""So many messages in a row, each one counter after the other but none of them fresh, prove a restarted counter."""
+
+_HISTORY = 64
+_HISTORY_MASK = (1 << _HISTORY) - 1
+_WRAP = 0xFFFFFFFF
+_IDLE = int(SessionState.IDLE)
+_COMMANDING_WAIT = int(SessionState.COMMANDING_WAIT)
+_COMMANDING_ACTIVE = int(SessionState.COMMANDING_ACTIVE)
+_FRESH = int(Disposition.FRESH)
+_NO_IPO = IpoData()
+_NO_ROBOT_INFO = RobotInfo()
+
+
+@dataclass(slots=True)
+class SessionCounts:
+    """What came in and went out so far.
+
+    received: decoded messages; missing: gaps in the robot's counter, less what arrived late after all; stale: older
+    than one already seen; restarts: times the robot's counter began anew.
+    """
+
+    received: int = 0
+    fresh: int = 0
+    answered: int = 0
+    missing: int = 0
+    duplicates: int = 0
+    stale: int = 0
+    refused: int = 0
+    restarts: int = 0
+
+
+class Session:
+    """One client session: `judge` each message; where it is FRESH and `answer_due`, send what `answer` returns,
+    then `sent`.
+
+    After `judge` returned FRESH the attributes describe that message: state (a value out of range counts as IDLE),
+    quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it). After
+    REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value.
+    """
+
+    __slots__ = (
+        "_begun",
+        "_command_mode",
+        "_connection_at_begin",
+        "_last_counter",
+        "_probe_counter",
+        "_probe_run",
+        "_resynchronise",
+        "_robot_info_at_begin",
+        "_seen",
+        "_since_answer",
+        "_stint_broken",
+        "_version_1",
+        "answer_due",
+        "command_period_ms",
+        "counts",
+        "drop",
+        "gap",
+        "last_fresh_ns",
+        "own_counter",
+        "previous_quality",
+        "previous_state",
+        "quality",
+        "quality_changed",
+        "refusal",
+        "refusal_joint",
+        "refusal_value",
+        "send_period_ms",
+        "state",
+        "state_changed",
+    )
+
+    def __init__(self, version: FriVersion) -> None:
+        self._version_1 = version.major == 1
+        self.own_counter = 0
+        self._last_counter = 0
+        self._seen = 0
+        self._resynchronise = True
+        self._probe_counter = -1
+        self._probe_run = 0
+        self._since_answer = 0
+        self._begun = False
+        self._stint_broken = False
+        self._command_mode: int | None = None
+        self._connection_at_begin: ConnectionInfo | None = None
+        self._robot_info_at_begin = _NO_ROBOT_INFO
+        self.counts = SessionCounts()
+        self.state = self.previous_state = _IDLE
+        self.quality = self.previous_quality = int(ConnectionQuality.POOR)
+        self.state_changed = self.quality_changed = False
+        self.gap = 0
+        self.answer_due = False
+        self.last_fresh_ns = 0
+        self.send_period_ms: int | None = None
+        self.command_period_ms: int | None = None
+        self.drop: SessionDrop | None = None
+        self.refusal = ""
+        self.refusal_joint = 0
+        self.refusal_value = 0.0
+
+    def judge(self, message: MonitoringMessage, receive_ns: int) -> int:
+        """Judge one decoded message, received at receive_ns (CLOCK_MONOTONIC); returns a Disposition as a plain int."""
+        counts = self.counts
+        counts.received += 1
+        self.answer_due = False
+        disposition = self._judge_counter(message.header.sequence_counter)
+        if disposition != _FRESH:
+            return disposition
+        monitor, info, ipo = message.monitor_data, message.connection_info, message.ipo_data
+        if monitor is None or info is None or monitor.measured_joint_position is None:
+            missing = "monitor data" if monitor is None else "connection info" if info is None else "measured position"
+            return self._refuse(f"the message lacks its {missing}")
+        raw_state = info.session_state
+        state = raw_state if 0 <= raw_state <= _COMMANDING_ACTIVE else _IDLE
+        total = sum(monitor.measured_joint_position)
+        if monitor.measured_torque is not None:
+            total += sum(monitor.measured_torque)
+        if monitor.external_torque is not None:
+            total += sum(monitor.external_torque)
+        if monitor.commanded_torque is not None:
+            total += sum(monitor.commanded_torque)
+        if monitor.commanded_joint_position is not None:
+            total += sum(monitor.commanded_joint_position)
+        if ipo is not None and ipo.joint_position is not None:
+            total += sum(ipo.joint_position)
+        elif state >= _COMMANDING_WAIT:
+            return self._refuse(f"the message lacks the IPO position in {name_of(SessionState, state)}")
+        # A sum of finite numbers may overflow, so the sum only raises the suspicion.
+        if not isfinite(total) and self._find_not_finite(message):
+            return int(Disposition.REFUSED)
+        robot = message.robot_info
+        if robot is not None and robot.number_of_joints is not None and robot.number_of_joints != JOINT_COUNT:
+            return self._refuse(f"the robot reports {robot.number_of_joints} joints instead of 7")
+
+        counts.fresh += 1
+        self.last_fresh_ns = receive_ns
+        self.previous_state = self.state
+        self.state_changed = state != self.state
+        self.state = state
+        quality = info.quality
+        self.previous_quality = self.quality
+        self.quality_changed = quality != self.quality
+        self.quality = quality
+        multiplier = info.receive_multiplier or 1
+        self.send_period_ms = info.send_period
+        self.command_period_ms = None if info.send_period is None else info.send_period * multiplier
+        if state != _COMMANDING_ACTIVE:
+            self._stint_broken = True
+        elif self.drop is None and not self._begun:
+            self._stint_broken = False
+        if self._begun and self.drop is None:
+            self._watch(message, info, robot)
+        if state == _IDLE:
+            return _FRESH
+        self._since_answer += 1
+        if self._since_answer >= multiplier:
+            self._since_answer = 0
+            self.answer_due = True
+        return _FRESH
+
+    def begin_motion(self, message: MonitoringMessage) -> None:
+        """From here on the session is watched: call it with the COMMANDING_ACTIVE message the motion starts from.
+
+        Raises ValueError where `obstacle` names one, or when a session was dropped before: a latched session stays so.
+        """
+        hindrance = self.obstacle(message)
+        if self.drop is not None or hindrance is not None:
+            raise ValueError(hindrance or "the session is latched")
+        self._begun = True
+        self._stint_broken = False
+        self._connection_at_begin = message.connection_info
+        self._robot_info_at_begin = message.robot_info or _NO_ROBOT_INFO
+        self._command_mode = (message.ipo_data or _NO_IPO).client_command_mode
+
+    def obstacle(self, message: MonitoringMessage) -> str | None:
+        """Why a motion cannot begin on this fresh message, as a clause for the operator; None when it can."""
+        if self.state != _COMMANDING_ACTIVE:
+            return f"the session is in {name_of(SessionState, self.state)}, not in COMMANDING_ACTIVE"
+        if not _is_good(self.quality):
+            return f"the connection quality is {name_of(ConnectionQuality, self.quality)}, below GOOD"
+        mode = (message.ipo_data or _NO_IPO).client_command_mode
+        if mode is not None and mode != ClientCommandMode.POSITION:
+            return f"the client command mode is {name_of(ClientCommandMode, mode)}, not POSITION"
+        robot = message.robot_info or _NO_ROBOT_INFO
+        if robot.safety_state not in (None, SafetyState.NORMAL_OPERATION):
+            return f"the safety state is {name_of(SafetyState, robot.safety_state)}"
+        joint = _joint_not_driven(robot)
+        if joint:
+            return f"the drive of joint {joint} is {name_of(DriveState, robot.drive_state[joint - 1])}"
+        return None
+
+    @property
+    def may_ramp_down(self) -> bool:
+        """True after a drop for as long as the robot has stayed in the COMMANDING_ACTIVE in which the motion began."""
+        return self.drop is not None and self._begun and not self._stint_broken
+
+    def answer(self, message: MonitoringMessage, position: Sequence[float] | None = None) -> CommandMessage | None:
+        """The command that answers the message just judged FRESH, or None in IDLE (PROTOCOL section 8)."""
+        if self.state == _IDLE:
+            return None
+        header = MessageHeader(COMMAND_IDENTIFIER, self.own_counter, message.header.sequence_counter)
+        chosen = self.answer_position(message, position)
+        return CommandMessage(header, None if chosen is None else CommandData(tuple(chosen)))
+
+    def answer_position(self, message: MonitoringMessage, position: Sequence[float] | None = None) ->
+    Sequence[float] | None:
+        """The joint positions (rad) of the answer; None where it is a bare header, or nothing at all in IDLE.
+
+        position: the seven joint positions the motion wants. They are used in COMMANDING_ACTIVE only, and there
+        only in a session that was begun and whose latch did not fall (or that may still ramp down). Otherwise:
+        COMMANDING_*: the IPO position; MONITORING_*: in 1.x the commanded joint position (a bare header where the
+        robot sent none), in 2.x a bare header.
+        """
+        state = self.state
+        if state >= _COMMANDING_WAIT:
+            if (
+                position is not None
+                and state == _COMMANDING_ACTIVE
+                and self._begun
+                and (self.drop is None or not self._stint_broken)
+            ):
+                return position
+            ipo = message.ipo_data
+            return None if ipo is None else ipo.joint_position
+        monitor = message.monitor_data
+        if state != _IDLE and self._version_1 and monitor is not None:
+            return monitor.commanded_joint_position
+        return None
+
+    def sent(self) -> None:
+        """The answer went out: the own counter moves on."""
+        self.own_counter = (self.own_counter + 1) & _WRAP
+        self.counts.answered += 1
+
+    def note_silence(self, silence_s: float, timeout_s: float) -> None:
+        """No usable message came for the time-out. After it any counter is taken as the robot's new one."""
+        self._resynchronise = True
+        self._latch(DropReason.SILENCE, self.state, silence_s, timeout_s)
+
+    # The robot's counter.
+
+    def _judge_counter(self, counter: int) -> int:
+        step = (counter - self._last_counter) & _WRAP
+        if step == 1 and not self._resynchronise:
+            self._last_counter = counter
+            self._seen = (self._seen << 1 | 1) & _HISTORY_MASK
+            self.gap = 0
+            self._probe_run = 0
+            return _FRESH
+        if self._resynchronise:
+            return self._start_counting(counter)
+        counts = self.counts
+        if 1 < step <= COUNTER_WINDOW:
+            self.gap = step - 1
+            counts.missing += step - 1
+            self._last_counter = counter
+            self._seen = (self._seen << step | 1) & _HISTORY_MASK if step < _HISTORY else 1
+            self._probe_run = 0
+            return _FRESH
+        # Not fresh, unless a run of such messages shows that the robot counts anew.
+        self._probe_run = self._probe_run + 1 if counter == self._probe_counter + 1 & _WRAP else 1
+        self._probe_counter = counter
+        if self._probe_run >= RESTART_RUN:
+            counts.restarts += 1
+            self._stint_broken = True
+            self._latch(DropReason.COUNTER_RESTART, self.state, counter, self._last_counter + 1 & _WRAP)
+            return self._start_counting(counter)
+        back = -step & _WRAP
+        if back > COUNTER_WINDOW:
+            return self._refuse(f"its sequence counter {counter} is far from the last one, {self._last_counter}")
+        if back < _HISTORY:
+            if self._seen >> back & 1:
+                counts.duplicates += 1
+                return int(Disposition.DUPLICATE)
+            self._seen |= 1 << back
+            counts.missing = max(0, counts.missing - 1)
+        counts.stale += 1
+        return int(Disposition.STALE)
+
+    def _start_counting(self, counter: int) -> int:
+        self._resynchronise = False
+        self._last_counter = counter
+        self._seen = _HISTORY_MASK
+        self._probe_run = 0
+        self.gap = 0
+        return _FRESH
+
+    # What is refused.
+
+    def _refuse(self, why: str, joint: int = 0, value: float = 0.0) -> int:
+        self.counts.refused += 1
+        self.refusal, self.refusal_joint, self.refusal_value = why, joint, value
+        return int(Disposition.REFUSED)
+
+    def _find_not_finite(self, message: MonitoringMessage) -> bool:
+        monitor = message.monitor_data
+        ipo = message.ipo_data or _NO_IPO
+        assert monitor is not None
+        for name, values in (
+            ("measured joint position", monitor.measured_joint_position),
+            ("measured torque", monitor.measured_torque),
+            ("external torque", monitor.external_torque),
+            ("commanded torque", monitor.commanded_torque),
+            ("commanded joint position", monitor.commanded_joint_position),
+            ("IPO position", ipo.joint_position),
+        ):
+            for joint, value in enumerate(values or (), start=1):
+                if not isfinite(value):
+                    self._refuse(f"the {name} of joint {joint} is {value}", joint, value)
+                    return True
+        return False
+
+    # The latch.
+
+    def _watch(self, message: MonitoringMessage, info: ConnectionInfo, robot: RobotInfo | None) -> None:
+        begin = self._connection_at_begin
+        state = self.state
+        mode = (message.ipo_data or _NO_IPO).client_command_mode
+        if (
+            state == _COMMANDING_ACTIVE
+            and info == begin
+            and mode == self._command_mode
+            and (robot is None or robot == self._robot_info_at_begin)
+        ):
+            return  # nothing changed, which is what nearly every tick finds
+        now, then = robot or _NO_ROBOT_INFO, self._robot_info_at_begin
+        joint = _joint_not_driven(now)
+        # Causes before consequences: a safety stop also takes the state away.
+        if now.safety_state not in (None, SafetyState.NORMAL_OPERATION):
+            self._latch(DropReason.SAFETY_STOP, state, now.safety_state, SafetyState.NORMAL_OPERATION)
+        elif joint:
+            self._latch(DropReason.DRIVES_OFF, state, now.drive_state[joint - 1], DriveState.ACTIVE, joint)
+        elif _changed(now.operation_mode, then.operation_mode):
+            self._latch(DropReason.OPERATION_MODE, state, now.operation_mode, then.operation_mode)
+        elif not _is_good(info.quality):
+            self._latch(DropReason.QUALITY, state, info.quality, ConnectionQuality.GOOD)
+        elif state == _IDLE:
+            self._latch(DropReason.SESSION_CLOSED, state, state, _COMMANDING_ACTIVE)
+        elif state != _COMMANDING_ACTIVE:
+            self._latch(DropReason.LEFT_COMMANDING_ACTIVE, state, state, _COMMANDING_ACTIVE)
+        elif _changed(mode, self._command_mode):
+            self._latch(DropReason.COMMAND_MODE, state, mode, self._command_mode)
+        elif _changed(now.control_mode, then.control_mode):
+            self._latch(DropReason.CONTROL_MODE, state, now.control_mode, then.control_mode)
+        elif begin is not None and _command_period(info) != _command_period(begin):
+            self._latch(DropReason.PERIOD_CHANGE, state, _command_period(info), _command_period(begin))
+
+    def _latch(self, reason: DropReason, state: int, value: float | None, limit: float | None, joint: int = 0) -> None:
+        if not self._begun or self.drop is not None:
+            return
+        before = self.previous_state if self.state_changed else self.state
+        if reason in (DropReason.SILENCE, DropReason.COUNTER_RESTART):
+            before = self.state
+        self.drop = SessionDrop(
+            reason=reason,
+            state_before=before,
+            state_after=state,
+            cycle=self.counts.fresh,
+            value=float(-1 if value is None else value),
+            limit=float(-1 if limit is None else limit),
+            joint=joint,
+        )
+
+
+def _is_good(quality: int) -> bool:
+    return quality in (ConnectionQuality.GOOD, ConnectionQuality.EXCELLENT)
+
+
+def _changed(now: int | None, then: int | None) -> bool:
+    """A field that the robot stops or starts to send is no change of what it says."""
+    return now is not None and then is not None and now != then
+
+
+def _command_period(info: ConnectionInfo) -> int:
+    return (info.send_period or 0) * (info.receive_multiplier or 1)
+
+
+def _joint_not_driven(robot: RobotInfo) -> int:
+    """The first joint, from 1, whose drive is not ACTIVE; 0 when all are or nothing is known."""
+    for joint, drive in enumerate(robot.drive_state, start=1):
+        if drive != DriveState.ACTIVE:
+            return joint
+    return 0

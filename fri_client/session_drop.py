@@ -1,0 +1,103 @@
+"""Why a motion's session was lost: the reasons, the numbers that belong to each, and the operator's sentence.
+
+Here only the value object; `session` decides when one is made, `loop` puts it into the records and the report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from fri_client.messages import (
+    ClientCommandMode,
+    ConnectionQuality,
+    ControlMode,
+    DriveState,
+    OperationMode,
+    SafetyState,
+    SessionState,
+)
+
+__all__ = ["DropReason", "SessionDrop", "name_of"]
+
+
+class DropReason(IntEnum):
+    """Why the session of a motion was lost."""
+
+    LEFT_COMMANDING_ACTIVE = 1
+    SESSION_CLOSED = 2
+    QUALITY = 3
+    SAFETY_STOP = 4
+    DRIVES_OFF = 5
+    COMMAND_MODE = 6
+    CONTROL_MODE = 7
+    OPERATION_MODE = 8
+    COUNTER_RESTART = 9
+    SILENCE = 10
+    PERIOD_CHANGE = 11
+
+
+@dataclass(frozen=True, slots=True)
+class SessionDrop:
+    """The moment a motion's session was lost; states and numbers as the robot reported them.
+
+    cycle: fresh messages since the session began, counted from 1. value and limit by reason: state now and state
+    needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1) and ACTIVE; mode
+    now and mode at the start; counter and the counter expected; silence in s and the time-out in s; command period
+    in ms now and before.
+    """
+
+    reason: DropReason
+    state_before: int
+    state_after: int
+    cycle: int
+    value: float
+    limit: float
+    joint: int = 0
+
+    def sentence(self) -> str:
+        """Why the session dropped, in one sentence with the numbers."""
+        before, after = name_of(SessionState, self.state_before), name_of(SessionState, self.state_after)
+        value, limit = self.value, self.limit
+        states = f"{before} -> {after}" if before != after else f"still in {after}"
+        match self.reason:
+            case DropReason.LEFT_COMMANDING_ACTIVE:
+                what = f"the robot left {before} for {after}"
+                states = ""
+            case DropReason.SESSION_CLOSED:
+                what = f"the robot closed the session ({before} -> {after})"
+                states = ""
+            case DropReason.QUALITY:
+                what = f"the connection quality fell to {name_of(ConnectionQuality, value)}, below GOOD"
+            case DropReason.SAFETY_STOP:
+                what = f"the robot's safety state became {name_of(SafetyState, value)}"
+            case DropReason.DRIVES_OFF:
+                what = f"the drive of joint {self.joint} became {name_of(DriveState, value)}"
+            case DropReason.COMMAND_MODE:
+                what = (
+                    f"the client command mode changed from {name_of(ClientCommandMode, limit)} "
+                    f"to {name_of(ClientCommandMode, value)}"
+                )
+            case DropReason.CONTROL_MODE:
+                what = f"the control mode changed from {name_of(ControlMode, limit)} to {name_of(ControlMode, value)}"
+            case DropReason.OPERATION_MODE:
+                before, after = name_of(OperationMode, limit), name_of(OperationMode, value)
+                what = f"the operation mode changed from {before} to {after}"
+            case DropReason.COUNTER_RESTART:
+                what = f"the robot's sequence counter restarted at {value:.0f} where {limit:.0f} was expected"
+            case DropReason.SILENCE:
+                what = f"no usable message came for {value:.3g} s (time-out {limit:g} s)"
+            case DropReason.PERIOD_CHANGE:
+                what = f"the command period changed from {limit:g} ms to {value:g} ms"
+        tail = f" ({states})" if states else ""
+        return f"Session dropped at cycle {self.cycle}: {what}{tail}; no command follows by itself."
+
+
+def name_of(kind: type[IntEnum], value: float | None) -> str:
+    """The name of an enumeration's value, the bare number where it has none."""
+    if value is None:
+        return "not reported"
+    try:
+        return kind(int(value)).name
+    except ValueError:
+        return f"{kind.__name__} {int(value)}"
