@@ -255,8 +255,9 @@ class Session:
         chosen = self.answer_position(message, position)
         return CommandMessage(header, None if chosen is None else CommandData(tuple(chosen)))
 
-    def answer_position(self, message: MonitoringMessage, position: Sequence[float] | None = None) ->
-    Sequence[float] | None:
+    def answer_position(
+        self, message: MonitoringMessage, position: Sequence[float] | None = None
+    ) -> Sequence[float] | None:
         """The joint positions (rad) of the answer; None where it is a bare header, or nothing at all in IDLE.
 
         position: the seven joint positions the motion wants. They are used in COMMANDING_ACTIVE only, and there
