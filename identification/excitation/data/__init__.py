@@ -1,0 +1,1 @@
+"""Joint limits and shipped trajectories, read through `importlib.resources`; numbers only."""

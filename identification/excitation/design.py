@@ -1,0 +1,400 @@
+"""The search for an excitation trajectory, problem (13)/(14): seeded starts in stages, best ones refined.
+
+Here: one local search (SLSQP on log cond with exact gradients), the tournament around it over several processes, and
+the verified result. Not here: objective, constraints and their equations, any clock (the caller passes one if a time
+budget shall hold) and any knowledge of collisions (the caller passes a judge). Called by `iiwa-ident design`, the
+demo and benchmarks.
+
+The search runs in the coefficients divided by the joint's velocity limit, in the null space of the corrected (14c).
+Each stage keeps the best part of the one before and searches on from there with more iterations: most starts end in
+poor local optima and show it early.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import DesignError
+from identification.excitation.constraints import (
+    Constraints,
+    PaperConstraints,
+    TrueConstraints,
+    repaired,
+    rest_null_space,
+    verify,
+)
+from identification.excitation.fourier import FourierTrajectory
+from identification.excitation.limits import ExcitationLimits
+from identification.excitation.objective import CRITERIA, BaseMatrix, FourierObjective, achieved_figures
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+_HOPELESS = 1.0e3
+"""Value of the objective where the regressor has lost rank; far above any log cond that can be computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One round of the tournament: the part of all starts that takes part, the SLSQP iterations each one gets, and the
+    share of the time budget after which no further search of this round begins.
+    """
+
+    part: float
+    iterations: int
+    budget_share: float
+
+
+STAGES = (Stage(1.0, 50, 0.6), Stage(0.25, 100, 0.8), Stage(0.08, 400, 0.95))
+
+
+@dataclass(frozen=True, slots=True)
+class DesignSettings:
+    """What to design.
+
+    objective: "cond", "d" or "a". limits: "paper" = (14c-g), corrected; "true" = |q|, |q̇|, |q̈| along the path.
+    budget_s: no new local search begins after this time (needs a clock); without it all starts run, and the result
+    depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
+    offset_rad: centre of each joint's motion, zero by default.
+    """
+
+    objective: str = "cond"
+    harmonics: int = 5
+    period_s: float = 10.0
+    limits: Literal["paper", "true"] = "paper"
+    seed: int = 0
+    budget_s: float | None = None
+    starts: int = 96
+    processes: int = 2
+    samples: int = 100
+    offset_rad: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse settings nothing can be designed for."""
+        if self.objective not in CRITERIA:
+            raise DesignError(f"Unknown objective '{self.objective}'; known are {', '.join(CRITERIA)}.")
+        if self.limits not in ("paper", "true"):
+            raise DesignError(f"Unknown limits '{self.limits}'; known are paper, true.")
+        if not (np.isfinite(self.period_s) and self.period_s > 0.0):
+            raise DesignError(f"The period must be a positive number of seconds, not {self.period_s}.")
+        if self.harmonics < 3 or self.starts < 1 or self.processes < 1:
+            raise DesignError("A design needs at least 3 harmonics, one start and one process.")
+        if self.samples < 4 * self.harmonics:
+            raise DesignError(f"{self.samples} samples cannot resolve {self.harmonics} harmonics; take more.")
+
+
+@dataclass(frozen=True, slots=True)
+class DesignProgress:
+    """One finished local search: stage and start counted from 1, its value and the best so far (cond, or criterion)."""
+
+    stage: int
+    stages: int
+    done: int
+    planned: int
+    start: int
+    value: float
+    best: float
+
+
+@dataclass(frozen=True, slots=True)
+class DesignResult:
+    """The trajectory, its figures at 100 Hz with true sign(), how the search went, and the verification at 1 kHz."""
+
+    trajectory: FourierTrajectory
+    cond: float
+    log_det: float
+    history: tuple[DesignProgress, ...]
+    verified: dict[str, Any] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """All a worker process needs, small and picklable."""
+
+    base: BaseMatrix
+    limits: ExcitationLimits
+    settings: DesignSettings
+    offset: FloatArray
+
+    def constraints(self) -> Constraints:
+        """The set (14) or the true limits, for this problem."""
+        frequency, harmonics = 1.0 / self.settings.period_s, self.settings.harmonics
+        if self.settings.limits == "paper":
+            return PaperConstraints(self.limits, self.offset, frequency, harmonics)
+        return TrueConstraints(self.limits, self.offset, frequency, harmonics, 10 * harmonics)
+
+
+class LocalSearch:
+    """SLSQP from one start: `random_start` draws one, `improve` walks downhill; both return (n, 2 L) coefficients."""
+
+    def __init__(self, problem: _Problem) -> None:
+        settings = problem.settings
+        self._constraints = problem.constraints()
+        self._basis = rest_null_space(settings.harmonics)
+        self._scale = problem.limits.velocity[:, None]
+        self._offset = problem.offset
+        self._objective = FourierObjective(
+            problem.base, settings.objective, 1.0 / settings.period_s, settings.harmonics, settings.samples
+        )
+        self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
+        rows = self._constraints.linear_rows() @ self._basis * self._scale[:, :, None]
+        joints, count, width = rows.shape
+        linear = np.zeros((joints, count, joints, width))
+        linear[np.arange(joints), :, np.arange(joints)] = rows
+        self._linear = linear.reshape(joints * count, joints * width)
+        self._shape = (joints, width)
+
+    def random_start(self, generator: np.random.Generator) -> FloatArray:
+        """Random coefficients at rest at the start, each joint using 60 to 100 % of what its limits allow."""
+        coefficients = generator.normal(size=self._spread.shape) * self._spread
+        coefficients = coefficients @ self._basis @ self._basis.T
+        use = generator.uniform(0.6, 1.0, size=len(coefficients)) / self._constraints.excess(coefficients)
+        start: FloatArray = coefficients * use[:, None]
+        return start
+
+    def improve(self, coefficients: FloatArray, iterations: int) -> tuple[float, FloatArray]:
+        """Best value and coefficients within the iterations, exactly inside the constraints."""
+        start = (coefficients / self._scale) @ self._basis
+        inequality: Any = {"type": "ineq", "fun": self._inequalities, "jac": self._inequality_slopes}
+        found = minimize(
+            self._value,
+            start.ravel(),
+            jac=True,
+            method="SLSQP",
+            constraints=inequality,
+            options={"maxiter": iterations, "ftol": 1e-6},
+        )
+        inside = repaired(self._coefficients(found.x), self._constraints, self._basis)
+        value = float(self._objective(inside, self._offset)[0])
+        return value, inside
+
+    def _coefficients(self, point: FloatArray) -> FloatArray:
+        coefficients: FloatArray = (point.reshape(self._shape) @ self._basis.T) * self._scale
+        return coefficients
+
+    def _value(self, point: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient, _ = self._objective(self._coefficients(point), self._offset)
+        if not np.isfinite(value):
+            return _HOPELESS, np.zeros_like(point)
+        return value, ((gradient * self._scale) @ self._basis).ravel()
+
+    def _inequalities(self, point: FloatArray) -> FloatArray:
+        values, _ = self._constraints.values(self._coefficients(point))
+        linear = self._linear @ point
+        return np.concatenate([values.ravel(), 1.0 - linear, 1.0 + linear])
+
+    def _inequality_slopes(self, point: FloatArray) -> FloatArray:
+        _, slopes = self._constraints.values(self._coefficients(point))
+        own = (slopes * self._scale[:, None, :]) @ self._basis
+        joints, count, width = own.shape
+        full = np.zeros((joints, count, joints, width))
+        full[np.arange(joints), :, np.arange(joints)] = own
+        return np.concatenate([full.reshape(joints * count, joints * width), -self._linear, self._linear])
+
+
+def design_excitation(
+    robot: RobotModel,
+    limits: ExcitationLimits,
+    settings: DesignSettings | None = None,
+    *,
+    progress: Callable[[DesignProgress], None] | None = None,
+    clock: Callable[[], float] | None = None,
+    acceptable: Callable[[FourierTrajectory], bool] | None = None,
+) -> DesignResult:
+    """Design a trajectory for `robot` inside `limits`, problem (14) or with the true limits.
+
+    progress: called in this process after every local search. clock: seconds, e.g. time.monotonic, for `budget_s`.
+    acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned.
+    Raises DesignError when limits and robot do not fit, or no candidate is accepted and verified.
+    """
+    settings = settings or DesignSettings()
+    problem = _problem(robot, limits, settings)
+    began = 0.0 if clock is None else clock()
+    history: list[DesignProgress] = []
+    candidates: dict[int, tuple[float, FloatArray]] = {}
+    with _workers(problem) as run:
+        for number, stage in enumerate(STAGES, start=1):
+            count = max(1, round(stage.part * settings.starts))
+            order: list[int] = (
+                list(range(count))
+                if number == 1
+                else sorted(candidates, key=lambda start: (candidates[start][0], start))[:count]
+            )
+            tasks = [_Task(start, stage.iterations, candidates[start][1] if number > 1 else None) for start in order]
+
+            def may_begin(share: float = stage.budget_share) -> bool:
+                return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
+
+            for done, outcome in enumerate(run(tasks, may_begin), start=1):
+                if outcome.start not in candidates or outcome.value < candidates[outcome.start][0]:
+                    candidates[outcome.start] = (outcome.value, outcome.coefficients)
+                best = min(value for value, _ in candidates.values())
+                shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
+                event = DesignProgress(number, len(STAGES), done, len(tasks), outcome.start + 1, shown[0], shown[1])
+                history.append(event)
+                if progress is not None:
+                    progress(event)
+    return _best_result(robot, problem, candidates, history, acceptable)
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """One local search to run: which start, how long, and from where (None: draw it)."""
+
+    start: int
+    iterations: int
+    coefficients: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    start: int
+    value: float
+    coefficients: FloatArray
+
+
+_Run = Callable[[Sequence[_Task], Callable[[], bool]], Iterator[_Outcome]]
+
+
+def _problem(robot: RobotModel, limits: ExcitationLimits, settings: DesignSettings) -> _Problem:
+    if limits.joints != robot.n:
+        raise DesignError(f"The limits are for {limits.joints} joints, but {robot.name} has {robot.n}.")
+    offset = np.zeros(robot.n) if settings.offset_rad is None else np.array(settings.offset_rad, dtype=np.float64)
+    if offset.shape != (robot.n,) or not np.all(np.isfinite(offset)):
+        raise DesignError(f"The offset needs one finite number for each of the {robot.n} joints.")
+    limits.reach(offset)
+    return _Problem(BaseMatrix(robot), limits, settings, offset)
+
+
+_worker_search: LocalSearch | None = None
+
+
+def _start_worker(problem: _Problem) -> None:
+    global _worker_search
+    _worker_search = LocalSearch(problem)
+
+
+def _work(task: _Task, seed: int) -> _Outcome:
+    assert _worker_search is not None, "worker processes begin with _start_worker"
+    return _perform(_worker_search, task, seed)
+
+
+def _perform(search: LocalSearch, task: _Task, seed: int) -> _Outcome:
+    coefficients = task.coefficients
+    if coefficients is None:
+        coefficients = search.random_start(np.random.default_rng([seed, task.start]))
+    value, found = search.improve(coefficients, task.iterations)
+    return _Outcome(task.start, value, found)
+
+
+@contextmanager
+def _workers(problem: _Problem) -> Iterator[_Run]:
+    """A function that runs tasks here (one process) or in fresh processes, a few at a time, while it may begin more."""
+    settings = problem.settings
+    if settings.processes == 1:
+        search = LocalSearch(problem)
+
+        def run_here(tasks: Sequence[_Task], may_begin: Callable[[], bool]) -> Iterator[_Outcome]:
+            for index, task in enumerate(tasks):
+                # The first of a stage always runs: there is then a result, however short the budget.
+                if index > 0 and not may_begin():
+                    return
+                yield _perform(search, task, settings.seed)
+
+        yield run_here
+        return
+    with (
+        _one_blas_thread_each(),
+        ProcessPoolExecutor(
+            settings.processes,
+            # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_start_worker,
+            initargs=(problem,),
+        ) as executor,
+    ):
+
+        def run_in_processes(tasks: Sequence[_Task], may_begin: Callable[[], bool]) -> Iterator[_Outcome]:
+            waiting = list(reversed(tasks))
+            pending: set[Future[_Outcome]] = set()
+            first = True
+            while waiting or pending:
+                while waiting and len(pending) < settings.processes and (first or may_begin()):
+                    pending.add(executor.submit(_work, waiting.pop(), settings.seed))
+                    first = False
+                if not pending:
+                    return
+                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    yield future.result()
+
+        yield run_in_processes
+
+
+@contextmanager
+def _one_blas_thread_each() -> Iterator[None]:
+    """Children started inside use one BLAS thread each; matrices this small only lose time over more."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _figure(objective: str, achieved: dict[str, float]) -> float:
+    """The achieved value of what was asked for, smaller is better."""
+    return {"cond": achieved["cond"], "d": -achieved["log_det"], "a": achieved["trace_inverse"]}[objective]
+
+
+def _best_result(
+    robot: RobotModel,
+    problem: _Problem,
+    candidates: dict[int, tuple[float, FloatArray]],
+    history: list[DesignProgress],
+    acceptable: Callable[[FourierTrajectory], bool] | None,
+) -> DesignResult:
+    settings, limits = problem.settings, problem.limits
+    regressor = BaseRegressor(robot)
+    ranked: list[tuple[float, int, FourierTrajectory, dict[str, float]]] = []
+    for start, (_, coefficients) in candidates.items():
+        a, b = np.split(coefficients, 2, axis=1)
+        trajectory = FourierTrajectory(1.0 / settings.period_s, a, b, problem.offset, robot.name)
+        achieved = achieved_figures(regressor, trajectory)
+        ranked.append((_figure(settings.objective, achieved), start, trajectory, achieved))
+    # The search smooths sign() and takes few samples; what is promised is ranked by the true figures.
+    for _, start, trajectory, achieved in sorted(ranked, key=lambda entry: entry[:2]):
+        verified = verify(trajectory, limits)
+        if not verified["within_limits" if settings.limits == "true" else "within_paper_limits"]:
+            continue
+        if acceptable is not None and not acceptable(trajectory):
+            continue
+        record = {
+            "limits": limits.to_json(),
+            "achieved": {**achieved, "verified_at_1_khz": verified},
+            "seed": settings.seed,
+            "settings": {**asdict(settings), "start": start + 1, "searches": len(history)},
+        }
+        return DesignResult(
+            replace(trajectory, record=record), achieved["cond"], achieved["log_det"], tuple(history), verified
+        )
+    raise DesignError(
+        f"None of the {len(candidates)} trajectories found is free of collisions and inside the limits; "
+        "tighten the position limits, move the offset or try another seed."
+    )

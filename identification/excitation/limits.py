@@ -1,0 +1,115 @@
+"""Limits an excitation trajectory is designed for: the value object and where its numbers come from.
+
+Here: positions, velocities and accelerations per joint, from the package's table for the iiwa robots or from what a
+URDF states. Not here: the guard's limits with margins (`safety.limits`); callers pass those in as arrays.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import DesignError
+
+if TYPE_CHECKING:
+    from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcitationLimits:
+    """Limits of n joints, each array (n,): position rad, velocity rad/s, acceleration rad/s².
+
+    Acceleration may be infinite where nobody states one. Raises DesignError naming the joint whose numbers are
+    unusable (not finite, or an empty range).
+    """
+
+    position_lower: FloatArray
+    position_upper: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    def __post_init__(self) -> None:
+        """Bring the arrays to float64 and check them once."""
+        names = ("position_lower", "position_upper", "velocity", "acceleration")
+        arrays = [np.array(getattr(self, name), dtype=np.float64) for name in names]
+        n = arrays[0].shape
+        if len(n) != 1 or any(array.shape != n for array in arrays):
+            raise DesignError("the limits must be four arrays with one number for each joint")
+        for name, array in zip(names, arrays, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        for joint in range(n[0]):
+            low, high = arrays[0][joint], arrays[1][joint]
+            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+                raise DesignError(f"joint {joint + 1} has no usable position range: {low:g} to {high:g} rad")
+            if not (np.isfinite(arrays[2][joint]) and arrays[2][joint] > 0.0 and arrays[3][joint] > 0.0):
+                raise DesignError(
+                    f"joint {joint + 1} has no usable velocity or acceleration limit: {arrays[2][joint]:g} rad/s, "
+                    f"{arrays[3][joint]:g} rad/s²"
+                )
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return int(self.position_lower.shape[0])
+
+    def reach(self, offset: FloatArray) -> FloatArray:
+        """Largest symmetric excursion about `offset` (n,) rad that stays in the position range: q_max of (14)."""
+        reach: FloatArray = np.minimum(self.position_upper - offset, offset - self.position_lower)
+        if np.any(reach <= 0.0):
+            joint = int(np.argmin(reach))
+            raise DesignError(
+                f"the offset of joint {joint + 1}, {offset[joint]:g} rad, leaves no room inside its position limits"
+            )
+        return reach
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists for the trajectory file; an infinite acceleration becomes null."""
+        return {
+            "position_lower_rad": self.position_lower.tolist(),
+            "position_upper_rad": self.position_upper.tolist(),
+            "velocity_rad_s": self.velocity.tolist(),
+            "acceleration_rad_s2": [float(x) if np.isfinite(x) else None for x in self.acceleration],
+        }
+
+
+def iiwa_limits(robot: str) -> ExcitationLimits:
+    """Limits of "iiwa14" or "iiwa7" from the package's table (KUKA's published positions and velocities).
+
+    KUKA publishes no accelerations; those are of a public description of the iiwa (see the table).
+    Raises DesignError for any other name.
+    """
+    source = resources.files("identification.excitation.data").joinpath(f"limits_{robot}.csv")
+    if robot not in ("iiwa14", "iiwa7"):
+        raise DesignError(f"no table of limits for robot '{robot}'; give limits, or a URDF that states them")
+    with source.open("r", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    return ExcitationLimits(
+        np.deg2rad(column["position_lower_deg"]),
+        np.deg2rad(column["position_upper_deg"]),
+        np.deg2rad(column["velocity_deg_s"]),
+        column["acceleration_rad_s2"],
+    )
+
+
+def limits_of_robot(robot: RobotModel) -> ExcitationLimits:
+    """The table for an iiwa by name, else the URDF's positions and velocities (acceleration unlimited).
+
+    Raises DesignError naming the first joint whose URDF states no usable limit.
+    """
+    if robot.name in ("iiwa14", "iiwa7"):
+        return iiwa_limits(robot.name)
+    return ExcitationLimits(
+        np.asarray(robot.position_lower, dtype=np.float64),
+        np.asarray(robot.position_upper, dtype=np.float64),
+        np.asarray(robot.velocity, dtype=np.float64),
+        np.full(robot.n, np.inf),
+    )

@@ -1,0 +1,261 @@
+"""Reference trajectories without a Fourier series: fifth-order polynomials between waypoints, and sine series.
+
+Here: the two value objects of section 4.6, closed so that they can be run over and over. Not here: how waypoints and
+sines are chosen (`reference`). Read from files by `trajectory_files`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import TrajectoryError
+from identification.excitation.fourier import FORMAT, number, number_table, samples_per_period, trajectory_error
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def quintic(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The rest-to-rest step 10 s³ - 15 s⁴ + 6 s⁵ of section 4.6 and its first two derivatives in s ∈ [0, 1]."""
+    return (
+        share**3 * (10.0 - 15.0 * share + 6.0 * share**2),
+        30.0 * share**2 * (1.0 - share) ** 2,
+        60.0 * share * (1.0 - share) * (1.0 - 2.0 * share),
+    )
+
+
+PEAK_STEP_VELOCITY = 15.0 / 8.0
+"""Largest first derivative of the rest-to-rest step, at s = 1/2."""
+PEAK_STEP_ACCELERATION = 10.0 / np.sqrt(3.0)
+"""Largest second derivative of the rest-to-rest step, at s = 1/2 ± √3/6."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolynomialTrajectory:
+    """Rest-to-rest fifth-order polynomials through waypoints, section 4.6 with D^k - D^(k-1) in place of D^k.
+
+    duration_s: (K,) lengths T^k of the intervals in s. waypoints: (K + 1, n) rad; the last equals the first, so that
+    periods follow each other without a jump. record: as in FourierTrajectory. Raises TrajectoryError otherwise.
+    """
+
+    duration_s: FloatArray
+    waypoints: FloatArray
+    robot: str = ""
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Bring the arrays to float64 and check them once."""
+        duration = np.array(self.duration_s, dtype=np.float64)
+        waypoints = np.array(self.waypoints, dtype=np.float64)
+        if duration.ndim != 1 or len(duration) == 0 or not np.all(np.isfinite(duration) & (duration > 0.0)):
+            raise TrajectoryError("the field 'duration_s' must hold positive numbers", field="duration_s")
+        if waypoints.ndim != 2 or len(waypoints) != len(duration) + 1 or not np.all(np.isfinite(waypoints)):
+            raise TrajectoryError(
+                f"the field 'waypoints' must hold {len(duration) + 1} rows of finite numbers", field="waypoints"
+            )
+        if not np.allclose(waypoints[0], waypoints[-1], rtol=0.0, atol=1e-12):
+            raise TrajectoryError("the last waypoint must equal the first, so that periods join", field="waypoints")
+        for name, array in (("duration_s", duration), ("waypoints", waypoints)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return int(self.waypoints.shape[1])
+
+    @property
+    def period_s(self) -> float:
+        """Length of one period in s, Σ T^k."""
+        return float(np.sum(self.duration_s))
+
+    def evaluate(self, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, q̇, q̈ at the given times (taken modulo the period), each (S, n)."""
+        ends = np.cumsum(self.duration_s)
+        time = np.mod(np.atleast_1d(np.asarray(time_s, dtype=np.float64)), ends[-1])
+        k = np.minimum(np.searchsorted(ends, time, side="right"), len(ends) - 1)
+        length = self.duration_s[k][:, None]
+        share = np.clip((time - (ends[k] - self.duration_s[k]))[:, None] / length, 0.0, 1.0)
+        step = self.waypoints[k + 1] - self.waypoints[k]
+        position, velocity, acceleration = quintic(share)
+        return self.waypoints[k] + position * step, velocity * step / length, acceleration * step / length**2
+
+    def table(self, rate_hz: float = 1000.0) -> FloatArray:
+        """Positions of exactly one period, (rate · T, n) rad."""
+        count = samples_per_period(self.period_s, rate_hz)
+        return self.evaluate(np.arange(count) * (self.period_s / count))[0]
+
+    def scaled(self, amplitude: float) -> PolynomialTrajectory:
+        """The same path with its amplitude about its first waypoint multiplied."""
+        _check_amplitude(amplitude)
+        start = self.waypoints[0]
+        return replace(self, waypoints=start + amplitude * (self.waypoints - start))
+
+    def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
+        """The file's content (`iiwa-ident/trajectory/1`, kind polynomial)."""
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "kind": "polynomial",
+            "robot": self.robot,
+            "duration_s": self.duration_s.tolist(),
+            "waypoints": self.waypoints.tolist(),
+            **self.record,
+        }
+        if table_rate_hz is not None:
+            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
+        return document
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], *, file: str = "") -> PolynomialTrajectory:
+        """Read what `to_json` wrote. Raises TrajectoryError naming the field."""
+        duration = number_table(document, "duration_s", file, dimensions=1)
+        waypoints = number_table(document, "waypoints", file)
+        try:
+            return cls(duration, waypoints, str(document.get("robot", "")), _record(document))
+        except TrajectoryError as error:
+            raise trajectory_error(str(error), error.field or "", file) from error
+
+
+@dataclass(frozen=True, slots=True)
+class SineSeriesTrajectory:
+    """q_i(t) = offset_i + Σ_l a_il sin(b_il t), section 4.6, for `duration_s`, then a smooth way back in `return_s`.
+
+    amplitude a: (n, L) rad; angular_frequency b: (n, L) rad/s, not multiples of anything; offset: (n,) rad. The way
+    back is the fifth-order polynomial that joins position, velocity and acceleration at both ends, so periods follow
+    each other without a jump. record: as in FourierTrajectory. Raises TrajectoryError on unusable numbers.
+    """
+
+    amplitude: FloatArray
+    angular_frequency: FloatArray
+    offset: FloatArray
+    duration_s: float
+    return_s: float
+    robot: str = ""
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Bring the arrays to float64 and check them once."""
+        for name in ("amplitude", "angular_frequency", "offset"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.size == 0 or not np.all(np.isfinite(array)):
+                raise TrajectoryError(f"the field '{name}' must hold finite numbers", field=name)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.amplitude.ndim != 2 or self.amplitude.shape != self.angular_frequency.shape:
+            raise TrajectoryError("'amplitude' and 'angular_frequency' differ in shape", field="amplitude")
+        if self.offset.shape != self.amplitude.shape[:1]:
+            raise TrajectoryError("the field 'offset' needs one number for each joint", field="offset")
+        if not (np.isfinite(self.duration_s + self.return_s) and self.duration_s > 0.0 and self.return_s > 0.0):
+            raise TrajectoryError("'duration_s' and 'return_s' must be positive numbers", field="duration_s")
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return int(self.amplitude.shape[0])
+
+    @property
+    def period_s(self) -> float:
+        """Length of one period in s, with the way back."""
+        return self.duration_s + self.return_s
+
+    def evaluate(self, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, q̇, q̈ at the given times (taken modulo the period), each (S, n)."""
+        time = np.mod(np.atleast_1d(np.asarray(time_s, dtype=np.float64)), self.period_s)
+        q, dq, ddq = self._sines(np.minimum(time, self.duration_s))
+        back = time > self.duration_s
+        if np.any(back):
+            start, end = self._sines(np.array([self.duration_s])), self._sines(np.array([0.0]))
+            way = _hermite(time[back] - self.duration_s, self.return_s, start, end)
+            q[back], dq[back], ddq[back] = way
+        return q + self.offset, dq, ddq
+
+    def table(self, rate_hz: float = 1000.0) -> FloatArray:
+        """Positions of exactly one period, (rate · T, n) rad."""
+        count = samples_per_period(self.period_s, rate_hz)
+        return self.evaluate(np.arange(count) * (self.period_s / count))[0]
+
+    def scaled(self, amplitude: float) -> SineSeriesTrajectory:
+        """The same path with its amplitude about its offset multiplied."""
+        _check_amplitude(amplitude)
+        return replace(self, amplitude=self.amplitude * amplitude)
+
+    def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
+        """The file's content (`iiwa-ident/trajectory/1`, kind sine_series)."""
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "kind": "sine_series",
+            "robot": self.robot,
+            "amplitude": self.amplitude.tolist(),
+            "angular_frequency": self.angular_frequency.tolist(),
+            "offset": self.offset.tolist(),
+            "duration_s": self.duration_s,
+            "return_s": self.return_s,
+            **self.record,
+        }
+        if table_rate_hz is not None:
+            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
+        return document
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], *, file: str = "") -> SineSeriesTrajectory:
+        """Read what `to_json` wrote. Raises TrajectoryError naming the field."""
+        duration, way_back = number(document, "duration_s", file), number(document, "return_s", file)
+        amplitude = number_table(document, "amplitude", file)
+        frequency = number_table(document, "angular_frequency", file)
+        offset = number_table(document, "offset", file, dimensions=1)
+        try:
+            robot = str(document.get("robot", ""))
+            return cls(amplitude, frequency, offset, duration, way_back, robot, _record(document))
+        except TrajectoryError as error:
+            raise trajectory_error(str(error), error.field or "", file) from error
+
+    def _sines(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        phase = time[:, None, None] * self.angular_frequency
+        sin, cos = np.sin(phase), np.cos(phase)
+        a, b = self.amplitude, self.angular_frequency
+        return np.sum(a * sin, axis=2), np.sum(a * b * cos, axis=2), -np.sum(a * b * b * sin, axis=2)
+
+
+def _hermite(
+    time: FloatArray,
+    duration: float,
+    start: tuple[FloatArray, FloatArray, FloatArray],
+    end: tuple[FloatArray, FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Fifth-order polynomial between two states (q, q̇, q̈), each (1, n), at times (S,) since the first one."""
+    powers = np.arange(6)
+    boundary = np.zeros((6, 6))
+    for row, (at, order) in enumerate(((0.0, 0), (0.0, 1), (0.0, 2), (1.0, 0), (1.0, 1), (1.0, 2))):
+        boundary[row] = _falling(powers, order) * np.where(powers >= order, at ** np.maximum(powers - order, 0), 0.0)
+    scale = duration ** np.array([0, 1, 2, 0, 1, 2])
+    states = np.concatenate([*start, *end]) * scale[:, None]
+    coefficients = np.linalg.solve(boundary, states)
+    share = (time / duration)[:, None]
+    q, dq, ddq = (
+        (_falling(powers, order) * np.where(powers >= order, share ** np.maximum(powers - order, 0), 0.0))
+        @ coefficients
+        / duration**order
+        for order in range(3)
+    )
+    return q, dq, ddq
+
+
+def _falling(powers: npt.NDArray[np.int64], order: int) -> FloatArray:
+    """K (k-1) … (k-order+1), the factor that differentiating t^k leaves."""
+    factor = np.ones(len(powers))
+    for i in range(order):
+        factor = factor * (powers - i)
+    return factor
+
+
+def _record(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: document[key] for key in ("limits", "achieved", "seed", "settings", "note") if key in document}
+
+
+def _check_amplitude(amplitude: float) -> None:
+    if not (np.isfinite(amplitude) and amplitude > 0.0):
+        raise TrajectoryError(f"the amplitude must be a positive number, not {amplitude}", field="amplitude")
