@@ -164,6 +164,11 @@ class MotionProgram:
         return max(0, self._on_path - self._lead_in) // len(self._path)
 
     @property
+    def commanded(self) -> bool:
+        """True once a command of this motion was asked for."""
+        return bool(self._last)
+
+    @property
     def moving(self) -> bool:
         """True while the commands move the arm."""
         return _START_RAMP <= self.phase <= _STOP_RAMP
