@@ -283,6 +283,15 @@ class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finishe
     bytes: int
 
 
+class RecorderTrouble(Message, frozen=True, kw_only=True, tag="recorder_trouble"):
+    """The disk refused for now; nothing is lost yet. reserve_opened: the room set aside for this was given back."""
+
+    part: int
+    sentence: str
+    errno: int | None
+    reserve_opened: bool
+
+
 class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
     """The disk refused. Samples from `first_unwritten_index` on are not in the file."""
 
@@ -300,7 +309,9 @@ class WorkerProgress(Message, frozen=True, kw_only=True, tag="worker_progress"):
     status: WorkerStatus
 
 
-ControlMessage: TypeAlias = RecorderReady | RecorderProgress | RecorderFinished | RecorderFailed | WorkerProgress
+ControlMessage: TypeAlias = (
+    RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed | WorkerProgress
+)
 
 _encoder = msgspec.json.Encoder()
 _control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)

@@ -1,0 +1,50 @@
+"""The sentence for each event of the loop, with its numbers; for the log and for the operator's screen."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from fri_client.handover import EventCode, HandoverRecord
+from fri_client.messages import ConnectionQuality, SessionState
+from fri_client.motion import MotionPhase
+
+__all__ = ["event_sentence"]
+
+
+def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
+    """One sentence for the record's event; `loop_reason` is the loop's own sentence, used for stops and drops."""
+    code, value, limit = record.event_code, record.event_value, record.event_limit
+    if code == EventCode.STATE_CHANGE:
+        return f"The session went from {_name(SessionState, value)} to {_name(SessionState, limit)}."
+    if code == EventCode.PHASE_CHANGE:
+        return f"The motion went from {_name(MotionPhase, value)} to {_name(MotionPhase, limit)}."
+    if code == EventCode.QUALITY_CHANGE:
+        return (
+            f"The connection quality went from {_name(ConnectionQuality, value)} to {_name(ConnectionQuality, limit)}."
+        )
+    if code == EventCode.GAP:
+        return f"{value:.0f} monitoring messages are missing before sample {record.index}."
+    if code == EventCode.REFUSED:
+        joint = f" of joint {record.event_joint}" if record.event_joint else ""
+        return f"Sample {record.index} was refused: the value {value:g}{joint} cannot be used."
+    if code == EventCode.SILENCE:
+        return f"No monitoring message came for {value:.3g} s (limit {limit:.3g} s)."
+    if code == EventCode.STANDSTILL_CONFIRMED:
+        return f"The arm stands still: positions stayed within {value:.2e} rad (limit {limit:.2e} rad)."
+    if code == EventCode.STANDSTILL_NOT_CONFIRMED:
+        return f"Standstill is NOT confirmed: positions spread over {value:.2e} rad (limit {limit:.2e} rad)."
+    if loop_reason:
+        return loop_reason
+    try:
+        name = EventCode(code).name
+    except ValueError:
+        name = f"event {code}"
+    joint = f", joint {record.event_joint}" if record.event_joint else ""
+    return f"{name}{joint}: value {value:g}, limit {limit:g}."
+
+
+def _name(kind: type[IntEnum], value: float) -> str:
+    try:
+        return kind(int(value)).name
+    except (ValueError, OverflowError):
+        return f"{value:g}"

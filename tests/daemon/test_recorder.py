@@ -1,0 +1,342 @@
+"""Claims about the recorder: what was pushed into the ring stands in the file, whoever is killed and whatever is full.
+
+Truth: the counters and values this test pushed, read back by rosbags and by the mcap library's own reader.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from daemon.api import (
+    ControlMessage,
+    RecorderFailed,
+    RecorderFinished,
+    RecorderProgress,
+    RecorderReady,
+    RecorderTrouble,
+    write_json,
+)
+from daemon.errors import LogIOError
+from daemon.log.recover import recover_log
+from daemon.log.stream import PatientFile
+from daemon.recorder import Recorder
+from fri_client.handover import EventCode, HandoverRing
+
+from .producer import Producer, make_job
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def read_states(path: Path) -> list[Any]:
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/fri/state"]
+        return [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+
+
+def read_events(path: Path) -> list[Any]:
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/run/events"]
+        return [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+
+
+@pytest.fixture
+def ring() -> Any:
+    handover = HandoverRing.create(4096)
+    yield handover
+    handover.close()
+
+
+def record_all(folder: Path, ring: HandoverRing, **changes: object) -> list[ControlMessage]:
+    said: list[ControlMessage] = []
+    ring.finish()
+    assert Recorder(make_job(folder, **changes), HandoverRing.attach(ring.fd), said.append).run() == 0
+    return said
+
+
+def test_every_pushed_sample_stands_in_the_file_with_its_labels(tmp_path: Path, ring: HandoverRing) -> None:
+    producer = Producer(ring)
+    assert producer.push(250) == 250
+    said = record_all(tmp_path, ring)
+    states = read_states(tmp_path / "recording.mcap")
+    assert [state.sequence_counter for state in states] == list(range(100, 350))
+    assert [state.sample_index for state in states] == list(range(250))
+    assert [state.period for state in states] == [index // 100 for index in range(250)]
+    assert [state.sample_in_period for state in states] == [index % 100 for index in range(250)]
+    assert all(state.host_receive_time_ns > 1_500_000_000_000_000_000 for state in states)
+    assert all(state.host_send_time_ns - state.host_receive_time_ns == 50_000 for state in states)
+    assert isinstance(said[0], RecorderReady)
+    end = said[-1]
+    assert isinstance(end, RecorderFinished)
+    assert (end.samples, end.counted, end.sequence_gaps, end.handover_gaps) == (250, 250, 0, 0)
+    assert (end.first_index, end.last_index, end.samples_in_periods) == (0, 249, 250)
+    assert ring.backlog == 0
+
+
+def test_a_hole_in_the_robots_counter_and_one_in_the_ring_are_told_apart(tmp_path: Path) -> None:
+    ring = HandoverRing.create(64)
+    producer = Producer(ring)
+    producer.push(10)
+    producer.push(10, skip=5)
+    assert producer.push(60) == 44
+    consumer = HandoverRing.attach(ring.fd)
+    said: list[ControlMessage] = []
+    recorder = Recorder(make_job(tmp_path), consumer, said.append)
+    for record in consumer.read_batch():
+        recorder.take(record)
+    consumer.release()
+    producer.push(3)
+    ring.finish()
+    recorder.run()
+    end = said[-1]
+    assert isinstance(end, RecorderFinished)
+    assert end.handover_gaps == 16
+    # What found the ring full is missing in the robot's counter too: 5 on the wire, 16 in the hand-over.
+    assert end.sequence_gaps == 5 + 16
+    assert end.samples == 10 + 10 + 44 + 3
+    ring.close()
+
+
+def test_duplicates_garbage_and_events_are_kept_and_flagged(tmp_path: Path, ring: HandoverRing) -> None:
+    producer = Producer(ring)
+    producer.push(5)
+    producer.push(1, disposition=1)
+    producer.push(1, disposition=2)
+    producer.push_garbage(b"\xde\xad\xbe\xef")
+    producer.push_event(EventCode.STATE_CHANGE, 2, 3)
+    ring.publish_reason("Joint 4 is commanded to 2.1 rad, its limit is 2.09 rad.")
+    producer.push(1, event=int(EventCode.GUARD))
+    said = record_all(tmp_path, ring)
+    states = read_states(tmp_path / "recording.mcap")
+    assert [state.duplicate for state in states] == [False] * 5 + [True, False, False]
+    assert [state.out_of_order for state in states] == [False] * 6 + [True, False]
+    events = {event.name: event for event in read_events(tmp_path / "recording.mcap")}
+    assert "deadbeef" in events["UNDECODABLE"].sentence
+    assert events["STATE_CHANGE"].sentence == "The session went from MONITORING_READY to COMMANDING_WAIT."
+    assert events["GUARD"].sentence.startswith("Joint 4")
+    end = said[-1]
+    assert isinstance(end, RecorderFinished)
+    assert (end.undecodable, end.sequence_gaps) == (1, 0)
+
+
+def test_the_file_carries_request_table_trajectory_and_host(tmp_path: Path, ring: HandoverRing) -> None:
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text("<robot name='iiwa'/>")
+    Producer(ring).push(1)
+    record_all(tmp_path, ring, urdf_file=str(urdf), seed=7, tool="none")
+    with (tmp_path / "recording.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        names = {each.name for each in reader.iter_attachments()}
+        metadata = {each.name: each.metadata for each in reader.iter_metadata()}["iiwa_ident"]
+        topics = {channel.topic for _, channel, _ in reader.iter_messages()}
+    assert names == {"request.json", "host_report.json", "trajectory.json", "table.npy", "robot.urdf"}
+    for key in (
+        "run_id",
+        "robot",
+        "fri_version",
+        "send_period_ms",
+        "period_s",
+        "periods",
+        "samples_per_period",
+        "tool",
+    ):
+        assert metadata[key], key
+    for key in ("software_version", "torque_sign_convention", "schema_version", "seed"):
+        assert metadata[key], key
+    assert metadata["period_s"] == "0.1"
+    assert metadata["samples_per_period"] == "100"
+    assert "/robot_description" in topics
+
+
+def start_process(job: Any, ring: HandoverRing) -> subprocess.Popen[bytes]:
+    file = Path(job.path).with_suffix(".job.json")
+    write_json(file, job)
+    return subprocess.Popen(
+        [sys.executable, "-m", "daemon.recorder", "--request", str(file), "--ring-fd", str(ring.fd)],
+        pass_fds=(ring.fd,),
+        cwd=REPOSITORY,
+        stderr=subprocess.PIPE,
+    )
+
+
+def wait_until(condition: Any, patience_s: float = 60.0) -> None:
+    end = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def test_killed_at_any_moment_nothing_is_lost_between_its_file_and_the_ring(tmp_path: Path, ring: HandoverRing) -> None:
+    producer = Producer(ring)
+    process = start_process(make_job(tmp_path), ring)
+    wait_until(lambda: (tmp_path / "recording.mcap").exists())
+    while ring.backlog or producer.sent < 900:
+        if producer.sent < 900:
+            producer.push(30)
+        time.sleep(0.01)
+    producer.push(200)
+    time.sleep(0.03)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    producer.push(50)
+    ring.finish()
+    second = start_process(make_job(tmp_path, part=1), ring)
+    assert second.wait(60) == 0
+    report = recover_log(tmp_path / "recording.mcap")
+    found = {state.sample_index for state in read_states(report.recovered)}
+    found |= {state.sample_index for state in read_states(tmp_path / "recording.part1.mcap")}
+    assert found == set(range(producer.sent))
+
+
+def test_a_stop_signal_does_not_end_the_recording(tmp_path: Path, ring: HandoverRing) -> None:
+    producer = Producer(ring)
+    process = start_process(make_job(tmp_path), ring)
+    wait_until(lambda: (tmp_path / "recording.mcap").exists())
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)
+    producer.push(20)
+    ring.finish()
+    assert process.wait(60) == 0
+    assert len(read_states(tmp_path / "recording.mcap")) == 20
+
+
+class FullDisk:
+    """Lets `room` bytes through to the real disk, then says it is full; the reserve, given back, adds room."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+        self.room = room
+        real = os.pwrite
+
+        def pwrite(descriptor: int, data: Any, offset: int) -> int:
+            if len(data) > self.room:
+                raise OSError(28, "No space left on device")
+            self.room -= len(data)
+            return real(descriptor, data, offset)
+
+        monkeypatch.setattr("daemon.log.stream.os.pwrite", pwrite)
+
+
+def test_a_disk_that_stays_full_is_reported_and_the_ring_keeps_the_rest(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.recorder.DISK_PATIENCE_S", 0.2)
+    monkeypatch.setattr("daemon.recorder.RETRY_S", 0.01)
+    Producer(ring).push(300)
+    said: list[ControlMessage] = []
+    recorder = Recorder(make_job(tmp_path), HandoverRing.attach(ring.fd), said.append)
+    FullDisk(monkeypatch, 100)
+    ring.finish()
+    assert recorder.run() == 74
+    assert any(isinstance(each, RecorderTrouble) and each.reserve_opened for each in said)
+    failed = said[-1]
+    assert isinstance(failed, RecorderFailed)
+    assert (failed.errno, failed.first_unwritten_index) == (28, 0)
+    assert ring.backlog == 300
+    monkeypatch.undo()
+    rescue: list[ControlMessage] = []
+    assert Recorder(make_job(tmp_path, part=1), HandoverRing.attach(ring.fd), rescue.append).run() == 0
+    assert len(read_states(tmp_path / "recording.part1.mcap")) == 300
+
+
+def test_a_disk_without_room_for_the_reserve_is_said_before_anything_moves(tmp_path: Path, ring: HandoverRing) -> None:
+    """A limit on file size set by the kernel for a real process: the reserve cannot be allocated."""
+    Producer(ring).push(10)
+    file = tmp_path / "job.json"
+    write_json(file, make_job(tmp_path))
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536));"
+        "from daemon.recorder import main; sys.exit(main(sys.argv[1:]))"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", code, "--request", str(file), "--ring-fd", str(ring.fd)],
+        pass_fds=(ring.fd,),
+        cwd=REPOSITORY,
+        capture_output=True,
+        check=False,
+        timeout=60,
+    )
+    assert process.returncode == 74
+    assert b"File too large" in process.stderr
+    assert ring.backlog == 10
+
+
+def test_a_really_full_file_system_ends_in_a_whole_file_thanks_to_the_reserve(tmp_path: Path) -> None:
+    """A tmpfs of 9 MiB of which another program takes everything but the reserve; in a mount namespace of its own."""
+    ring = HandoverRing.create(4096)
+    Producer(ring).push(3000)
+    ring.finish()
+    job = make_job(tmp_path)
+    small = tmp_path / "small"
+    small.mkdir()
+    file = tmp_path / "job.json"
+    write_json(file, msgspec.structs.replace(job, path=str(small / "recording.mcap")))
+    code = (
+        "import sys; from pathlib import Path; from daemon import recorder; small = Path(sys.argv.pop(1))\n"
+        "begin = recorder.Recorder.run\n"
+        "def run(self):\n"
+        "    with open(small / 'other', 'wb', buffering=0) as stream:\n"
+        "        try:\n"
+        "            while stream.write(bytes(4096)): pass\n"
+        "        except OSError: pass\n"
+        "    code = begin(self); (small / 'other').unlink(); return code\n"
+        "recorder.Recorder.run = run; sys.exit(recorder.main(sys.argv[1:]))"
+    )
+    out = tmp_path / "out.mcap"
+    script = (
+        f"mount -t tmpfs -o size=9m none {small} && "
+        f'{sys.executable} -c "$CODE" {small} --request {file} --ring-fd {ring.fd}; '
+        f"code=$?; cp {small}/recording.mcap {out}; exit $code"
+    )
+    process = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script],
+        pass_fds=(ring.fd,),
+        cwd=REPOSITORY,
+        env={**os.environ, "CODE": code},
+        capture_output=True,
+        check=False,
+        timeout=120,
+        text=True,
+    )
+    if "unshare" in process.stderr or "mount:" in process.stderr:
+        pytest.skip(f"no mount namespace of our own on this machine: {process.stderr.strip()}")
+    assert process.returncode == 0, process.stderr
+    assert len(read_states(out)) == 3000
+    assert "DISK_TROUBLE" in {event.name for event in read_events(out)}
+    ring.close()
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_anything_moves(tmp_path: Path, ring: HandoverRing) -> None:
+    job = make_job(tmp_path)
+    absent = msgspec.structs.replace(job, path=str(tmp_path / "no such folder" / "recording.mcap"))
+    with pytest.raises(LogIOError) as caught:
+        Recorder(absent, ring, [].append)
+    assert caught.value.exit_code == 74
+    (tmp_path / "recording.mcap").write_bytes(b"precious")
+    with pytest.raises(LogIOError):
+        Recorder(job, ring, [].append)
+    assert [each.name for each in tmp_path.iterdir() if each.name.startswith(".")] == []
+
+
+def test_progress_tells_what_is_in_the_file(tmp_path: Path, ring: HandoverRing) -> None:
+    Producer(ring).push(40)
+    said = record_all(tmp_path, ring)
+    progress = [each for each in said if isinstance(each, RecorderProgress)]
+    assert progress
+    assert progress[-1].samples == 40
+
+
+def test_a_patient_file_is_not_created_over_another(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"x")
+    with pytest.raises(LogIOError):
+        PatientFile(tmp_path / "a")

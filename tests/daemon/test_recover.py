@@ -1,0 +1,200 @@
+"""Claims about recovery: a log cut anywhere gives back every complete chunk, opens with other libraries, and the
+original keeps every byte.
+
+Truth: what the mcap library's own low-level reader finds in the uncut file, chunk by chunk.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+
+from daemon.errors import BadLogError, MissingInputError
+from daemon.log.recover import recover_log
+from daemon.recorder import Recorder
+from fri_client.handover import EventCode, HandoverRing
+
+from .producer import Producer, make_job
+
+SAMPLES = 400
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp("whole")
+    ring = HandoverRing.create(1024)
+    producer = Producer(ring)
+    producer.push(SAMPLES // 2)
+    producer.push_event(EventCode.GAP, 3)
+    producer.push(SAMPLES // 2, skip=3)
+    ring.finish()
+    job = make_job(folder)
+    assert Recorder(job, HandoverRing.attach(ring.fd), [].append).run() == 0
+    ring.close()
+    return Path(job.path).read_bytes()
+
+
+@pytest.fixture(scope="module")
+def chunk_ends(log: bytes, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[int, int]]:
+    """(byte behind the chunk, samples up to there), found with the library's reader on growing prefixes."""
+    ends = []
+    samples = 0
+    file = tmp_path_factory.mktemp("chunks") / "log.mcap"
+    file.write_bytes(log)
+    with file.open("rb") as stream:
+        reader = StreamReader(stream, emit_chunks=True)
+        channels: dict[int, str] = {}
+        for record in reader.records:
+            if isinstance(record, Chunk):
+                for inner in breakup_chunk(record):
+                    if hasattr(inner, "topic"):
+                        channels[inner.id] = inner.topic
+                    elif hasattr(inner, "channel_id"):
+                        samples += channels[inner.channel_id] == "/fri/state"
+                ends.append((stream.tell(), samples))
+    return ends
+
+
+def counters(path: Path) -> list[int]:
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/fri/state"]
+        messages: list[Any] = [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+    return [message.sequence_counter for message in messages]
+
+
+EXPECTED = [*range(100, 300), *range(303, 503)]
+
+
+def test_a_whole_log_is_left_alone(log: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "recording.mcap"
+    file.write_bytes(log)
+    report = recover_log(file)
+    assert report.whole
+    assert report.recovered == file
+    assert (report.samples, report.missing, report.missing_in_handover) == (SAMPLES, 3, 0)
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_the_log_has_enough_chunks_to_be_cut(chunk_ends: list[tuple[int, int]]) -> None:
+    assert len(chunk_ends) >= 5
+    assert chunk_ends[-1][1] == SAMPLES
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_cut_at_any_byte_keeps_every_complete_chunk(
+    log: bytes, chunk_ends: list[tuple[int, int]], tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    cut = data.draw(st.integers(0, len(log) - 1))
+    folder = tmp_path_factory.mktemp("cut")
+    file = folder / "recording.mcap"
+    file.write_bytes(log[:cut])
+    owed = max((samples for end, samples in chunk_ends if end <= cut), default=0)
+    # The library may have read a record header ahead; a chunk that ends within it is still owed only when complete.
+    try:
+        report = recover_log(file)
+    except BadLogError:
+        assert owed == 0
+        return
+    assert report.samples >= owed
+    assert not report.whole
+    found = counters(report.recovered) if report.samples else []
+    assert found == EXPECTED[: len(found)]
+    assert len(found) == report.samples
+    assert file.read_bytes() == log[:cut]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_the_partial_last_chunk_gives_its_first_messages_where_its_compression_allows(
+    log: bytes, tmp_path: Path, compression: CompressionType
+) -> None:
+    """One chunk of default size, as other recorders write it; zstd gives back whole blocks of 128 KiB only."""
+    whole = tmp_path / "whole.mcap"
+    with whole.open("wb") as stream:
+        writer: Any = Writer(stream, compression=compression)
+        writer.start("ros2")
+        schema = writer.register_schema("iiwa_ident_msgs/msg/FriState", "ros2msg", b"")
+        channel = writer.register_channel("/fri/state", "cdr", schema)
+        for _, _, message in make_reader(io.BytesIO(log)).iter_messages("/fri/state"):
+            writer.add_message(channel, message.log_time, message.data, message.publish_time)
+        writer.finish()
+    gained = []
+    summary = make_reader(io.BytesIO(whole.read_bytes())).get_summary()
+    assert summary is not None
+    (chunk,) = summary.chunk_indexes
+    for part in (0.5, 0.8, 0.97):
+        file = tmp_path / f"{part}.mcap"
+        file.write_bytes(whole.read_bytes()[: chunk.chunk_start_offset + int(part * chunk.chunk_length)])
+        try:
+            gained.append(recover_log(file).samples)
+        except BadLogError:
+            gained.append(0)
+    assert 0 < gained[-1] < SAMPLES
+    assert gained == sorted(gained)
+
+
+def test_what_is_missing_is_said_by_the_counters(log: bytes, chunk_ends: list[tuple[int, int]], tmp_path: Path) -> None:
+    file = tmp_path / "recording.mcap"
+    file.write_bytes(log[: chunk_ends[-2][0]])
+    report = recover_log(file)
+    assert report.first_counter == 100
+    assert report.missing == 3
+    text = " ".join(report.sentences)
+    assert "100" in text
+    assert str(report.last_counter) in text
+    assert report.recovered.name == "recording.recovered.mcap"
+
+
+def test_attachments_and_metadata_survive(log: bytes, chunk_ends: list[tuple[int, int]], tmp_path: Path) -> None:
+    file = tmp_path / "recording.mcap"
+    file.write_bytes(log[: chunk_ends[-2][0]])
+    with recover_log(file).recovered.open("rb") as stream:
+        reader = make_reader(stream)
+        assert {each.name for each in reader.iter_attachments()} >= {"request.json", "trajectory.json", "table.npy"}
+        assert {each.name for each in reader.iter_metadata()} == {"iiwa_ident", "iiwa_ident_recovery"}
+        assert reader.get_header().profile == "ros2"
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_flipped_bytes_never_give_a_false_sample_or_another_exception(
+    log: bytes, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    broken = bytearray(log)
+    for _ in range(data.draw(st.integers(1, 4))):
+        broken[data.draw(st.integers(0, len(log) - 1))] ^= data.draw(st.integers(1, 255))
+    file = tmp_path_factory.mktemp("flip") / "recording.mcap"
+    file.write_bytes(broken)
+    try:
+        report = recover_log(file)
+    except BadLogError:
+        return
+    if not report.whole:
+        assert set(counters(report.recovered)) <= set(EXPECTED)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"PK\x03\x04 not a log", bytes(5000)])
+def test_a_file_without_samples_is_refused_with_one_sentence(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    file.write_bytes(content)
+    with pytest.raises(BadLogError) as caught:
+        recover_log(file)
+    assert caught.value.exit_code == 65
+    assert str(file) in str(caught.value)
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_an_absent_file_is_missing_input(tmp_path: Path) -> None:
+    with pytest.raises(MissingInputError) as caught:
+        recover_log(tmp_path / "no.mcap")
+    assert caught.value.exit_code == 66
