@@ -1,8 +1,8 @@
 """How far a joint still travels when it is stopped as firmly as the limits allow: closed form, no planner.
 
-This is the definition of a feasible state: its firmest stop stays inside the position limits and does not have to pass
-the velocity limit. The guard asks it for each command, the preflight for each row of a table. ramps.py plans the same stop
-with Ruckig; the tests hold the two against each other.
+This is the definition of a feasible state: its firmest stop stays inside the position limits and does not have to
+pass the velocity limit. The guard asks it for each command, the preflight for each row of a table. ramps.py plans the
+same stop with Ruckig; the tests hold the two against each other.
 
 The firmest stop of one joint from (q, v, a) is time-optimal to v = 0, a = 0 under |a| <= A and |jerk| <= J: first the
 acceleration is driven to the deceleration's peak, held there if A is reached, and driven back to 0.
@@ -19,10 +19,10 @@ def stopping_travel(velocity: float, acceleration: float, acceleration_limit: fl
     velocity: rad/s; acceleration: rad/s², |acceleration| <= acceleration_limit; limits: rad/s², rad/s³. The travel in
     negative direction is that of (-velocity, -acceleration).
     """
-    removed = acceleration * acceleration / (2.0 * jerk_limit)       # velocity gained or lost while a is driven to 0
+    removed = acceleration * acceleration / (2.0 * jerk_limit)  # velocity gained or lost while a is driven to 0
     time = abs(acceleration) / jerk_limit
     if acceleration >= 0.0:
-        start = velocity + removed                                   # velocity once the acceleration has become 0
+        start = velocity + removed  # velocity once the acceleration has become 0
         if start <= 0.0:
             # The joint comes back from the negative side without ever passing its start, or passes it by not braking
             # at once: it moves in positive direction only while velocity > 0, which cannot be with start <= 0.
@@ -41,6 +41,25 @@ def stopping_travel(velocity: float, acceleration: float, acceleration_limit: fl
     # Braking harder than needed: the velocity passes 0 while the deceleration is taken back.
     zero = (-acceleration - math.sqrt(max(0.0, acceleration * acceleration - 2.0 * jerk_limit * velocity))) / jerk_limit
     return max(0.0, velocity * zero + acceleration * zero * zero / 2.0 + jerk_limit * zero**3 / 6.0)
+
+
+def stopping_state(
+    velocity: float, acceleration: float, acceleration_limit: float, jerk_limit: float, period_s: float
+) -> tuple[float, float]:
+    """Velocity, rad/s, and acceleration, rad/s², at tick k from which a stop of a stream of commands is planned.
+
+    velocity: (q_k - q_{k-1}) / T; acceleration: (q_k - 2 q_{k-1} + q_{k-2}) / T², which is the acceleration at tick
+    k-1. What it became until tick k is open: the next command settles it. So the stop is taken to have begun at tick
+    k-1: the acceleration is moved by up to jerk_limit T towards the end of the motion. The commands that follow then
+    have third differences within the jerk limit, and along a stop at full jerk this state is the state of that very
+    stop. With the acceleration at k-1 instead, the stop would be one period late, 2 mrad at full velocity.
+    """
+    now = velocity + 0.5 * period_s * acceleration
+    remaining = now + acceleration * abs(acceleration) / (2.0 * jerk_limit)
+    most = jerk_limit * period_s
+    start = acceleration - min(max(remaining / period_s, -most), most)
+    start = min(max(start, -acceleration_limit), acceleration_limit)
+    return now + (start - acceleration) * period_s / 3.0, start
 
 
 def _travel_from_constant_velocity(velocity: float, acceleration_limit: float, jerk_limit: float) -> float:

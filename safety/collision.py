@@ -1,12 +1,13 @@
-"""Distances along a path: link to link, link to floor, walls and forbidden boxes, with a proof for what lies between samples.
+"""Distances along a path: link to link, link to floor, walls and forbidden boxes, with a proof for what lies between
+samples.
 
-Lives here: the workspace, the pairs that are looked at, and the search for the smallest distance of a sampled path. Lives
-elsewhere: the arm's shape (geometry.py), what is done about it (preflight.py). Distances of capsules and boxes come
-from coal; distances to planes are one subtraction.
+Lives here: the workspace, the pairs that are looked at, and the search for the smallest distance of a sampled path.
+Lives elsewhere: the arm's shape (geometry.py), what is done about it (preflight.py). Distances of capsules and boxes
+come from coal; distances to planes are one subtraction.
 
-Between two samples no point of a part moves further than s = sum_j reach_j |dq_j|. With distances d_0 and d_1 at the ends, the
-distance in between is therefore at least (d_0 + d_1 - s) / 2. The search leaps over samples only where that bound
-stays above the smallest distance found so far less `resolution_m`, so `guaranteed_m` holds for the whole path.
+Between two samples no point of a part moves further than s = sum_j reach_j |dq_j|. With distances d_0 and d_1 at the
+ends, the distance in between is therefore at least (d_0 + d_1 - s) / 2. The search leaps over samples only where that
+bound stays above the smallest distance found so far less `resolution_m`, so `guaranteed_m` holds for the whole path.
 """
 
 from __future__ import annotations
@@ -36,8 +37,10 @@ class Plane:
 
     def __post_init__(self) -> None:
         if not abs(math.hypot(*self.normal) - 1.0) < 1e-6 or not math.isfinite(self.offset_m):
-            raise GeometryError(f"The wall {self.name!r} needs a normal of length 1 and a finite offset, not {self.normal} "
-                                f"and {self.offset_m}.")
+            raise GeometryError(
+                f"The wall {self.name!r} needs a normal of length 1 and a finite offset, not {self.normal} "
+                f"and {self.offset_m}."
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +54,19 @@ class ForbiddenBox:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (*self.center_m, *self.size_m, self.yaw_rad)) or min(self.size_m) <= 0.0:
-            raise GeometryError(f"The box {self.name!r} needs a finite centre and edges above 0 m, not {self.center_m} and "
-                                f"{self.size_m}.")
+            raise GeometryError(
+                f"The box {self.name!r} needs a finite centre and edges above 0 m, not {self.center_m} and "
+                f"{self.size_m}."
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
     """What surrounds the arm, in the base frame (x forward, z up, z = 0 at the mounting face).
 
-    floor_height_m: height of a floor or table top below or around the base, None for no floor. first_link: parts on links
-    before this one are not held against floor, walls and boxes, since they hardly move; the default 3 leaves out base,
-    column and shoulder.
+    floor_height_m: height of a floor or table top below or around the base, None for no floor. first_link: parts on
+    links before this one are not held against floor, walls and boxes, since they hardly move; the default 3 leaves
+    out base, column and shoulder.
     """
 
     floor_height_m: float | None = 0.0
@@ -102,9 +107,9 @@ class _Part:
 
     capsule: Capsule
     shape: coal.Capsule
-    rotations: FloatArray                   # (N, 3, 3), z along the segment
-    centers: FloatArray                     # (N, 3)
-    reach: FloatArray                       # (n,)
+    rotations: FloatArray  # (N, 3, 3), z along the segment
+    centers: FloatArray  # (N, 3)
+    reach: FloatArray  # (n,)
     poses: dict[int, coal.Transform3s] = field(default_factory=dict)
 
     def pose(self, row: int) -> coal.Transform3s:
@@ -122,12 +127,17 @@ def self_collision_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]
     our capsules, thicker than the housings, would report contact near the limit.
     """
     links = range(geometry.joint_count + 1)
-    return tuple((i, j) for i in links for j in links[i + 1:]
-                 if sum(i < joint <= j for joint in geometry.bending_joints) >= 2)
+    return tuple(
+        (i, j) for i in links for j in links[i + 1 :] if sum(i < joint <= j for joint in geometry.bending_joints) >= 2
+    )
 
 
-def self_clearances(positions: FloatArray, geometry: RobotGeometry, *, resolution_m: float = 0.001,
-                    ) -> tuple[Clearance, ...]:
+def self_clearances(
+    positions: FloatArray,
+    geometry: RobotGeometry,
+    *,
+    resolution_m: float = 0.001,
+) -> tuple[Clearance, ...]:
     """Smallest distance of each pair of links along a path, (N, n) rad, N >= 1; closest pair first.
 
     Raises GeometryError for a path of the wrong shape or with values that are not finite.
@@ -138,7 +148,7 @@ def self_clearances(positions: FloatArray, geometry: RobotGeometry, *, resolutio
     best: dict[tuple[int, int], Clearance] = {}
     pairs = set(self_collision_pairs(geometry))
     for a, first in enumerate(parts):
-        for second in parts[a + 1:]:
+        for second in parts[a + 1 :]:
             links = (first.capsule.link, second.capsule.link)
             if links not in pairs:
                 continue
@@ -149,8 +159,9 @@ def self_clearances(positions: FloatArray, geometry: RobotGeometry, *, resolutio
     return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
 
 
-def workspace_clearances(positions: FloatArray, geometry: RobotGeometry, workspace: Workspace, *,
-                         resolution_m: float = 0.001) -> tuple[Clearance, ...]:
+def workspace_clearances(
+    positions: FloatArray, geometry: RobotGeometry, workspace: Workspace, *, resolution_m: float = 0.001
+) -> tuple[Clearance, ...]:
     """Smallest distance of each link to floor, walls and boxes along a path, (N, n) rad; closest pair first."""
     path = _path(positions, geometry)
     parts = [part for part in _parts(path, geometry) if part.capsule.link >= workspace.first_link]
@@ -177,8 +188,10 @@ def workspace_clearances(positions: FloatArray, geometry: RobotGeometry, workspa
 def _path(positions: FloatArray, geometry: RobotGeometry) -> FloatArray:
     path = np.asarray(positions, dtype=np.float64)
     if path.ndim != 2 or path.shape[1] != geometry.joint_count or path.shape[0] < 1:
-        raise GeometryError(f"The path has shape {path.shape}, but the geometry of {geometry.robot} needs "
-                            f"(rows, {geometry.joint_count}).")
+        raise GeometryError(
+            f"The path has shape {path.shape}, but the geometry of {geometry.robot} needs "
+            f"(rows, {geometry.joint_count})."
+        )
     if not np.isfinite(path).all():
         raise GeometryError("The path holds values that are not finite numbers.")
     return path
@@ -191,16 +204,23 @@ def _parts(path: FloatArray, geometry: RobotGeometry) -> list[_Part]:
         start, end = np.array(capsule.start_m), np.array(capsule.end_m)
         length = float(np.linalg.norm(end - start))
         align = _turn_z_to((end - start) / length) if length > 0.0 else np.eye(3)
-        parts.append(_Part(capsule, coal.Capsule(capsule.radius_m, length), rotations[:, capsule.link] @ align,
-                           origins[:, capsule.link] + rotations[:, capsule.link] @ ((start + end) / 2.0),
-                           geometry.reach(capsule)))
+        parts.append(
+            _Part(
+                capsule,
+                coal.Capsule(capsule.radius_m, length),
+                rotations[:, capsule.link] @ align,
+                origins[:, capsule.link] + rotations[:, capsule.link] @ ((start + end) / 2.0),
+                geometry.reach(capsule),
+            )
+        )
     return parts
 
 
 def _fixed(box: ForbiddenBox) -> tuple[coal.Box, coal.Transform3s]:
     c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
-    return coal.Box(*box.size_m), coal.Transform3s(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
-                                                   np.array(box.center_m))
+    return coal.Box(*box.size_m), coal.Transform3s(
+        np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(box.center_m)
+    )
 
 
 def _turn_z_to(direction: FloatArray) -> FloatArray:

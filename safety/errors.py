@@ -2,12 +2,12 @@
 
     SafetyError                    70  root: catch this to catch all of them
     ├── LimitsError                78  a set of joint limits contradicts itself (joint, value, limit)
-    ├── RampError                   1  no ramp inside the limits exists or none was found (joint, quantity, value, limit)
+    ├── RampError                   1  no ramp inside the limits was found (joint, quantity, value, limit)
     ├── GeometryError               78  the robot's geometry or the workspace settings cannot be used
     └── TrajectoryShapeError       65  a table, a command or a state has the wrong shape or is not finite
 
-The number is the exit code of the command line for an error of that class. Joints are counted from 1.
-A refused command is no exception: the guard answers with a `GuardVerdict`, because the loop must go on and stop the arm.
+The number is the exit code of the command line for an error of that class. Joints are counted from 1. A refused
+command is no exception: the guard answers with a `GuardVerdict`, because the loop must go on and stop the arm.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ class LimitsError(SafetyError):
 
     exit_code: ClassVar[int] = 78
 
-    def __init__(self, message: str, *, joint: int | None = None, value: float | None = None,
-                 limit: float | None = None) -> None:
+    def __init__(
+        self, message: str, *, joint: int | None = None, value: float | None = None, limit: float | None = None
+    ) -> None:
         super().__init__(message)
         self.joint = joint
         self.value = value
@@ -59,8 +60,17 @@ class RampError(SafetyError):
 
     exit_code: ClassVar[int] = 1
 
-    def __init__(self, message: str, *, joint: int | None = None, quantity: str = "planner", value: float = float("nan"),
-                 limit: float = float("nan"), unit: str = "", firmest: Ramp | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        joint: int | None = None,
+        quantity: str = "planner",
+        value: float = float("nan"),
+        limit: float = float("nan"),
+        unit: str = "",
+        firmest: Ramp | None = None,
+    ) -> None:
         super().__init__(message)
         self.joint = joint
         self.quantity = quantity

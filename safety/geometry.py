@@ -1,8 +1,8 @@
 """The arm as capsules on a kinematic chain: forward kinematics in NumPy and how far each joint can move each part.
 
-Lives here: reading the geometry file of a robot (safety/geometry_<robot>.json, sources inside it), the poses of its links, and
-the bound on motion that lets a path be checked with gaps. Lives elsewhere: distances (collision.py). Independent of
-the identification's kinematics on purpose: what guards a trajectory should not share its mistakes.
+Lives here: reading the geometry file of a robot (safety/geometry_<robot>.json, sources inside it), the poses of its
+links, and the bound on motion that lets a path be checked with gaps. Lives elsewhere: distances (collision.py).
+Independent of the identification's kinematics on purpose: what guards a trajectory should not share its mistakes.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ class Capsule:
     def __post_init__(self) -> None:
         numbers = (*self.start_m, *self.end_m, self.radius_m)
         if len(numbers) != 7 or not all(math.isfinite(value) for value in numbers) or self.radius_m <= 0.0:
-            raise GeometryError(f"The capsule {self.part!r} of link {self.link} needs two finite points and a radius above "
-                                f"0 m, not {self.start_m}, {self.end_m}, {self.radius_m}.")
+            raise GeometryError(
+                f"The capsule {self.part!r} of link {self.link} needs two finite points and a radius above "
+                f"0 m, not {self.start_m}, {self.end_m}, {self.radius_m}."
+            )
 
     @property
     def extent_m(self) -> float:
@@ -49,9 +51,9 @@ class RobotGeometry:
     """A serial arm of n revolute joints with capsules around its links.
 
     alpha, d, r: (n,) rad, m, m: modified Denavit-Hartenberg rows; frame i follows from frame i-1 by Rx(alpha), the
-    translation (d, -sin(alpha) r, cos(alpha) r) and Rz(q_i). base: (4, 4) pose of frame 0 in the base frame, whose
-    z = 0 is the mounting face. bending_joints: those that fold the arm (counted from 1); the others turn it about its own
-    line.
+    translation (d, -sin(alpha) r, cos(alpha) r) and Rz(q_i). base: (4, 4) pose of frame 0 in the base frame, whose z
+    = 0 is the mounting face. bending_joints: those that fold the arm (counted from 1); the others turn it about its
+    own line.
     """
 
     robot: str
@@ -73,7 +75,9 @@ class RobotGeometry:
         return replace(self, capsules=(*self.capsules, tool))
 
     def link_poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotations (N, n+1, 3, 3) and origins (N, n+1, 3) m of the base and of all link frames for positions (N, n) rad."""
+        """Rotations (N, n+1, 3, 3) and origins (N, n+1, 3) m of the base and of all link frames for positions (N, n)
+        rad.
+        """
         count, n = positions.shape
         rotations = np.empty((count, n + 1, 3, 3))
         origins = np.empty((count, n + 1, 3))
@@ -111,10 +115,15 @@ class RobotGeometry:
 
 def load_geometry(robot: str) -> RobotGeometry:
     """Geometry of "iiwa14" or "iiwa7" as shipped. Raises GeometryError for another name or a damaged file."""
-    known = sorted(entry.name[len("geometry_"):-len(".json")] for entry in resources.files("safety").iterdir()
-                   if entry.name.startswith("geometry_") and entry.name.endswith(".json"))
+    known = sorted(
+        entry.name[len("geometry_") : -len(".json")]
+        for entry in resources.files("safety").iterdir()
+        if entry.name.startswith("geometry_") and entry.name.endswith(".json")
+    )
     if robot not in known:
-        raise GeometryError(f"There is no collision geometry for a robot named {robot!r}; known are {', '.join(known)}.")
+        raise GeometryError(
+            f"There is no collision geometry for a robot named {robot!r}; known are {', '.join(known)}."
+        )
     file = f"geometry_{robot}.json"
     try:
         return _parse(json.loads(resources.files("safety").joinpath(file).read_text(encoding="utf-8")))
@@ -128,14 +137,24 @@ def _parse(data: dict[str, Any]) -> RobotGeometry:
     base = np.eye(4)
     base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     base[2, 3] = float(data["base_height_m"])
-    capsules = tuple(Capsule(int(c["link"]), str(c["part"]), _point(c["start_m"]), _point(c["end_m"]), float(c["radius_m"]))
-                     for c in data["capsules"])
+    capsules = tuple(
+        Capsule(int(c["link"]), str(c["part"]), _point(c["start_m"]), _point(c["end_m"]), float(c["radius_m"]))
+        for c in data["capsules"]
+    )
     for capsule in capsules:
         if not 0 <= capsule.link <= len(rows):
-            raise GeometryError(f"The capsule {capsule.part!r} sits on link {capsule.link}, but there are {len(rows)} links.")
-    return RobotGeometry(str(data["robot"]), np.array([float(row["alpha_rad"]) for row in rows]),
-                         np.array([float(row["d_m"]) for row in rows]), np.array([float(row["r_m"]) for row in rows]),
-                         base, tuple(int(joint) for joint in data["bending_joints"]), capsules)
+            raise GeometryError(
+                f"The capsule {capsule.part!r} sits on link {capsule.link}, but there are {len(rows)} links."
+            )
+    return RobotGeometry(
+        str(data["robot"]),
+        np.array([float(row["alpha_rad"]) for row in rows]),
+        np.array([float(row["d_m"]) for row in rows]),
+        np.array([float(row["r_m"]) for row in rows]),
+        base,
+        tuple(int(joint) for joint in data["bending_joints"]),
+        capsules,
+    )
 
 
 def _point(values: list[float]) -> tuple[float, float, float]:

@@ -1,9 +1,9 @@
 """The verdict on one command, each cycle, before it leaves for the robot.
 
-Judged is what we command, never what the sensors measure: measured velocities are noisy, and a guard that trips on noise
-stops arms that do nothing wrong. The measured position enters only through its distance to the command, with a generous
-limit. Lives elsewhere: planning the stop after a verdict (ramps.py). Called by the 1 kHz loop, hence plain floats and
-seven-fold Python loops, which are faster than NumPy on seven numbers, and no storage that grows.
+Judged is what we command, never what the sensors measure: measured velocities are noisy, and a guard that trips on
+noise stops arms that do nothing wrong. The measured position enters only through its distance to the command, with a
+generous limit. Lives elsewhere: planning the stop after a verdict (ramps.py). Called by the 1 kHz loop, hence plain
+floats and seven-fold Python loops, which are faster than NumPy on seven numbers, and no storage that grows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safety.braking import stopping_travel
+from safety.braking import stopping_state, stopping_travel
 from safety.errors import TrajectoryShapeError
 from safety.limits import FloatArray, JointLimits
 
@@ -33,8 +33,9 @@ ACCELERATION_TOLERANCE = 1e-3
 class GuardVerdict:
     """Why a command was refused.
 
-    criterion: "anchor", "finite", "position", "distance_to_measured", "velocity", "acceleration", "stopping_velocity" or
-    "stopping_position". joint: counted from 1. value, limit: in `unit`; a limit of an interval is the side that was passed.
+    criterion: "anchor", "finite", "position", "distance_to_measured", "velocity", "acceleration", "stopping_velocity"
+    or "stopping_position". joint: counted from 1. value, limit: in `unit`; a limit of an interval is the side that
+    was passed.
     """
 
     criterion: str
@@ -54,14 +55,14 @@ _SENTENCES = {
     "finite": "The command of joint {joint} is {value}, which is not a finite number.",
     "position": "The command of joint {joint} is {value:.5f} {unit}, beyond its position limit of {limit:.5f} {unit}.",
     "distance_to_measured": "The command of joint {joint} is {value:.5f} {unit} away from its measured position; "
-                            "{limit:.5f} {unit} are allowed.",
+    "{limit:.5f} {unit} are allowed.",
     "velocity": "The command of joint {joint} asks for {value:.4f} {unit}; its velocity limit is {limit:.4f} {unit}.",
     "acceleration": "The command of joint {joint} asks for {value:.3f} {unit}; its acceleration limit is "
-                    "{limit:.3f} {unit}.",
+    "{limit:.3f} {unit}.",
     "stopping_velocity": "After this command joint {joint} could not avoid {value:.4f} {unit}; its velocity limit is "
-                         "{limit:.4f} {unit}.",
-    "stopping_position": "After this command joint {joint} could not stop before {value:.5f} {unit}; its position limit "
-                         "is {limit:.5f} {unit}.",
+    "{limit:.4f} {unit}.",
+    "stopping_position": "After this command joint {joint} could not stop before {value:.5f} {unit}; its position "
+    "limit is {limit:.5f} {unit}.",
 }
 
 
@@ -77,15 +78,18 @@ class CommandGuard:
     `plan_stop_ramp` under the same limits stays inside every limit.
     """
 
-    def __init__(self, limits: JointLimits, command_period_s: float, *,
-                 maximum_distance_to_measured: ArrayLike = 0.1) -> None:
+    def __init__(
+        self, limits: JointLimits, command_period_s: float, *, maximum_distance_to_measured: ArrayLike = 0.1
+    ) -> None:
         if not (math.isfinite(command_period_s) and command_period_s > 0.0):
             raise TrajectoryShapeError(f"The command period is {command_period_s} s, but it has to be above 0 s.")
         n = limits.joint_count
         distance = np.asarray(maximum_distance_to_measured, dtype=np.float64)
         if distance.shape not in {(), (n,)} or not np.all(distance > 0.0):
-            raise TrajectoryShapeError(f"The largest distance to the measured position has to be one number above 0 or "
-                                       f"{n} of them, not {maximum_distance_to_measured!r}.")
+            raise TrajectoryShapeError(
+                f"The largest distance to the measured position has to be one number above 0 or "
+                f"{n} of them, not {maximum_distance_to_measured!r}."
+            )
         self._limits = limits
         self._n = n
         self._period = command_period_s
@@ -93,22 +97,42 @@ class CommandGuard:
         self._velocity_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE)).tolist()
         self._acceleration_limit = (limits.acceleration * (1.0 + ACCELERATION_TOLERANCE)).tolist()
         self._jerk = limits.jerk.tolist()
-        # The velocity at a tick is extrapolated from three commands; on a motion of full jerk that is jerk T² / 3 off.
-        self._peak_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE)
-                            + limits.jerk * command_period_s**2).tolist()
+        # Where the jerk changes between two ticks, the extrapolated velocity is off by up to jerk T².
+        self._peak_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE) + limits.jerk * command_period_s**2).tolist()
         # One row per joint: everything the inner loop needs, in the order it is unpacked.
         distances = np.broadcast_to(distance, (n,)).tolist()
-        room = [_longest_travel(v, a, j) for v, a, j in zip(self._peak_limit, self._acceleration_limit, self._jerk,
-                                                            strict=True)]
+        room = [
+            _longest_travel(v, a, j)
+            for v, a, j in zip(self._peak_limit, self._acceleration_limit, self._jerk, strict=True)
+        ]
         self._rows = tuple(
-            (lower - POSITION_TOLERANCE_RAD, upper + POSITION_TOLERANCE_RAD, gap, v, a, peak, j, lower + far, upper - far)
+            (
+                lower - POSITION_TOLERANCE_RAD,
+                upper + POSITION_TOLERANCE_RAD,
+                gap,
+                v,
+                a,
+                peak,
+                j,
+                lower + far,
+                upper - far,
+            )
             for lower, upper, gap, v, a, peak, j, far in zip(
-                limits.position_lower.tolist(), limits.position_upper.tolist(), distances, self._velocity_limit,
-                self._acceleration_limit, self._peak_limit, self._jerk, room, strict=True))
+                limits.position_lower.tolist(),
+                limits.position_upper.tolist(),
+                distances,
+                self._velocity_limit,
+                self._acceleration_limit,
+                self._peak_limit,
+                self._jerk,
+                room,
+                strict=True,
+            )
+        )
         self._anchored = False
         self._position = [0.0] * n
-        self._velocity = [0.0] * n           # (q_k - q_{k-1}) / T, the velocity half a period before the tick
-        self._acceleration = [0.0] * n       # (q_k - 2 q_{k-1} + q_{k-2}) / T²
+        self._velocity = [0.0] * n  # (q_k - q_{k-1}) / T, the velocity half a period before the tick
+        self._acceleration = [0.0] * n  # (q_k - 2 q_{k-1} + q_{k-2}) / T²
 
     @property
     def limits(self) -> JointLimits:
@@ -127,14 +151,19 @@ class CommandGuard:
 
     @property
     def velocity(self) -> FloatArray:
-        """Velocity at the last accepted command, (n,) rad/s: (3 q_k - 4 q_{k-1} + q_{k-2}) / 2T."""
-        half = 0.5 * self._period
-        return np.array([v + half * a for v, a in zip(self._velocity, self._acceleration, strict=True)])
+        """Velocity, (n,) rad/s, from which a stop after the last accepted command is planned (stopping_state)."""
+        return np.array([velocity for velocity, _ in self._stopping_states()])
 
     @property
     def acceleration(self) -> FloatArray:
-        """Acceleration of the last three accepted commands, (n,) rad/s²: (q_k - 2 q_{k-1} + q_{k-2}) / T²."""
-        return np.array(self._acceleration)
+        """Acceleration, (n,) rad/s², from which a stop after the last accepted command is planned (stopping_state)."""
+        return np.array([acceleration for _, acceleration in self._stopping_states()])
+
+    def _stopping_states(self) -> list[tuple[float, float]]:
+        return [
+            stopping_state(v, a, row[4], row[6], self._period)
+            for v, a, row in zip(self._velocity, self._acceleration, self._rows, strict=True)
+        ]
 
     def anchor(self, position: Sequence[float] | FloatArray) -> None:
         """Take `position`, (n,) rad, as commanded and at rest: the IPO position when COMMANDING_ACTIVE begins.
@@ -156,14 +185,20 @@ class CommandGuard:
         """Forget where the arm is: every command is refused until the next anchor."""
         self._anchored = False
 
-    def judge(self, command: Sequence[float] | FloatArray, measured_position: Sequence[float] | FloatArray, *,
-              stopping: bool = False) -> GuardVerdict | None:
+    def judge(
+        self,
+        command: Sequence[float] | FloatArray,
+        measured_position: Sequence[float] | FloatArray,
+        *,
+        stopping: bool = False,
+    ) -> GuardVerdict | None:
         """Judge one command, (n,) rad, against the last accepted one and the measured position, (n,) rad.
 
-        Returns None and remembers the command when it is accepted; otherwise the first criterion it fails, and the state
-        stays as it was. stopping: the command belongs to a stop that was planned from an accepted state; such a stop
-        is itself the proof that the arm can be stopped, so the two stopping criteria are not asked again (near a limit
-        their finite differences lag one period behind a stop at full jerk, and would refuse the very stop they demand).
+        Returns None and remembers the command when it is accepted; otherwise the first criterion it fails, and the
+        state stays as it was. stopping: the command belongs to a stop that was planned from an accepted state; such a
+        stop is itself the proof that the arm can be stopped, so the two stopping criteria are not asked again (near a
+        limit their finite differences lag one period behind a stop at full jerk, and would refuse the very stop they
+        demand).
         """
         if not self._anchored:
             return GuardVerdict("anchor", 0, math.nan, math.nan, "")
@@ -174,12 +209,12 @@ class CommandGuard:
             wrong = len(wanted) if len(wanted) != self._n else len(measured)
             return GuardVerdict("shape", 0, float(wrong), float(self._n), "")
         rate = self._rate
-        half = 0.5 * self._period
+        period = self._period
         velocities = []
         accelerations = []
-        joint = 0
-        for q, last, last_v, actual, row in zip(wanted, self._position, self._velocity, measured, self._rows, strict=True):
-            joint += 1
+        for joint, (q, last, last_v, actual, row) in enumerate(
+            zip(wanted, self._position, self._velocity, measured, self._rows, strict=True), start=1
+        ):
             lower, upper, gap, v_limit, a_limit, peak_limit, jerk, inner_lower, inner_upper = row
             # Every comparison is written so that a NaN fails it.
             if not (lower <= q <= upper):
@@ -196,12 +231,13 @@ class CommandGuard:
             if not (-a_limit <= a <= a_limit):
                 return GuardVerdict("acceleration", joint, a, float(self._limits.acceleration[joint - 1]), "rad/s²")
             if not stopping:
-                now = v + half * a
-                peak = now + a * abs(a) / (2.0 * jerk)
-                if (peak > peak_limit and now > 0.0) or (peak < -peak_limit and now < 0.0):
-                    return GuardVerdict("stopping_velocity", joint, peak, float(self._limits.velocity[joint - 1]), "rad/s")
+                now, onset = stopping_state(v, a, a_limit, jerk, period)
+                peak = now + onset * abs(onset) / (2.0 * jerk)
+                if not (-peak_limit <= peak <= peak_limit):
+                    limit = float(self._limits.velocity[joint - 1])
+                    return GuardVerdict("stopping_velocity", joint, peak, limit, "rad/s")
                 if not (inner_lower <= q <= inner_upper):
-                    verdict = self._stopping_position(joint, q, now, a)
+                    verdict = self._stopping_position(joint, q, now, onset)
                     if verdict is not None:
                         return verdict
             velocities.append(v)
@@ -217,10 +253,14 @@ class CommandGuard:
         limit = max(limit, abs(acceleration))
         highest = q + stopping_travel(velocity, acceleration, limit, jerk)
         if highest > row[1]:
-            return GuardVerdict("stopping_position", joint, highest, float(self._limits.position_upper[joint - 1]), "rad")
+            return GuardVerdict(
+                "stopping_position", joint, highest, float(self._limits.position_upper[joint - 1]), "rad"
+            )
         lowest = q - stopping_travel(-velocity, -acceleration, limit, jerk)
         if lowest < row[0]:
-            return GuardVerdict("stopping_position", joint, lowest, float(self._limits.position_lower[joint - 1]), "rad")
+            return GuardVerdict(
+                "stopping_position", joint, lowest, float(self._limits.position_lower[joint - 1]), "rad"
+            )
         return None
 
 

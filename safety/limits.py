@@ -1,7 +1,7 @@
 """Joint limits of the robots as value objects: positions, velocities, torques from KUKA, accelerations and jerks ours.
 
-Lives here: `JointLimits`, its margins and the two iiwa models. Lives elsewhere: who applies the limits (guard.py to each
-command, ramps.py to each ramp, preflight.py to a whole table). Values and sources: docs/limits.md.
+Lives here: `JointLimits`, its margins and the two iiwa models. Lives elsewhere: who applies the limits (guard.py to
+each command, ramps.py to each ramp, preflight.py to a whole table). Values and sources: docs/limits.md.
 """
 
 from __future__ import annotations
@@ -46,29 +46,50 @@ class JointLimits:
         for name in self.__slots__:
             array = getattr(self, name)
             if array.ndim != 1 or array.shape != count or array.size == 0:
-                raise LimitsError(f"The limit {name} has shape {array.shape}, but position_lower has shape {count}; "
-                                  "every limit needs one number per joint.")
+                raise LimitsError(
+                    f"The limit {name} has shape {array.shape}, but position_lower has shape {count}; "
+                    "every limit needs one number per joint."
+                )
             for joint, value in enumerate(array.tolist(), start=1):
                 if not math.isfinite(value):
-                    raise LimitsError(f"The limit {name} of joint {joint} is {value}, which is not a finite number.",
-                                      joint=joint, value=value)
+                    raise LimitsError(
+                        f"The limit {name} of joint {joint} is {value}, which is not a finite number.",
+                        joint=joint,
+                        value=value,
+                    )
                 if not name.startswith("position") and value <= 0.0:
-                    raise LimitsError(f"The limit {name} of joint {joint} is {value:g}, but it has to be above 0.",
-                                      joint=joint, value=value, limit=0.0)
-        for joint, (lower, upper) in enumerate(zip(self.position_lower.tolist(), self.position_upper.tolist(),
-                                                   strict=True), start=1):
+                    raise LimitsError(
+                        f"The limit {name} of joint {joint} is {value:g}, but it has to be above 0.",
+                        joint=joint,
+                        value=value,
+                        limit=0.0,
+                    )
+        for joint, (lower, upper) in enumerate(
+            zip(self.position_lower.tolist(), self.position_upper.tolist(), strict=True), start=1
+        ):
             if lower >= upper:
-                raise LimitsError(f"Joint {joint} has the lower position limit {lower:.6g} rad, which is not below its "
-                                  f"upper limit {upper:.6g} rad.", joint=joint, value=lower, limit=upper)
+                raise LimitsError(
+                    f"Joint {joint} has the lower position limit {lower:.6g} rad, which is not below its "
+                    f"upper limit {upper:.6g} rad.",
+                    joint=joint,
+                    value=lower,
+                    limit=upper,
+                )
 
     @property
     def joint_count(self) -> int:
         """Number of joints n."""
         return int(self.position_lower.size)
 
-    def with_margin(self, *, position_margin_rad: ArrayLike = 0.0, velocity_fraction: ArrayLike = 1.0,
-                    acceleration_fraction: ArrayLike = 1.0, jerk_fraction: ArrayLike = 1.0,
-                    torque_fraction: ArrayLike = 1.0) -> JointLimits:
+    def with_margin(
+        self,
+        *,
+        position_margin_rad: ArrayLike = 0.0,
+        velocity_fraction: ArrayLike = 1.0,
+        acceleration_fraction: ArrayLike = 1.0,
+        jerk_fraction: ArrayLike = 1.0,
+        torque_fraction: ArrayLike = 1.0,
+    ) -> JointLimits:
         """Tighter limits: positions moved inwards by a margin (rad), all others multiplied by a fraction in (0, 1].
 
         Each argument is one number for all joints or one per joint. Raises LimitsError for a negative margin, for a
@@ -78,20 +99,33 @@ class JointLimits:
         margin = _per_joint("position_margin_rad", position_margin_rad, n)
         for joint, value in enumerate(margin.tolist(), start=1):
             if value < 0.0:
-                raise LimitsError(f"The position margin of joint {joint} is {value:g} rad, but it must not be negative.",
-                                  joint=joint, value=value, limit=0.0)
-        fractions = {"velocity": velocity_fraction, "acceleration": acceleration_fraction, "jerk": jerk_fraction,
-                     "torque": torque_fraction}
+                raise LimitsError(
+                    f"The position margin of joint {joint} is {value:g} rad, but it must not be negative.",
+                    joint=joint,
+                    value=value,
+                    limit=0.0,
+                )
+        fractions = {
+            "velocity": velocity_fraction,
+            "acceleration": acceleration_fraction,
+            "jerk": jerk_fraction,
+            "torque": torque_fraction,
+        }
         scaled = {}
         for name, given in fractions.items():
             fraction = _per_joint(f"{name}_fraction", given, n)
             for joint, value in enumerate(fraction.tolist(), start=1):
                 if not 0.0 < value <= 1.0:
-                    raise LimitsError(f"The {name} fraction of joint {joint} is {value:g}, but it has to lie in (0, 1].",
-                                      joint=joint, value=value, limit=1.0)
+                    raise LimitsError(
+                        f"The {name} fraction of joint {joint} is {value:g}, but it has to lie in (0, 1].",
+                        joint=joint,
+                        value=value,
+                        limit=1.0,
+                    )
             scaled[name] = getattr(self, name) * fraction
-        return JointLimits(position_lower=self.position_lower + margin, position_upper=self.position_upper - margin,
-                           **scaled)
+        return JointLimits(
+            position_lower=self.position_lower + margin, position_upper=self.position_upper - margin, **scaled
+        )
 
 
 def _per_joint(name: str, given: ArrayLike, n: int) -> FloatArray:
@@ -101,8 +135,11 @@ def _per_joint(name: str, given: ArrayLike, n: int) -> FloatArray:
     full = np.broadcast_to(array, (n,)).copy()
     for joint, value in enumerate(full.tolist(), start=1):
         if not math.isfinite(value):
-            raise LimitsError(f"The setting {name} of joint {joint} is {value}, which is not a finite number.",
-                              joint=joint, value=value)
+            raise LimitsError(
+                f"The setting {name} of joint {joint} is {value}, which is not a finite number.",
+                joint=joint,
+                value=value,
+            )
     return full
 
 
@@ -110,17 +147,26 @@ def _iiwa(velocity_deg_per_s: list[float], torque: list[float]) -> JointLimits:
     position = np.radians([170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0])
     # Not KUKA's: the public description of the iiwa 14 in Drake, 5 times the velocity limits of the iiwa 7 per second.
     acceleration = np.array([8.57, 8.57, 8.74, 11.36, 12.23, 15.72, 15.72])
-    return JointLimits(position_lower=-position, position_upper=position, velocity=np.radians(velocity_deg_per_s),
-                       acceleration=acceleration, jerk=JERK_PER_ACCELERATION_HZ * acceleration,
-                       torque=np.array(torque))
+    return JointLimits(
+        position_lower=-position,
+        position_upper=position,
+        velocity=np.radians(velocity_deg_per_s),
+        acceleration=acceleration,
+        jerk=JERK_PER_ACCELERATION_HZ * acceleration,
+        torque=np.array(torque),
+    )
 
 
-IIWA14_R820 = _iiwa(velocity_deg_per_s=[85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0],
-                    torque=[320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0])
+IIWA14_R820 = _iiwa(
+    velocity_deg_per_s=[85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0],
+    torque=[320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0],
+)
 """Limits of the LBR iiwa 14 R820 without margin."""
 
-IIWA7_R800 = _iiwa(velocity_deg_per_s=[98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0],
-                   torque=[176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0])
+IIWA7_R800 = _iiwa(
+    velocity_deg_per_s=[98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0],
+    torque=[176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0],
+)
 """Limits of the LBR iiwa 7 R800 without margin."""
 
 _BY_NAME = {"iiwa14": IIWA14_R820, "iiwa7": IIWA7_R800}

@@ -1,8 +1,9 @@
-"""The check of a whole table of commands before any of them is sent: `check` and `run` ask it, nothing moves without it.
+"""The check of a whole table of commands before any of them is sent: `check` and `run` ask it, nothing moves without
+it.
 
-Lives here: the list of checks and the report. Lives elsewhere: the limits (limits.py), the stops (ramps.py, braking.py), the
-distances (collision.py). Velocities and accelerations are the same finite differences that the guard takes cycle by
-cycle, the seam of a periodic table included, so a table that passes here passes there.
+Lives here: the list of checks and the report. Lives elsewhere: the limits (limits.py), the stops (ramps.py,
+braking.py), the distances (collision.py). Velocities and accelerations are the same finite differences that the guard
+takes cycle by cycle, the seam of a periodic table included, so a table that passes here passes there.
 """
 
 from __future__ import annotations
@@ -10,10 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from safety.braking import stopping_travel
 from safety.collision import Clearance, Workspace, self_clearances, workspace_clearances
@@ -21,6 +21,7 @@ from safety.errors import RampError, TrajectoryShapeError
 from safety.geometry import RobotGeometry
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import FloatArray, JointLimits
+from safety.preflight_report import Check, PreflightReport
 from safety.ramps import plan_start_ramp, plan_stop_ramp
 
 SELF_COLLISION_MARGIN_M = 0.02
@@ -30,69 +31,32 @@ WORKSPACE_MARGIN_M = 0.02
 """Distance that links keep from floor, walls and boxes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One question about the table and its answer.
-
-    joint: the worst joint, counted from 1, None where the question concerns no single joint. row: the row of the table (from
-    0) where the worst value stands. value, limit: in `unit`, NaN where there is none.
-    """
-
-    name: str
-    passed: bool
-    joint: int | None
-    value: float
-    limit: float
-    unit: str
-    sentence: str
-    row: int | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values for a JSON file; a number that is not finite becomes null."""
-        return {"name": self.name, "passed": self.passed, "joint": self.joint, "row": self.row,
-                "value": self.value if math.isfinite(self.value) else None,
-                "limit": self.limit if math.isfinite(self.limit) else None, "unit": self.unit, "sentence": self.sentence}
-
-
-@dataclass(frozen=True, slots=True)
-class PreflightReport:
-    """Answers to all checks, and the smallest distances per pair of links and per obstacle."""
-
-    checks: tuple[Check, ...]
-    clearances: tuple[Clearance, ...] = ()
-
-    @property
-    def safe(self) -> bool:
-        """Whether every check passed."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
-
-    @property
-    def failures(self) -> tuple[Check, ...]:
-        """The checks that did not pass."""
-        return tuple(check for check in self.checks if not check.passed)
-
-    def to_json(self) -> dict[str, Any]:
-        """{"safe", "checks": [...], "clearances": [{"pair", "distance_m", "guaranteed_m", "row"}]}."""
-        return {"safe": self.safe, "checks": [check.to_json() for check in self.checks],
-                "clearances": [{"pair": c.pair, "distance_m": c.distance_m, "guaranteed_m": c.guaranteed_m, "row": c.row}
-                               for c in self.clearances]}
-
-
-def preflight(positions: FloatArray, sample_period_s: float, limits: JointLimits, *, periodic: bool = True,
-              torque: FloatArray | None = None, geometry: RobotGeometry | None = None,
-              workspace: Workspace | None = None, self_collision_margin_m: float = SELF_COLLISION_MARGIN_M,
-              workspace_margin_m: float = WORKSPACE_MARGIN_M, stop_stride: int = 10, start_row: int | None = None,
-              start_position: ArrayLike | None = None) -> PreflightReport:
+def preflight(
+    positions: FloatArray,
+    sample_period_s: float,
+    limits: JointLimits,
+    *,
+    periodic: bool = True,
+    torque: FloatArray | None = None,
+    geometry: RobotGeometry | None = None,
+    workspace: Workspace | None = None,
+    self_collision_margin_m: float = SELF_COLLISION_MARGIN_M,
+    workspace_margin_m: float = WORKSPACE_MARGIN_M,
+    stop_stride: int = 10,
+    start_row: int | None = None,
+    start_position: ArrayLike | None = None,
+) -> PreflightReport:
     """Check one period of a table of positions, (N, n) rad, sent one row per sample_period_s.
 
-    periodic: the table is repeated without a break, so its seam is checked too; otherwise it begins and ends as it stands.
-    torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g. load_geometry("iiwa14");
-    None leaves out self-collision and workspace. stop_stride: a stop is planned and checked at every so many rows, and at
-    the rows with least room; the closed form of braking.py is asked at every row. start_row: where a start ramp hands
-    over to the table; with start_position (default: the mean of the table) the ramp is planned and checked as well.
+    periodic: the table is repeated without a break, so its seam is checked too; otherwise it begins and ends as it
+    stands. torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g.
+    load_geometry("iiwa14"); None leaves out self-collision and workspace. stop_stride: a stop is planned and checked
+    at every so many rows, and at the rows with least room; the closed form of braking.py is asked at every row.
+    start_row: where a start ramp hands over to the table; with start_position (default: the mean of the table) the
+    ramp is planned and checked as well.
 
-    Raises TrajectoryShapeError for a table of the wrong shape or a period that is not above 0. Values that are not finite
-    are an answer (check "finite"), not an error; the other checks are then left out.
+    Raises TrajectoryShapeError for a table of the wrong shape or a period that is not above 0. Values that are not
+    finite are an answer (check "finite"), not an error; the other checks are then left out.
     """
     table = np.asarray(positions, dtype=np.float64)
     n = limits.joint_count
@@ -103,11 +67,14 @@ def preflight(positions: FloatArray, sample_period_s: float, limits: JointLimits
     finite = _finite(table)
     if not finite.passed:
         return PreflightReport((finite,))
-    motion = _Motion.of(table, sample_period_s, periodic)
-    checks = [finite, _position(table, limits),
-              _magnitude("velocity", motion.velocity, limits.velocity, VELOCITY_TOLERANCE, "rad/s"),
-              _magnitude("acceleration", motion.acceleration, limits.acceleration, ACCELERATION_TOLERANCE, "rad/s²"),
-              _jerk(motion.jerk, limits)]
+    motion = _Motion.of(table, sample_period_s, periodic, limits)
+    checks = [
+        finite,
+        _position(table, limits),
+        _magnitude("velocity", motion.velocity, limits.velocity, VELOCITY_TOLERANCE, "rad/s"),
+        _magnitude("acceleration", motion.acceleration, limits.acceleration, ACCELERATION_TOLERANCE, "rad/s²"),
+        _jerk(motion.jerk, limits),
+    ]
     stops: list[FloatArray] = []
     if all(check.passed for check in checks):
         checks.append(_stopping_velocity(motion, limits, sample_period_s))
@@ -139,26 +106,48 @@ def preflight(positions: FloatArray, sample_period_s: float, limits: JointLimits
 
 @dataclass(frozen=True, slots=True)
 class _Motion:
-    """Finite differences of a table as the guard sees them after each row; shape (N, n), rows without a past left out."""
+    """Finite differences of a table as the guard sees them at each row, (N, n); rows without a past are left out."""
 
-    rows: FloatArray                # table rows the differences belong to
-    velocity: FloatArray            # (q_k - q_{k-1}) / T
-    acceleration: FloatArray        # (q_k - 2 q_{k-1} + q_{k-2}) / T²
+    rows: NDArray[np.int64]
+    """Table rows the differences belong to, (N,)."""
+    velocity: FloatArray
+    acceleration: FloatArray
     jerk: FloatArray
-    now: FloatArray                 # velocity at the row itself, (3 q_k - 4 q_{k-1} + q_{k-2}) / 2T
+    at_velocity: FloatArray
+    """Velocity at the row itself, third order, where the ramp hands over."""
+    at_acceleration: FloatArray
+    stop_velocity: FloatArray
+    """State from which the guard would have a stop planned (braking.stopping_state)."""
+    stop_acceleration: FloatArray
 
     @staticmethod
-    def of(table: FloatArray, period: float, periodic: bool) -> _Motion:
+    def of(table: FloatArray, period: float, periodic: bool, limits: JointLimits) -> _Motion:
         if periodic:
             # Three rows of the period before: then every row has its past, and the seam is a row like any other.
-            extended, rows = np.vstack([table[-3:], table]), np.arange(table.shape[0])
+            extended, rows = np.vstack([table[-3:], table]), np.arange(table.shape[0], dtype=np.int64)
         else:
-            extended, rows = table, np.arange(3, table.shape[0])
+            extended, rows = table, np.arange(3, table.shape[0], dtype=np.int64)
         velocity = np.diff(extended, axis=0) / period
         acceleration = np.diff(velocity, axis=0) / period
         jerk = np.diff(acceleration, axis=0) / period
         velocity, acceleration = velocity[2:], acceleration[1:]
-        return _Motion(rows, velocity, acceleration, jerk, velocity + 0.5 * period * acceleration)
+        at_acceleration = acceleration + period * jerk
+        at_velocity = velocity + 0.5 * period * acceleration + period**2 / 3.0 * jerk
+        stop_velocity, stop_acceleration = _stopping_states(velocity, acceleration, limits, period)
+        return _Motion(
+            rows, velocity, acceleration, jerk, at_velocity, at_acceleration, stop_velocity, stop_acceleration
+        )
+
+
+def _stopping_states(
+    velocity: FloatArray, acceleration: FloatArray, limits: JointLimits, period: float
+) -> tuple[FloatArray, FloatArray]:
+    """braking.stopping_state for whole arrays, (N, n); a test holds the two against each other."""
+    now = velocity + 0.5 * period * acceleration
+    remaining = now + acceleration * np.abs(acceleration) / (2.0 * limits.jerk)
+    shift = np.clip(remaining / period, -limits.jerk * period, limits.jerk * period)
+    start = np.clip(acceleration - shift, -limits.acceleration, limits.acceleration)
+    return now + (start - acceleration) * period / 3.0, start
 
 
 def _finite(table: FloatArray) -> Check:
@@ -166,9 +155,17 @@ def _finite(table: FloatArray) -> Check:
     if bad.size == 0:
         return Check("finite", True, None, 0.0, 0.0, "", f"All {table.size} positions are finite numbers.")
     row, column = int(bad[0, 0]), int(bad[0, 1])
-    return Check("finite", False, column + 1, float(len(bad)), 0.0, "",
-                 f"Row {row} of the table holds {table[row, column]} for joint {column + 1}; {len(bad)} of its positions are "
-                 "not finite numbers.", row)
+    return Check(
+        "finite",
+        False,
+        column + 1,
+        float(len(bad)),
+        0.0,
+        "",
+        f"Row {row} of the table holds {table[row, column]} for joint {column + 1}; {len(bad)} of its positions are "
+        "not finite numbers.",
+        row,
+    )
 
 
 def _position(table: FloatArray, limits: JointLimits) -> Check:
@@ -178,38 +175,71 @@ def _position(table: FloatArray, limits: JointLimits) -> Check:
     near_lower = limits.position_lower[column] - value >= value - limits.position_upper[column]
     limit = float((limits.position_lower if near_lower else limits.position_upper)[column])
     passed = bool(beyond[row, column] <= POSITION_TOLERANCE_RAD)
-    return Check("position", passed, column + 1, value, limit, "rad",
-                 f"Joint {column + 1} comes to {value:.4f} rad in row {row}, "
-                 f"{'inside' if passed else 'beyond'} its limit of {limit:.4f} rad.", row)
+    return Check(
+        "position",
+        passed,
+        column + 1,
+        value,
+        limit,
+        "rad",
+        f"Joint {column + 1} comes to {value:.4f} rad in row {row}, "
+        f"{'inside' if passed else 'beyond'} its limit of {limit:.4f} rad.",
+        row,
+    )
 
 
 def _magnitude(name: str, values: FloatArray, limit: FloatArray, tolerance: float, unit: str) -> Check:
     row, column = _where_largest(np.abs(values) / limit)
     value, bound = float(abs(values[row, column])), float(limit[column])
     passed = value <= bound * (1.0 + tolerance)
-    return Check(name, passed, column + 1, value, bound, unit,
-                 f"Joint {column + 1} reaches {value:.3f} {unit} in row {row}, {100.0 * value / bound:.1f} % of its {name} "
-                 f"limit of {bound:.3f} {unit}.", row)
+    return Check(
+        name,
+        passed,
+        column + 1,
+        value,
+        bound,
+        unit,
+        f"Joint {column + 1} reaches {value:.3f} {unit} in row {row}, {100.0 * value / bound:.1f} % of its {name} "
+        f"limit of {bound:.3f} {unit}.",
+        row,
+    )
 
 
 def _jerk(jerk: FloatArray, limits: JointLimits) -> Check:
     row, column = _where_largest(np.abs(jerk) / limits.jerk)
     value, bound = float(abs(jerk[row, column])), float(limits.jerk[column])
     # Reported only: the limit is ours, and a table rounded to 1e-7 rad already shows 100 rad/s³ that nobody feels.
-    return Check("jerk", True, column + 1, value, bound, "rad/s³",
-                 f"Joint {column + 1} reaches a jerk of {value:.1f} rad/s³ in row {row} (reported only; stops are planned with "
-                 f"{bound:.1f} rad/s³).", row)
+    return Check(
+        "jerk",
+        True,
+        column + 1,
+        value,
+        bound,
+        "rad/s³",
+        f"Joint {column + 1} reaches a jerk of {value:.1f} rad/s³ in row {row} (reported only; stops are planned with "
+        f"{bound:.1f} rad/s³).",
+        row,
+    )
 
 
 def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> Check:
-    peak = motion.now + motion.acceleration * np.abs(motion.acceleration) / (2.0 * limits.jerk)
-    peak = np.where(peak * motion.now > 0.0, np.abs(peak), 0.0)
+    peak = np.abs(
+        motion.stop_velocity + motion.stop_acceleration * np.abs(motion.stop_acceleration) / (2.0 * limits.jerk)
+    )
     allowed = limits.velocity * (1.0 + VELOCITY_TOLERANCE) + limits.jerk * period**2
     row, column = _where_largest(peak / allowed)
-    value = float(peak[row, column])
-    return Check("stopping_velocity", bool(value <= allowed[column]), column + 1, value, float(limits.velocity[column]),
-                 "rad/s", f"A stop in row {row} cannot keep joint {column + 1} below {value:.3f} rad/s; its velocity limit is "
-                 f"{limits.velocity[column]:.3f} rad/s.", int(motion.rows[row]))
+    value, limit = float(peak[row, column]), float(limits.velocity[column])
+    return Check(
+        "stopping_velocity",
+        bool(value <= allowed[column]),
+        column + 1,
+        value,
+        limit,
+        "rad/s",
+        f"A stop that begins in row {motion.rows[row]} takes joint {column + 1} to {value:.3f} rad/s; its velocity "
+        f"limit is {limit:.3f} rad/s.",
+        int(motion.rows[row]),
+    )
 
 
 def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, list[FloatArray]]:
@@ -217,13 +247,19 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
     here = table[motion.rows]
     room = np.empty_like(here)
     extreme = np.empty_like(here)
-    acceleration_bound = np.maximum(limits.acceleration, np.abs(motion.acceleration))
+    acceleration_bound = np.maximum(limits.acceleration, np.abs(motion.stop_acceleration))
     for column in range(limits.joint_count):
         lower, upper = float(limits.position_lower[column]), float(limits.position_upper[column])
         jerk = float(limits.jerk[column])
-        for row, (q, v, a, bound) in enumerate(zip(here[:, column].tolist(), motion.now[:, column].tolist(),
-                                                   motion.acceleration[:, column].tolist(),
-                                                   acceleration_bound[:, column].tolist(), strict=True)):
+        for row, (q, v, a, bound) in enumerate(
+            zip(
+                here[:, column].tolist(),
+                motion.stop_velocity[:, column].tolist(),
+                motion.stop_acceleration[:, column].tolist(),
+                acceleration_bound[:, column].tolist(),
+                strict=True,
+            )
+        ):
             highest = q + stopping_travel(v, a, bound, jerk)
             lowest = q - stopping_travel(-v, -a, bound, jerk)
             upwards = upper - highest <= lowest - lower
@@ -233,36 +269,65 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
     value = float(extreme[row, column])
     limit = float((limits.position_upper if value > table[:, column].mean() else limits.position_lower)[column])
     passed = bool(room[row, column] >= -POSITION_TOLERANCE_RAD)
-    sentence = (f"The firmest stop takes joint {column + 1} no further than {value:.4f} rad (row {motion.rows[row]}); its "
-                f"limit is {limit:.4f} rad.")
+    sentence = (
+        f"The firmest stop takes joint {column + 1} no further than {value:.4f} rad (row {motion.rows[row]}); its "
+        f"limit is {limit:.4f} rad."
+    )
     tightest = np.argsort(room.min(axis=1))[:20]
     paths = []
     for k in sorted({*range(0, here.shape[0], max(1, stride)), *tightest.tolist()}):
         try:
-            ramp = plan_stop_ramp(here[k], motion.now[k], motion.acceleration[k], limits)
+            ramp = plan_stop_ramp(here[k], motion.stop_velocity[k], motion.stop_acceleration[k], limits)
         except RampError as error:
-            return Check("stop", False, error.joint, error.value, error.limit, error.unit,
-                         f"No stop fits in row {motion.rows[k]}: {error}", int(motion.rows[k])), []
+            return Check(
+                "stop",
+                False,
+                error.joint,
+                error.value,
+                error.limit,
+                error.unit,
+                f"No stop fits in row {motion.rows[k]}: {error}",
+                int(motion.rows[k]),
+            ), []
         if k % max(1, 5 * stride) == 0:
             times = np.linspace(0.0, ramp.duration_s, max(2, math.ceil(ramp.duration_s / 0.02) + 1))
             paths.append(np.array([ramp.position_at(float(t)) for t in times]))
     return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), paths
 
 
-def _start(table: FloatArray, motion: _Motion, limits: JointLimits, period: float, start_row: int,
-           start_position: ArrayLike | None) -> tuple[Check, list[FloatArray]]:
+def _start(
+    table: FloatArray,
+    motion: _Motion,
+    limits: JointLimits,
+    period: float,
+    start_row: int,
+    start_position: ArrayLike | None,
+) -> tuple[Check, list[FloatArray]]:
     at = int(np.argmin(np.abs(motion.rows - start_row % table.shape[0])))
     begin = table.mean(axis=0) if start_position is None else np.asarray(start_position, dtype=np.float64)
     row = int(motion.rows[at])
     try:
-        ramp = plan_start_ramp(begin, table[row], motion.now[at], motion.acceleration[at], limits, command_period_s=period)
+        ramp = plan_start_ramp(
+            begin, table[row], motion.at_velocity[at], motion.at_acceleration[at], limits, command_period_s=period
+        )
     except RampError as error:
         return Check("start_ramp", False, error.joint, error.value, error.limit, error.unit, str(error), row), []
-    path = np.array([ramp.position_at(float(t)) for t in np.linspace(0.0, ramp.duration_s,
-                                                                      max(2, math.ceil(ramp.duration_s / 0.02) + 1))])
-    return Check("start_ramp", True, None, ramp.duration_s, math.nan, "s",
-                 f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {100.0 * ramp.fraction:.0f} % of the limits.",
-                 row), [path]
+    path = np.array(
+        [
+            ramp.position_at(float(t))
+            for t in np.linspace(0.0, ramp.duration_s, max(2, math.ceil(ramp.duration_s / 0.02) + 1))
+        ]
+    )
+    return Check(
+        "start_ramp",
+        True,
+        None,
+        ramp.duration_s,
+        math.nan,
+        "s",
+        f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {100.0 * ramp.fraction:.0f} % of the limits.",
+        row,
+    ), [path]
 
 
 def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check:
@@ -271,13 +336,24 @@ def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check
     bad = np.argwhere(~np.isfinite(torque))
     if bad.size:
         row, column = int(bad[0, 0]), int(bad[0, 1])
-        return Check("torque", False, column + 1, math.nan, float(limits.torque[column]), "Nm",
-                     f"The expected torque of joint {column + 1} in row {row} is not a finite number.", row)
+        return Check(
+            "torque",
+            False,
+            column + 1,
+            math.nan,
+            float(limits.torque[column]),
+            "Nm",
+            f"The expected torque of joint {column + 1} in row {row} is not a finite number.",
+            row,
+        )
     return _magnitude("torque", torque, limits.torque, 0.0, "Nm")
 
 
-def _along(ramps: Sequence[FloatArray], geometry: RobotGeometry, workspace: Workspace,
-           ) -> tuple[tuple[Clearance, ...], tuple[Clearance, ...]]:
+def _along(
+    ramps: Sequence[FloatArray],
+    geometry: RobotGeometry,
+    workspace: Workspace,
+) -> tuple[tuple[Clearance, ...], tuple[Clearance, ...]]:
     """Closest approach over several ramps."""
     own = [c for ramp in ramps for c in self_clearances(ramp, geometry)[:1]]
     outer = [c for ramp in ramps for c in workspace_clearances(ramp, geometry, workspace)[:1]]
@@ -290,11 +366,21 @@ def _clearance(name: str, found: tuple[Clearance, ...], margin_m: float, what: s
     closest = found[0]
     passed = closest.guaranteed_m >= margin_m
     place = "" if rows is None else f" in row {closest.row % rows}"
-    how = f"come as close as {1000.0 * closest.distance_m:.0f} mm" if closest.distance_m >= 0.0 else \
-        f"overlap by {-1000.0 * closest.distance_m:.0f} mm"
-    return Check(name, passed, None, closest.guaranteed_m, margin_m, "m",
-                 f"Along {what}, {closest.first} and {closest.second} {how}{place}; {1000.0 * margin_m:.0f} mm are "
-                 "required.", None if rows is None else closest.row % rows)
+    how = (
+        f"come as close as {1000.0 * closest.distance_m:.0f} mm"
+        if closest.distance_m >= 0.0
+        else f"overlap by {-1000.0 * closest.distance_m:.0f} mm"
+    )
+    return Check(
+        name,
+        passed,
+        None,
+        closest.guaranteed_m,
+        margin_m,
+        "m",
+        f"Along {what}, {closest.first} and {closest.second} {how}{place}; {1000.0 * margin_m:.0f} mm are required.",
+        None if rows is None else closest.row % rows,
+    )
 
 
 def _where_largest(values: FloatArray) -> tuple[int, int]:

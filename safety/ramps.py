@@ -1,9 +1,9 @@
 """Start and stop ramps in joint space: planned by Ruckig, checked by us, and only then handed out.
 
 Lives here: the plan, its check against position, velocity and acceleration limits, and the cheap evaluation per tick.
-Lives elsewhere: when a ramp begins and what follows it (the loop). What Ruckig does not do for us, and this module does:
-the velocity interface ignores position and velocity limits; its `position_extrema` assume a target position that the
-velocity interface does not have; on an error its output is stale. So every input is judged before, and every
+Lives elsewhere: when a ramp begins and what follows it (the loop). What Ruckig does not do for us, and this module
+does: the velocity interface ignores position and velocity limits; its `position_extrema` assume a target position
+that the velocity interface does not have; on an error its output is stale. So every input is judged before, and every
 trajectory is taken apart into its phases of constant jerk, whose extrema are exact.
 """
 
@@ -19,10 +19,12 @@ from safety.errors import RampError
 from safety.limits import FloatArray, JointLimits
 
 STOP_FRACTIONS = (0.35, 0.5, 0.7, 0.85, 1.0)
-"""Ladder of stops: the acceleration and jerk limits are multiplied by these in turn, the first stop that fits is taken."""
+"""Ladder of stops: the acceleration and jerk limits are multiplied by these in turn, the first stop that fits is
+taken."""
 
 START_FRACTIONS = (0.15, 0.25, 0.4, 0.6, 0.8, 1.0)
-"""Ladder of start ramps: velocity, acceleration and jerk limits multiplied by these; the first ramp that fits is taken."""
+"""Ladder of start ramps: velocity, acceleration and jerk limits multiplied by these; the first ramp that fits is
+taken."""
 
 POSITION_TOLERANCE_RAD = 1e-7
 """A ramp may pass a position limit by this much: ten times Ruckig's own precision of 1e-8 rad."""
@@ -34,21 +36,28 @@ RELATIVE_TOLERANCE = 1e-6
 class Ramp:
     """A checked motion of n joints from t = 0 to `duration_s`; holds its last state afterwards.
 
-    A stop ends at rest. A start ramp ends on the state it was planned for, exactly; the caller switches to what follows at
-    `duration_s`. fraction: the rung of the ladder (share of the limits) that was needed.
+    A stop ends at rest. A start ramp ends on the state it was planned for, exactly; the caller switches to what
+    follows at `duration_s`. fraction: the rung of the ladder (share of the limits) that was needed.
     """
 
     __slots__ = ("_final", "_trajectory", "duration_s", "fraction")
 
-    def __init__(self, trajectory: ruckig.Trajectory, duration_s: float, fraction: float,
-                 final: tuple[FloatArray, FloatArray, FloatArray]) -> None:
+    def __init__(
+        self,
+        trajectory: ruckig.Trajectory,
+        duration_s: float,
+        fraction: float,
+        final: tuple[FloatArray, FloatArray, FloatArray],
+    ) -> None:
         self._trajectory = trajectory
         self.duration_s = duration_s
         self.fraction = fraction
         self._final = final
 
     def at(self, time_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position (n,) rad, velocity (n,) rad/s and acceleration (n,) rad/s² at `time_s` after the ramp's beginning."""
+        """Position (n,) rad, velocity (n,) rad/s and acceleration (n,) rad/s² at `time_s` after the ramp's
+        beginning.
+        """
         if time_s >= self.duration_s:
             position, velocity, acceleration = self._final
             return position.copy(), velocity.copy(), acceleration.copy()
@@ -58,23 +67,28 @@ class Ramp:
     def position_at(self, time_s: float) -> list[float]:
         """Position alone, n plain floats, rad: the cheapest form for the loop."""
         if time_s >= self.duration_s:
-            return self._final[0].tolist()
+            resting: list[float] = self._final[0].tolist()
+            return resting
         position: list[float] = self._trajectory.at_time(time_s if time_s > 0.0 else 0.0)[0]
         return position
 
 
-def plan_stop_ramp(position: Sequence[float] | FloatArray, velocity: Sequence[float] | FloatArray,
-                   acceleration: Sequence[float] | FloatArray, limits: JointLimits) -> Ramp:
+def plan_stop_ramp(
+    position: Sequence[float] | FloatArray,
+    velocity: Sequence[float] | FloatArray,
+    acceleration: Sequence[float] | FloatArray,
+    limits: JointLimits,
+) -> Ramp:
     """Stop of all joints from a moving state, each on its own as fast as the rung of the ladder allows.
 
     position (n,) rad, velocity (n,) rad/s, acceleration (n,) rad/s²: the state at the last accepted command. The ladder
     STOP_FRACTIONS goes from gentle to the firmest that the acceleration and jerk limits allow; a rung is refused when
     the stop would leave a position limit or raise a velocity above its limit.
 
-    A state beyond the limits can still be stopped: an initial velocity or acceleration above its limit widens that limit to the
-    initial value (and to the velocity it cannot avoid any more), so the stop never makes it worse and is never refused for it.
-    Raises RampError with joint and numbers when even the firmest stop leaves a position limit by more than
-    POSITION_TOLERANCE_RAD (never for a state the guard accepted); its attribute `firmest` is that stop.
+    A state beyond the limits can still be stopped: an initial position, velocity or acceleration past its limit widens
+    that limit to the initial value (and to the velocity it cannot avoid any more), so the stop never makes it worse and
+    is never refused for it. Raises RampError with joint and numbers when even the firmest stop leaves a position limit
+    by more than POSITION_TOLERANCE_RAD (never for a state the guard accepted); its attribute `firmest` is that stop.
     """
     q = _state("position", position, limits)
     dq = _state("velocity", velocity, limits)
@@ -82,11 +96,13 @@ def plan_stop_ramp(position: Sequence[float] | FloatArray, velocity: Sequence[fl
     inevitable = np.maximum(np.abs(dq), np.abs(dq + ddq * np.abs(ddq) / (2.0 * limits.jerk)))
     velocity_bound = np.maximum(limits.velocity, inevitable)
     acceleration_bound = np.maximum(limits.acceleration, np.abs(ddq))
+    lower, upper = np.minimum(limits.position_lower, q), np.maximum(limits.position_upper, q)
     failure: tuple[str, int, float, float] | None = None
     ramp: Ramp | None = None
     for fraction in STOP_FRACTIONS:
-        request = _request(q, dq, ddq, velocity_bound, np.maximum(fraction * limits.acceleration, np.abs(ddq)),
-                           fraction * limits.jerk)
+        request = _request(
+            q, dq, ddq, velocity_bound, np.maximum(fraction * limits.acceleration, np.abs(ddq)), fraction * limits.jerk
+        )
         request.control_interface = ruckig.ControlInterface.Velocity
         request.synchronization = ruckig.Synchronization.No
         request.target_velocity = [0.0] * limits.joint_count
@@ -96,18 +112,24 @@ def plan_stop_ramp(position: Sequence[float] | FloatArray, velocity: Sequence[fl
         end = np.array(trajectory.at_time(duration)[0])
         rest = np.zeros(limits.joint_count)
         ramp = Ramp(trajectory, duration, fraction, (end, rest, rest))
-        failure = _violation(trajectory, limits.position_lower, limits.position_upper, velocity_bound, acceleration_bound)
+        failure = _violation(trajectory, lower, upper, velocity_bound, acceleration_bound)
         if failure is None:
             return ramp
     assert failure is not None
     raise _ramp_error("stop", failure, ramp)
 
 
-def plan_start_ramp(position: Sequence[float] | FloatArray, target_position: Sequence[float] | FloatArray,
-                    target_velocity: Sequence[float] | FloatArray, target_acceleration: Sequence[float] | FloatArray,
-                    limits: JointLimits, *, command_period_s: float = 0.001,
-                    velocity: Sequence[float] | FloatArray | None = None,
-                    acceleration: Sequence[float] | FloatArray | None = None) -> Ramp:
+def plan_start_ramp(
+    position: Sequence[float] | FloatArray,
+    target_position: Sequence[float] | FloatArray,
+    target_velocity: Sequence[float] | FloatArray,
+    target_acceleration: Sequence[float] | FloatArray,
+    limits: JointLimits,
+    *,
+    command_period_s: float = 0.001,
+    velocity: Sequence[float] | FloatArray | None = None,
+    acceleration: Sequence[float] | FloatArray | None = None,
+) -> Ramp:
     """Motion from where the arm is to a moving target state, all joints arriving together on a command tick.
 
     position, target_position (n,) rad; target_velocity (n,) rad/s; target_acceleration (n,) rad/s²; velocity and
@@ -115,8 +137,9 @@ def plan_start_ramp(position: Sequence[float] | FloatArray, target_position: Seq
     that follows goes on exactly one period after the ramp's last tick. The ladder START_FRACTIONS goes from gentle
     to the full limits; the gentle rungs are widened per joint to what the two end states need.
 
-    Raises RampError when an end state cannot be reached or left within the limits (its position, velocity, acceleration, or
-    the velocity that its acceleration implies just before or after), or when no rung yields a ramp inside them.
+    Raises RampError when an end state cannot be reached or left within the limits (its position, velocity,
+    acceleration, or the velocity that its acceleration implies just before or after), or when no rung yields a ramp
+    inside them.
     """
     n = limits.joint_count
     q = _state("position", position, limits)
@@ -134,10 +157,16 @@ def plan_start_ramp(position: Sequence[float] | FloatArray, target_position: Seq
     for fraction in START_FRACTIONS:
         jerk = fraction * limits.jerk
         needed_velocity = np.maximum(np.abs(dq) + ddq**2 / (2.0 * jerk), np.abs(dq_end) + ddq_end**2 / (2.0 * jerk))
-        request = _request(q, dq, ddq,
-                           np.minimum(np.maximum(fraction * limits.velocity, needed_velocity),
-                                      limits.velocity * (1.0 + RELATIVE_TOLERANCE)),
-                           np.maximum(fraction * limits.acceleration, np.maximum(np.abs(ddq), np.abs(ddq_end))), jerk)
+        request = _request(
+            q,
+            dq,
+            ddq,
+            np.minimum(
+                np.maximum(fraction * limits.velocity, needed_velocity), limits.velocity * (1.0 + RELATIVE_TOLERANCE)
+            ),
+            np.maximum(fraction * limits.acceleration, np.maximum(np.abs(ddq), np.abs(ddq_end))),
+            jerk,
+        )
         request.control_interface = ruckig.ControlInterface.Position
         request.synchronization = ruckig.Synchronization.Time
         request.duration_discretization = ruckig.DurationDiscretization.Discrete
@@ -150,9 +179,13 @@ def plan_start_ramp(position: Sequence[float] | FloatArray, target_position: Seq
             planner_error = error
             continue
         ticks = round(float(trajectory.duration) / command_period_s)
-        failure = _violation(trajectory, limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
+        failure = _violation(
+            trajectory, limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration
+        )
         arrived = trajectory.at_time(float(trajectory.duration))
-        off = max(float(np.max(np.abs(np.array(arrived[0]) - q_end))), abs(ticks * command_period_s - trajectory.duration))
+        off = max(
+            float(np.max(np.abs(np.array(arrived[0]) - q_end))), abs(ticks * command_period_s - trajectory.duration)
+        )
         if failure is None and off < POSITION_TOLERANCE_RAD:
             return Ramp(trajectory, ticks * command_period_s, fraction, (q_end, dq_end, ddq_end))
     if failure is not None:
@@ -165,16 +198,23 @@ def plan_start_ramp(position: Sequence[float] | FloatArray, target_position: Seq
 def _state(name: str, given: Sequence[float] | FloatArray, limits: JointLimits) -> FloatArray:
     array = np.array(given, dtype=np.float64)
     if array.shape != (limits.joint_count,):
-        raise RampError(f"The {name} of the ramp has shape {array.shape}, but the robot has {limits.joint_count} joints.")
+        raise RampError(
+            f"The {name} of the ramp has shape {array.shape}, but the robot has {limits.joint_count} joints."
+        )
     for joint, value in enumerate(array.tolist(), start=1):
         if not math.isfinite(value):
-            raise RampError(f"The {name} of joint {joint} is {value}, which is not a finite number.", joint=joint,
-                            quantity=name, value=value)
+            raise RampError(
+                f"The {name} of joint {joint} is {value}, which is not a finite number.",
+                joint=joint,
+                quantity=name,
+                value=value,
+            )
     return array
 
 
-def _request(q: FloatArray, dq: FloatArray, ddq: FloatArray, velocity: FloatArray, acceleration: FloatArray,
-             jerk: FloatArray) -> ruckig.InputParameter:
+def _request(
+    q: FloatArray, dq: FloatArray, ddq: FloatArray, velocity: FloatArray, acceleration: FloatArray, jerk: FloatArray
+) -> ruckig.InputParameter:
     request = ruckig.InputParameter(int(q.size))
     request.current_position = q.tolist()
     request.current_velocity = dq.tolist()
@@ -204,31 +244,48 @@ def _refuse_infeasible(end: str, q: FloatArray, dq: FloatArray, ddq: FloatArray,
         lower, upper = float(limits.position_lower[i]), float(limits.position_upper[i])
         if not lower - POSITION_TOLERANCE_RAD <= q[i] <= upper + POSITION_TOLERANCE_RAD:
             side = lower if q[i] < lower else upper
-            raise RampError(f"The {end} of the ramp has joint {i + 1} at {q[i]:.5f} rad, beyond its limit of {side:.5f} rad.",
-                            joint=i + 1, quantity="position", value=float(q[i]), limit=side, unit="rad")
-        for quantity, value, limit, unit in (("velocity", dq[i], limits.velocity[i], "rad/s"),
-                                             ("acceleration", ddq[i], limits.acceleration[i], "rad/s²"),
-                                             ("velocity", peak[i], limits.velocity[i], "rad/s")):
+            raise RampError(
+                f"The {end} of the ramp has joint {i + 1} at {q[i]:.5f} rad, beyond its limit of {side:.5f} rad.",
+                joint=i + 1,
+                quantity="position",
+                value=float(q[i]),
+                limit=side,
+                unit="rad",
+            )
+        for quantity, value, limit, unit in (
+            ("velocity", dq[i], limits.velocity[i], "rad/s"),
+            ("acceleration", ddq[i], limits.acceleration[i], "rad/s²"),
+            ("velocity", peak[i], limits.velocity[i], "rad/s"),
+        ):
             if abs(value) > limit * (1.0 + RELATIVE_TOLERANCE):
-                raise RampError(f"The {end} of the ramp needs {abs(value):.4f} {unit} at joint {i + 1}; its {quantity} limit "
-                                f"is {limit:.4f} {unit}.", joint=i + 1, quantity=quantity, value=float(abs(value)),
-                                limit=float(limit), unit=unit)
+                raise RampError(
+                    f"The {end} of the ramp needs {abs(value):.4f} {unit} at joint {i + 1}; its {quantity} limit "
+                    f"is {limit:.4f} {unit}.",
+                    joint=i + 1,
+                    quantity=quantity,
+                    value=float(abs(value)),
+                    limit=float(limit),
+                    unit=unit,
+                )
 
 
 def _phases(profile: ruckig.Profile) -> Iterator[tuple[float, float, float, float, float]]:
-    """Phases of constant jerk of one joint: duration s, jerk, and acceleration, velocity, position at their beginning."""
+    """Phases of constant jerk of one joint: duration s, jerk, and acceleration, velocity, position at their
+    beginning.
+    """
     if profile.brake.duration > 0.0:
         brake = profile.brake
         yield from zip(brake.t, brake.j, brake.a, brake.v, brake.p, strict=True)
     yield from zip(profile.t, profile.j, profile.a, profile.v, profile.p, strict=False)
 
 
-def _violation(trajectory: ruckig.Trajectory, lower: FloatArray, upper: FloatArray, velocity: FloatArray,
-               acceleration: FloatArray) -> tuple[str, int, float, float] | None:
+def _violation(
+    trajectory: ruckig.Trajectory, lower: FloatArray, upper: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[str, int, float, float] | None:
     """First limit that a trajectory leaves: (quantity, joint from 1, value, limit), or None.
 
-    Within a phase of constant jerk the acceleration is extreme at its ends, the velocity also where a = 0, and the position
-    also where v = 0; so the check is exact and knows nothing of the planner's own summary of its extrema.
+    Within a phase of constant jerk the acceleration is extreme at its ends, the velocity also where a = 0, and the
+    position also where v = 0; so the check is exact and knows nothing of the planner's own summary of its extrema.
     """
     worst: tuple[str, int, float, float] | None = None
     for i, profile in enumerate(trajectory.profiles[0]):
@@ -276,6 +333,13 @@ def _ramp_error(kind: str, failure: tuple[str, int, float, float], firmest: Ramp
     quantity, joint, value, limit = failure
     unit = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}[quantity]
     how = "even the firmest stop" if kind == "stop" else "every start ramp the planner finds"
-    return RampError(f"No {kind} ramp fits: {how} takes joint {joint} to {value:.5f} {unit}, and its {quantity} limit is "
-                     f"{limit:.5f} {unit}.", joint=joint, quantity=quantity, value=value, limit=limit, unit=unit,
-                     firmest=firmest)
+    return RampError(
+        f"No {kind} ramp fits: {how} takes joint {joint} to {value:.5f} {unit}, and its {quantity} limit is "
+        f"{limit:.5f} {unit}.",
+        joint=joint,
+        quantity=quantity,
+        value=value,
+        limit=limit,
+        unit=unit,
+        firmest=firmest,
+    )

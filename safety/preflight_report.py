@@ -1,0 +1,69 @@
+"""What a preflight answers: one `Check` per question and the distances that were found. Made by preflight.py."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from safety.collision import Clearance
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One question about the table and its answer.
+
+    joint: the worst joint, counted from 1, None where the question concerns no single joint. row: the row of the
+    table (from 0) where the worst value stands. value, limit: in `unit`, NaN where there is none.
+    """
+
+    name: str
+    passed: bool
+    joint: int | None
+    value: float
+    limit: float
+    unit: str
+    sentence: str
+    row: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for a JSON file; a number that is not finite becomes null."""
+        return {
+            "name": self.name,
+            "passed": self.passed,
+            "joint": self.joint,
+            "row": self.row,
+            "value": self.value if math.isfinite(self.value) else None,
+            "limit": self.limit if math.isfinite(self.limit) else None,
+            "unit": self.unit,
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightReport:
+    """Answers to all checks, and the smallest distances per pair of links and per obstacle."""
+
+    checks: tuple[Check, ...]
+    clearances: tuple[Clearance, ...] = ()
+
+    @property
+    def safe(self) -> bool:
+        """Whether every check passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that did not pass."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    def to_json(self) -> dict[str, Any]:
+        """{"safe", "checks": [...], "clearances": [{"pair", "distance_m", "guaranteed_m", "row"}]}."""
+        return {
+            "safe": self.safe,
+            "checks": [check.to_json() for check in self.checks],
+            "clearances": [
+                {"pair": c.pair, "distance_m": c.distance_m, "guaranteed_m": c.guaranteed_m, "row": c.row}
+                for c in self.clearances
+            ],
+        }
