@@ -1,11 +1,13 @@
 """Estimators: from an observation (8) to base parameters with σ, and to physical parameters that can exist.
 
-`observation` reads the tall matrix once; `least_squares` solves (9); `semidefinite` finds the best physically consistent
-parameters with a certificate; `constrained` solves the paper's program (10). `fit` ties them together.
+`observation` reads the tall matrix once; `least_squares` solves (9); `semidefinite` finds the best physically
+consistent parameters with a certificate; `constrained` solves the paper's program (10). The fit ties them together.
 """
 
 from __future__ import annotations
 
+from identification.estimators.constrained import Certificate, ConstrainedResult, solve_constrained
+from identification.estimators.feasibility import FeasibilityRules, Violation, rules_for, violations
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
 from identification.estimators.observation import (
     CompressedObservation,
@@ -15,14 +17,24 @@ from identification.estimators.observation import (
     merge,
 )
 from identification.estimators.physical import PhysicalParameters
+from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
 
 __all__ = [
+    "Certificate",
     "CompressedObservation",
+    "ConstrainedResult",
+    "FeasibilityRules",
     "LeastSquaresResult",
     "Observation",
     "PhysicalParameters",
     "ReducedProblem",
+    "SemidefiniteResult",
+    "Violation",
     "compress",
     "merge",
+    "rules_for",
+    "solve_constrained",
     "solve_least_squares",
+    "solve_semidefinite",
+    "violations",
 ]

@@ -105,7 +105,7 @@ class CompressedObservation:
         direction = np.append(base_values, -1.0)
         images = self.blocks @ direction
         squares = np.einsum("ni,ni->n", images, images) if self.factored else images @ direction
-        return np.maximum(squares, 0.0)
+        return np.asarray(np.maximum(squares, 0.0), dtype=np.float64)
 
     def torque_squares(self) -> FloatArray:
         """(n,) sum of squared torques of each joint, Nm²."""

@@ -1,0 +1,330 @@
+"""The paper's program (10): physical parameters of smallest cost under (10b)–(10d), with a certificate.
+
+Solved in y = (m, h = m·l_C, I_C, F), where all rules are linear and eq. (4) is linear but for h hᵀ/m. An
+interior-point method (`interior_point`) runs from several seeded starts inside the rules; what it returns meets every
+rule exactly, and its cost is set beside a lower bound that no set meeting the rules can go below (`semidefinite`).
+Not here: least squares, and the check of the rules themselves (`feasibility`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import clarabel
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import SolverError
+from identification.estimators.feasibility import (
+    FeasibilityRules,
+    Violation,
+    linear_inequalities,
+    rules_for,
+    violations,
+)
+from identification.estimators.interior_point import InteriorPointResult, minimise_inside
+from identification.estimators.observation import ReducedProblem
+from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters, symmetric
+from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
+
+FloatArray = npt.NDArray[np.float64]
+
+# Distance kept from every rule, in its own unit: enough for a product of rounded numbers to stay on the right side.
+_MARGIN = 1e-9
+_SMALLEST_RELATIVE_COST = 1e-8
+# Tried in turn, in typical sizes of the entries: how far inside the rules a start is put.
+_DISTANCES_FROM_RULES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """One start of the optimiser: where it began, the cost it reached, whether it converged, its iterations."""
+
+    origin: str
+    cost: float
+    converged: bool
+    iterations: int
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What is proven about a solution of program (10).
+
+    cost: of the set returned; least_squares_cost: of (9), without rules; lower_bound: of any set that meets the rules;
+    gap: (cost − lower_bound) / least_squares_cost, which bounds what a better optimiser could still gain.
+    consistent_cost: of the pseudo-inertia program (full physical consistency, without the rules of (10d)).
+    violations: rules of (10b)–(10d) that do not hold, compared exactly: empty. fully_consistent: whether all links'
+    pseudo-inertias are positive definite, which (10d) does not ask for; smallest_eigenvalue: the smallest of theirs.
+    """
+
+    cost: float
+    least_squares_cost: float
+    lower_bound: float
+    gap: float
+    consistent_cost: float
+    violations: tuple[Violation, ...]
+    fully_consistent: bool
+    smallest_eigenvalue: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every rule of (10b)–(10d) holds."""
+        return not self.violations
+
+    def to_json(self) -> dict[str, object]:
+        """The certificate as it stands in model.json; costs are weighted sums of squared residuals."""
+        return {
+            "program": "(10a)-(10d), corrected",
+            "feasible": self.feasible,
+            "violations": [asdict(violation) for violation in self.violations],
+            "cost": self.cost,
+            "least_squares_cost": self.least_squares_cost,
+            "lower_bound": self.lower_bound,
+            "gap": self.gap,
+            "consistent_cost": self.consistent_cost,
+            "fully_consistent": self.fully_consistent,
+            "smallest_pseudo_inertia_eigenvalue": self.smallest_eigenvalue,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstrainedResult:
+    """Solution of program (10).
+
+    physical: μ. base_values: (p,) its base parameters; full: (full,) its dynamic parameters in the order of
+    full_names, with rotor inertias and offsets where chosen. cost, lower_bound: as in the certificate. starts: all starts, the best first. rules: those asked for.
+    """
+
+    physical: PhysicalParameters
+    base_values: FloatArray
+    full: FloatArray
+    cost: float
+    lower_bound: float
+    starts: tuple[Start, ...]
+    certificate: Certificate
+    rules: FeasibilityRules
+
+
+def solve_constrained(
+    problem: ReducedProblem,
+    base: BaseRegressor,
+    rules: FeasibilityRules | None = None,
+    *,
+    starts: int = 5,
+    seed: int = 0,
+) -> ConstrainedResult:
+    """Solve (10a)–(10d), corrected. problem: the reduced least-squares problem; its weights are the program's.
+
+    starts: how many; the first from the convex relaxation, the second from the pseudo-inertia program, the others
+    random inside the rules (seed). Raises SolverError if the rules contradict each other or no start converges to a
+    set that meets them.
+    """
+    chosen = rules if rules is not None else rules_for(base.robot)
+    program = ConstrainedProgram(problem, base, chosen)
+    relaxation = relax_constrained_program(problem, base, chosen)
+    consistent = solve_semidefinite(problem, base, chosen)
+    generator = np.random.default_rng(seed)
+    origins: list[tuple[str, FloatArray]] = [
+        ("convex relaxation", program.inside(relaxation.start)),
+        ("pseudo-inertia program", program.inside(program.variables_of(consistent.full))),
+    ]
+    for number in range(1, starts - 1):
+        origins.append((f"random {number}, seed {seed}", program.random_point(generator, relaxation.start)))
+    ends = [(origin, program.solve_from(point)) for origin, point in origins[: max(starts, 1)]]
+    ends.sort(key=lambda end: end[1].value)
+    best = ends[0][1]
+    physical = program.physical(best.point)
+    full = program.dynamic_parameters(best.point)
+    base_values = base.base_from_full(full)
+    cost = problem.cost(base_values)
+    broken = violations(chosen, physical, base.options.symbols)
+    if broken:
+        worst = broken[0]
+        raise SolverError(
+            f"Program (10) ended outside its own rules: {worst.rule} of link {worst.link} is {worst.value:.6g}, "
+            f"allowed is {worst.limit:.6g}.",
+            solver="interior point",
+            status="infeasible",
+        )
+    smallest = float(np.linalg.eigvalsh(physical.pseudo_inertia()).min())
+    certificate = Certificate(
+        cost=cost,
+        least_squares_cost=problem.residual_square,
+        lower_bound=relaxation.lower_bound,
+        gap=(cost - relaxation.lower_bound) / program.scale,
+        consistent_cost=consistent.cost,
+        violations=broken,
+        fully_consistent=smallest > 0.0,
+        smallest_eigenvalue=smallest,
+    )
+    return ConstrainedResult(
+        physical=physical,
+        base_values=base_values,
+        full=full,
+        cost=cost,
+        lower_bound=relaxation.lower_bound,
+        starts=tuple(
+            Start(origin, problem.residual_square + program.scale * end.value, end.converged, end.iterations)
+            for origin, end in ends
+        ),
+        certificate=certificate,
+        rules=chosen,
+    )
+
+
+class ConstrainedProgram:
+    """Program (10) in y: excess cost with exact derivatives, the rules as A y ≤ b, points inside them.
+
+    y is (links, 10 + extras) raveled, the layout of full_names with (m, h, I_C) in place of the inertial entries.
+    scale: weighted squared residuals that count as 1 in `excess`: the least-squares cost, so that values are of order
+    one (an objective scaled by 1e3 or 1e-3 makes general solvers report false success).
+    """
+
+    def __init__(self, problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules) -> None:
+        self._base = base
+        self._rules = rules
+        self._links = base.robot.n
+        self._stride = INERTIAL_COUNT + len(base.options.symbols)
+        self.scale = max(
+            problem.residual_square, _SMALLEST_RELATIVE_COST * float(problem.projected @ problem.projected)
+        )
+        root = np.sqrt(self.scale)
+        self._image = problem.triangular @ base.regrouping / root
+        self._target = problem.projected / root
+        self._gram = 2.0 * self._image.T @ self._image
+        self.matrix, bound = linear_inequalities(rules, self._links, base.options.symbols)
+        self.bound = bound - _MARGIN
+
+    def dynamic_parameters(self, y: FloatArray) -> FloatArray:
+        """π(y), eq. (4)."""
+        table = y.reshape(self._links, self._stride)
+        m, h = table[:, :1], table[:, 1:4]
+        squares = h * h / m
+        result = table.copy()
+        result[:, 4] += squares[:, 1] + squares[:, 2]
+        result[:, 7] += squares[:, 0] + squares[:, 2]
+        result[:, 9] += squares[:, 0] + squares[:, 1]
+        result[:, 5] -= h[:, 0] * h[:, 1] / m[:, 0]
+        result[:, 6] -= h[:, 0] * h[:, 2] / m[:, 0]
+        result[:, 8] -= h[:, 1] * h[:, 2] / m[:, 0]
+        return result.ravel()
+
+    def variables_of(self, full: FloatArray) -> FloatArray:
+        """The y of dynamic parameters with positive masses, the inverse of `dynamic_parameters`."""
+        table = full.reshape(self._links, self._stride)
+        shifted = self.dynamic_parameters(full).reshape(self._links, self._stride)
+        return np.asarray((2.0 * table - shifted).ravel(), dtype=np.float64)
+
+    def physical(self, y: FloatArray) -> PhysicalParameters:
+        """The physical parameters μ that y stands for."""
+        table = y.reshape(self._links, self._stride)
+        viscous, coulomb = self._base.extra_of(y, "FV"), self._base.extra_of(y, "FS")
+        none = np.zeros(self._links)
+        return PhysicalParameters(
+            mass=table[:, 0].copy(),
+            center_of_mass=table[:, 1:4] / table[:, :1],
+            inertia=symmetric(table[:, 4:INERTIAL_COUNT]),
+            viscous=none if viscous is None else viscous,
+            coulomb=none if coulomb is None else coulomb,
+        )
+
+    def excess(self, y: FloatArray) -> float:
+        """(cost − least-squares cost) / scale."""
+        residual = self._image @ self.dynamic_parameters(y) - self._target
+        return float(residual @ residual)
+
+    def derivatives(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (k,) and Hessian (k, k) of `excess`, exact."""
+        residual = self._image @ self.dynamic_parameters(y) - self._target
+        slope = 2.0 * self._image.T @ residual  # with respect to π
+        jacobian = np.eye(len(y))
+        curvature = np.zeros((len(y), len(y)))
+        table = y.reshape(self._links, self._stride)
+        for link in range(self._links):
+            first = link * self._stride
+            m, h = float(table[link, 0]), table[link, 1:4]
+            jacobian[first + 4 : first + 10, first : first + 4] += _tensor_jacobian(m, h)
+            # Σ v ∂²(h hᵀ/m) with V so that the sum is hᵀ V h / m
+            v = slope[first + 4 : first + 10]
+            tensor = -0.5 * symmetric(v)
+            np.fill_diagonal(tensor, (v[3] + v[5], v[0] + v[5], v[0] + v[3]))
+            turned = tensor @ h
+            block = curvature[first : first + 4, first : first + 4]
+            block[0, 0] = 2.0 * float(h @ turned) / m**3
+            block[0, 1:] = block[1:, 0] = -2.0 * turned / m**2
+            block[1:, 1:] = 2.0 * tensor / m
+        return jacobian.T @ slope, jacobian.T @ self._gram @ jacobian + curvature
+
+    def inside(self, y: FloatArray) -> FloatArray:
+        """The point nearest to y, in typical sizes of its entries, that keeps some distance from every rule.
+
+        A convex quadratic program; the distance asked for shrinks until there is such a point. Raises SolverError if
+        the rules contradict each other.
+        """
+        typical = self._typical_sizes(y)
+        norms = np.linalg.norm(self.matrix * typical, axis=1)
+        size = len(y)
+        constraints = scipy.sparse.csc_matrix(self.matrix * typical)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        for distance in _DISTANCES_FROM_RULES:
+            limit = self.bound - distance * norms - self.matrix @ y
+            cones = [clarabel.NonnegativeConeT(len(limit))]
+            identity = scipy.sparse.eye_array(size, format="csc")
+            solution = clarabel.DefaultSolver(identity, np.zeros(size), constraints, limit, cones, settings).solve()
+            point = np.asarray(y + typical * np.array(solution.x), dtype=np.float64)
+            if np.all(self.matrix @ point < self.bound):
+                return point
+        raise SolverError(
+            "The rules (10b) and (10d) contradict each other: no set of physical parameters meets all of them.",
+            solver="Clarabel",
+            status=str(solution.status),
+        )
+
+    def random_point(self, generator: np.random.Generator, like: FloatArray) -> FloatArray:
+        """A random point inside the rules with masses, sizes and friction of the order of those of `like`.
+
+        As the paper started: every link a homogeneous body of random mass and size about a random centre of mass.
+        """
+        table = like.reshape(self._links, self._stride).copy()
+        masses = np.maximum(table[:, 0], self._rules.mass[0])
+        table[:, 0] = masses * 3.0 ** generator.uniform(-1.0, 1.0, self._links)
+        reach = 0.5 * self._rules.center_of_mass
+        table[:, 1:4] = table[:, :1] * generator.uniform(-reach, reach, (self._links, 3))
+        sizes = generator.uniform(0.05, 0.3, (self._links, 3)) * self._rules.center_of_mass / 0.3
+        squares = table[:, :1] * sizes**2 / 12.0
+        table[:, 4:INERTIAL_COUNT] = 0.0
+        for axis, entry in enumerate((4, 7, 9)):
+            table[:, entry] = squares.sum(axis=1) - squares[:, axis]
+        factors = 3.0 ** generator.uniform(-1.0, 1.0, (self._links, self._stride - INERTIAL_COUNT))
+        table[:, INERTIAL_COUNT:] *= factors
+        return self.inside(table.ravel())
+
+    def solve_from(self, y: FloatArray) -> InteriorPointResult:
+        """The local minimum that the interior-point method reaches from a point y inside the rules."""
+        return minimise_inside(self.excess, self.derivatives, self.matrix, self.bound, y)
+
+    def _typical_sizes(self, y: FloatArray) -> FloatArray:
+        """What counts as one unit of each entry near y: the link's own mass, extent and inertia."""
+        table = y.reshape(self._links, self._stride)
+        typical = np.empty_like(table)
+        mass = np.clip(table[:, 0], *self._rules.mass)
+        inertia = np.abs(table[:, [4, 7, 9]]).mean(axis=1)
+        typical[:, 0] = mass
+        typical[:, 1:4] = (mass * self._rules.center_of_mass)[:, None]
+        typical[:, 4:INERTIAL_COUNT] = np.clip(inertia, *self._rules.diagonal_inertia)[:, None]
+        typical[:, INERTIAL_COUNT:] = np.maximum(np.abs(table[:, INERTIAL_COUNT:]), 0.1)
+        return typical.ravel()
+
+
+def _tensor_jacobian(m: float, h: FloatArray) -> FloatArray:
+    """(6, 4) derivatives of the entries XX, XY, XZ, YY, YZ, ZZ of (hᵀh 1 − h hᵀ)/m by m, h_x, h_y, h_z."""
+    x, y, z = h
+    by_h = np.array(
+        [[0.0, 2 * y, 2 * z], [-y, -x, 0.0], [-z, 0.0, -x], [2 * x, 0.0, 2 * z], [0.0, -z, -y], [2 * x, 2 * y, 0.0]]
+    )
+    values = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    return np.column_stack([-values / m**2, by_h / m])

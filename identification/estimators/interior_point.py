@@ -1,0 +1,129 @@
+"""A primal-dual interior-point method for a smooth function of some hundred variables under linear inequalities.
+
+Every iterate is strictly inside the inequalities, so the answer meets them exactly. Used by `constrained` for program
+(10); knows nothing of robots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+FloatArray = npt.NDArray[np.float64]
+
+Function = Callable[[FloatArray], float]
+Derivatives = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+_FRACTION_TO_BOUNDARY = 0.99
+_ARMIJO = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InteriorPointResult:
+    """Where the method ended: point, value, and how far it is from a stationary point.
+
+    stationarity: largest entry of the Lagrangian's gradient in the scale of the variables. complementarity: mean of
+    slack times multiplier, an estimate of what the value could still fall by per inequality. converged: both are below
+    the tolerance.
+    """
+
+    point: FloatArray
+    value: float
+    stationarity: float
+    complementarity: float
+    iterations: int
+    converged: bool
+
+
+def minimise_inside(
+    function: Function,
+    derivatives: Derivatives,
+    matrix: FloatArray,
+    bound: FloatArray,
+    start: FloatArray,
+    *,
+    tolerance: float = 1e-9,
+    maximum_iterations: int = 300,
+) -> InteriorPointResult:
+    """A local minimum of function(y) over matrix · y < bound, from a start strictly inside.
+
+    function: value of order one (scale it: tolerances are absolute). derivatives: gradient (k,) and symmetric Hessian
+    (k, k). The Hessian need not be positive definite. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
+    Raises ValueError when the start is not strictly inside.
+    """
+    point = start.copy()
+    slack = bound - matrix @ point
+    if not np.all(slack > 0.0):
+        raise ValueError("the start of an interior-point method must lie strictly inside the inequalities")
+    barrier = 1e-2
+    multiplier = np.minimum(barrier / slack, 1e6)
+    value = function(point)
+    iterations = 0
+    stationarity = complementarity = np.inf
+    converged = False
+    while iterations < maximum_iterations:
+        iterations += 1
+        gradient, hessian = derivatives(point)
+        lagrangian = gradient + matrix.T @ multiplier
+        scale = np.maximum(np.abs(point), 1e-3)
+        stationarity = float(np.abs(lagrangian * scale).max())
+        complementarity = float(slack @ multiplier) / len(slack)
+        if stationarity < tolerance * 100 and complementarity < tolerance:
+            converged = True
+            break
+        if stationarity < 10.0 * barrier and np.abs(slack * multiplier - barrier).max() < 10.0 * barrier:
+            barrier = max(min(0.2 * barrier, barrier**1.5), 0.1 * tolerance)
+        weight = multiplier / slack
+        system = hessian + (matrix.T * weight) @ matrix
+        pull = gradient + matrix.T @ (barrier / slack)
+        step = -_solve_positive(system, pull)
+        slack_step = -(matrix @ step)
+        multiplier_step = barrier / slack - multiplier - weight * slack_step
+        length = _longest_step(slack, slack_step)
+        slope = float(pull @ step)
+        merit = value - barrier * float(np.log(slack).sum())
+        for _ in range(40):
+            trial = point + length * step
+            trial_slack = bound - matrix @ trial
+            if np.all(trial_slack > 0.0):
+                trial_value = function(trial)
+                trial_merit = trial_value - barrier * float(np.log(trial_slack).sum())
+                if trial_merit <= merit + _ARMIJO * length * slope + 1e-13 * abs(merit):
+                    break
+            length *= 0.5
+        else:
+            if barrier <= 0.1 * tolerance:
+                break
+            barrier = max(0.1 * barrier, 0.1 * tolerance)
+            multiplier = barrier / slack
+            continue
+        point, slack, value = trial, trial_slack, trial_value
+        multiplier = multiplier + _longest_step(multiplier, multiplier_step) * multiplier_step
+        # keep slack · multiplier within a corridor around the barrier parameter, or Newton steps lose their meaning
+        multiplier = np.clip(multiplier, barrier / (1e10 * slack), 1e10 * barrier / slack)
+    return InteriorPointResult(point, value, stationarity, complementarity, iterations, converged)
+
+
+def _longest_step(values: FloatArray, steps: FloatArray) -> float:
+    falling = steps < 0.0
+    if not np.any(falling):
+        return 1.0
+    return min(1.0, _FRACTION_TO_BOUNDARY * float(np.min(-values[falling] / steps[falling])))
+
+
+def _solve_positive(system: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with the matrix made positive definite by the smallest tried multiple of its diagonal."""
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(system)), 1e-300))
+    scaled = system * scale[:, None] * scale[None, :]
+    shift = 0.0
+    while True:
+        try:
+            factor = scipy.linalg.cho_factor(scaled + shift * np.eye(len(scaled)), check_finite=False)
+        except np.linalg.LinAlgError:
+            shift = max(10.0 * shift, 1e-10)
+            continue
+        return np.asarray(scale * scipy.linalg.cho_solve(factor, scale * right, check_finite=False), dtype=np.float64)

@@ -1,0 +1,266 @@
+"""Convex programs for physical parameters, solved by Clarabel called directly: global optima with a lower bound.
+
+Two programs over the dynamic parameters π of all links, both minimising ‖R K π − r‖² of a `ReducedProblem`:
+`solve_semidefinite` asks that every link can exist (pseudo-inertia positive semidefinite) within the bounds (10b);
+`relax_constrained_program` is a convex relaxation of the paper's program (10), whose optimum is a lower bound of it.
+Not here: program (10) itself (`constrained`).
+
+Both are centred at the least-squares solution, so that the objective is the excess cost and loses no digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import SolverError
+from identification.estimators.feasibility import FeasibilityRules, linear_inequalities, rules_for
+from identification.estimators.observation import ReducedProblem
+from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters
+
+FloatArray = npt.NDArray[np.float64]
+
+_SQRT2 = float(np.sqrt(2.0))
+_UPPER_3 = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Clarabel's order: upper triangle, column by column
+_UPPER_4 = (*_UPPER_3, (0, 3), (1, 3), (2, 3), (3, 3))
+# Position of XX … ZZ among a link's ten entries, and of H's six entries among themselves
+_TENSOR = {(0, 0): 4, (0, 1): 5, (0, 2): 6, (1, 1): 7, (1, 2): 8, (2, 2): 9}
+_SMALLEST_RELATIVE_COST = 1e-8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SemidefiniteResult:
+    """The best physically consistent parameters.
+
+    physical: masses, centres of mass, inertias, friction (rotor inertias and offsets stand in full). base_values: (p,) their base parameters. full: (full,) their
+    dynamic parameters. cost: weighted squared residuals, same unit as the least-squares cost; lower_bound: no
+    physically consistent set within the bounds costs less (value of the dual program). smallest_eigenvalue: of all
+    links' pseudo-inertias, kg m² or kg. iterations, status: Clarabel's.
+    """
+
+    physical: PhysicalParameters
+    base_values: FloatArray
+    full: FloatArray
+    cost: float
+    lower_bound: float
+    smallest_eigenvalue: float
+    iterations: int
+    status: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelaxationResult:
+    """Lower bound of program (10): no set that meets (10b)–(10d) costs less than lower_bound.
+
+    start: (full,) the relaxation's (m, h, I_C, F) in the layout of full_names; it meets the rules, but costs more.
+    """
+
+    lower_bound: float
+    start: FloatArray
+    iterations: int
+    status: str
+
+
+def solve_semidefinite(
+    problem: ReducedProblem,
+    base: BaseRegressor,
+    rules: FeasibilityRules | None = None,
+    *,
+    inertia_margin: float = 1e-6,
+) -> SemidefiniteResult:
+    """The parameters of smallest cost among those of robots that can exist.
+
+    Asked for per link: pseudo-inertia [[Σ, h], [hᵀ, m]] ⪰ 0 with Σ reduced by inertia_margin (kg m², so that the
+    result is consistent with something to spare), mass and centre of mass within (10b), friction within its bounds.
+    The rules (10d) beyond these are not asked for. Source: Wensing, Kim, Slotine, IEEE RA-L 2018; Sousa and Cortesão,
+    IJRR 2014. Raises SolverError if Clarabel finds no solution.
+    """
+    chosen = rules if rules is not None else rules_for(base.robot)
+    links, symbols = base.robot.n, base.options.symbols
+    stride = INERTIAL_COUNT + len(symbols)
+    matrix, bound = linear_inequalities(chosen, links, symbols)
+    # keep the rows that speak of m, h and friction only: in π the tensor is about the frame's origin
+    tensor_columns = np.tile(np.isin(np.arange(stride), list(_TENSOR.values())), links)
+    about_others = ~np.any(matrix[:, tensor_columns] != 0.0, axis=1)
+    program = _ConicProgram(problem.triangular @ base.regrouping, _centre(problem, base), problem)
+    program.nonnegative(matrix[about_others], bound[about_others])
+    for link in range(links):
+        program.positive_semidefinite(*_pseudo_inertia_rows(link, stride, links * stride, inertia_margin), 4)
+    solution = program.solve("pseudo-inertia program")
+    physical = PhysicalParameters.from_dynamic_parameters(
+        solution.variables.reshape(links, stride)[:, :INERTIAL_COUNT],
+        base.extra_of(solution.variables, "FV"),
+        base.extra_of(solution.variables, "FS"),
+    )
+    base_values = base.base_from_full(solution.variables)
+    return SemidefiniteResult(
+        physical=physical,
+        base_values=base_values,
+        full=solution.variables,
+        cost=problem.cost(base_values),
+        lower_bound=solution.lower_bound,
+        smallest_eigenvalue=float(np.linalg.eigvalsh(physical.pseudo_inertia()).min()),
+        iterations=solution.iterations,
+        status=solution.status,
+    )
+
+
+def relax_constrained_program(
+    problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules
+) -> RelaxationResult:
+    """Lower bound of program (10) by a convex relaxation.
+
+    Variables (m, h, I_C, F) with all rules (10b), (10d), and per link a matrix H in place of h hᵀ/m, which eq. (4)
+    makes the only nonlinear term: π = (m, h, I_C + tr(H) 1 − H, F). H = h hᵀ/m is relaxed to [[H, h], [hᵀ, m]] ⪰ 0
+    and H_kk ≤ l² m, so every set of (10) has a counterpart here of the same cost.
+    """
+    links, symbols = base.robot.n, base.options.symbols
+    stride = INERTIAL_COUNT + len(symbols)
+    size = links * stride
+    to_full = np.hstack([np.eye(size), np.zeros((size, 6 * links))])
+    for link in range(links):
+        for place, (row, column) in enumerate(_TENSOR):
+            variable = size + 6 * link + place
+            if row != column:
+                to_full[link * stride + _TENSOR[row, column], variable] = -1.0
+                continue
+            for axis in range(3):
+                if axis != row:
+                    to_full[link * stride + _TENSOR[axis, axis], variable] = 1.0
+    centre = np.concatenate([_centre(problem, base), np.zeros(6 * links)])
+    program = _ConicProgram(problem.triangular @ base.regrouping @ to_full, centre, problem)
+    matrix, bound = linear_inequalities(rules, links, symbols)
+    program.nonnegative(np.hstack([matrix, np.zeros((len(matrix), 6 * links))]), bound)
+    for link in range(links):
+        program.positive_semidefinite(*_lifted_rows(link, stride, links), 4)
+        box = np.zeros((3, size + 6 * links))
+        for axis, place in enumerate((0, 3, 5)):
+            box[axis, size + 6 * link + place] = 1.0
+            box[axis, link * stride] = -(rules.center_of_mass**2)
+        program.nonnegative(box, np.zeros(3))
+    solution = program.solve("relaxation of program (10)")
+    return RelaxationResult(
+        solution.lower_bound, solution.variables[:size].copy(), solution.iterations, solution.status
+    )
+
+
+def _centre(problem: ReducedProblem, base: BaseRegressor) -> FloatArray:
+    """Dynamic parameters whose base parameters are the least-squares ones; not a feasible set, only an origin."""
+    centre = np.zeros(len(base.full_names))
+    centre[base.kept] = problem.minimiser()
+    return centre
+
+
+def _pseudo_inertia_rows(link: int, stride: int, size: int, margin: float) -> tuple[FloatArray, FloatArray]:
+    """Rows (10, size) and constants of the scaled upper triangle of [[½ tr(I) 1 − I − margin 1, h], [hᵀ, m]]."""
+    first = link * stride
+    rows = np.zeros((10, size))
+    constants = np.zeros(10)
+    for place, (row, column) in enumerate(_UPPER_4):
+        if (row, column) == (3, 3):
+            rows[place, first] = 1.0
+        elif column == 3:
+            rows[place, first + 1 + row] = _SQRT2
+        elif row != column:
+            rows[place, first + _TENSOR[row, column]] = -_SQRT2
+        else:
+            for axis in range(3):
+                rows[place, first + _TENSOR[axis, axis]] = -0.5 if axis == row else 0.5
+            constants[place] = -margin
+    return rows, constants
+
+
+def _lifted_rows(link: int, stride: int, links: int) -> tuple[FloatArray, FloatArray]:
+    """Rows of the scaled upper triangle of [[H, h], [hᵀ, m]]."""
+    size = links * stride
+    rows = np.zeros((10, size + 6 * links))
+    order = {entry: place for place, entry in enumerate(_TENSOR)}
+    for place, (row, column) in enumerate(_UPPER_4):
+        if (row, column) == (3, 3):
+            rows[place, link * stride] = 1.0
+        elif column == 3:
+            rows[place, link * stride + 1 + row] = _SQRT2
+        else:
+            rows[place, size + 6 * link + order[row, column]] = 1.0 if row == column else _SQRT2
+    return rows, np.zeros(10)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ConicSolution:
+    variables: FloatArray
+    lower_bound: float
+    iterations: int
+    status: str
+
+
+class _ConicProgram:
+    """min ‖G (x − centre)‖² over x in an intersection of cones, with G·centre the least-squares optimum.
+
+    Clarabel sees δ = x − centre and z = G δ/√scale as variables with the objective ‖z‖², never the squared matrix.
+    """
+
+    def __init__(self, image: FloatArray, centre: FloatArray, problem: ReducedProblem) -> None:
+        self._image = image
+        self._centre = centre
+        self._problem = problem
+        self._scale = max(
+            problem.residual_square, _SMALLEST_RELATIVE_COST * float(problem.projected @ problem.projected)
+        )
+        self._rows: list[FloatArray] = []
+        self._bounds: list[FloatArray] = []
+        self._cones: list[object] = []
+
+    def nonnegative(self, matrix: FloatArray, bound: FloatArray) -> None:
+        """Add matrix · x ≤ bound."""
+        self._add(matrix, bound, clarabel.NonnegativeConeT(len(bound)))
+
+    def positive_semidefinite(self, rows: FloatArray, constants: FloatArray, order: int) -> None:
+        """Add: the symmetric matrix whose scaled upper triangle is rows · x + constants is positive semidefinite."""
+        self._add(-rows, constants, clarabel.PSDTriangleConeT(order))
+
+    def solve(self, what: str) -> _ConicSolution:
+        """Solve; raises SolverError unless Clarabel reports a solution."""
+        p, size = self._image.shape
+        equality = np.hstack([self._image / np.sqrt(self._scale), -np.eye(p)])
+        inequality = np.vstack(self._rows)
+        constraints = scipy.sparse.csc_matrix(
+            np.vstack([equality, np.hstack([inequality, np.zeros((len(inequality), p))])])
+        )
+        objective = scipy.sparse.diags_array(np.concatenate([np.zeros(size), np.full(p, 2.0)])).tocsc()
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        settings.tol_gap_abs = settings.tol_gap_rel = 1e-9
+        settings.tol_feas = 1e-9
+        solution = clarabel.DefaultSolver(
+            objective,
+            np.zeros(size + p),
+            constraints,
+            np.concatenate([np.zeros(p), *self._bounds]),
+            [clarabel.ZeroConeT(p), *self._cones],
+            settings,
+        ).solve()
+        status = str(solution.status)
+        if status not in ("Solved", "AlmostSolved", "InsufficientProgress"):
+            raise SolverError(
+                f"The {what} has no solution ({status}); are the bounds (10b) too tight?",
+                solver="Clarabel",
+                status=status,
+            )
+        return _ConicSolution(
+            variables=self._centre + np.array(solution.x[:size]),
+            lower_bound=self._problem.residual_square
+            + self._scale * max(0.0, min(float(solution.obj_val), float(solution.obj_val_dual))),
+            iterations=int(solution.iterations),
+            status=status,
+        )
+
+    def _add(self, matrix: FloatArray, bound: FloatArray, cone: object) -> None:
+        self._rows.append(matrix)
+        self._bounds.append(bound - matrix @ self._centre)
+        self._cones.append(cone)
