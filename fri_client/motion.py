@@ -122,7 +122,7 @@ class MotionProgram:
         table = _checked_table(table, limits.joint_count)
         stride = command_stride(len(table), table_period_s, command_period_s)
         self._limits = limits
-        self._command_period_s = command_period_s
+        self.command_period_s = command_period_s
         self._samples_per_command = samples_per_command
         self._periods = periods
         self._guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
@@ -181,10 +181,10 @@ class MotionProgram:
         if self._start_ramp is not None and ipo_position == self._start_position:
             return
         self._start_ramp = plan_start_ramp(
-            ipo_position, *self._start_state, self._limits, command_period_s=self._command_period_s
+            ipo_position, *self._start_state, self._limits, command_period_s=self.command_period_s
         )
         self._start_position = ipo_position
-        self._start_ticks = round(self._start_ramp.duration_s / self._command_period_s)
+        self._start_ticks = round(self._start_ramp.duration_s / self.command_period_s)
 
     def begin(self, ipo_position: tuple[float, ...]) -> None:
         """Anchor on the IPO position of the first COMMANDING_ACTIVE message; the next `tick` returns the first command.
@@ -275,7 +275,7 @@ class MotionProgram:
         """
         if not self._last:
             return np.empty((0, self._limits.joint_count))
-        period = self._command_period_s
+        period = self.command_period_s
         rows: list[Sequence[float]] = [self._start_position] * 3
         if self._start_ramp is not None:
             rows += [self._start_ramp.position_at(k * period) for k in range(self._start_done)]
@@ -294,7 +294,7 @@ class MotionProgram:
             if step < self._start_ticks and self._start_ramp is not None:
                 self._step = step + 1
                 self._start_done = step + 1
-                return self._start_ramp.position_at(step * self._command_period_s)
+                return self._start_ramp.position_at(step * self.command_period_s)
             self.phase = _LEAD_IN
             self._step = step = 0
         place = self._on_path
@@ -350,7 +350,7 @@ class MotionProgram:
         if self.phase in (_STOP_RAMP, _LATCHED) and not self._stop_done:
             self._step += 1
             self._stop_steps = self._step
-            time = self._step * self._command_period_s
+            time = self._step * self.command_period_s
             command = ramp.position_at(time)
             # The ramp was checked against every limit when it was planned. What the guard can still say against it is
             # that the arm does not follow; stopping remains the best answer to that, so it is counted and overruled.

@@ -108,6 +108,7 @@ class Session:
         "command_period_ms",
         "counts",
         "drop",
+        "first_fresh_ns",
         "gap",
         "last_fresh_ns",
         "own_counter",
@@ -143,6 +144,7 @@ class Session:
         self.state_changed = self.quality_changed = False
         self.gap = 0
         self.answer_due = False
+        self.first_fresh_ns = 0
         self.last_fresh_ns = 0
         self.send_period_ms: int | None = None
         self.command_period_ms: int | None = None
@@ -187,6 +189,8 @@ class Session:
 
         counts.fresh += 1
         self.last_fresh_ns = receive_ns
+        if not self.first_fresh_ns:
+            self.first_fresh_ns = receive_ns
         self.previous_state = self.state
         self.state_changed = state != self.state
         self.state = state

@@ -14,7 +14,8 @@ import pytest
 
 from fri_client.codec import Codec
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
-from fri_client.loop import FriLoop, LoopResult, LoopSettings, open_socket
+from fri_client.loop import FriLoop, open_socket
+from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     CommandMessage,

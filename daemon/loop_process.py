@@ -1,0 +1,241 @@
+"""The process around the 1 kHz loop: `python -m daemon.loop_process --request FILE --ring-fd N`.
+
+Here: reading the request, binding the port, real-time settings, signals, and the report at the end. The loop itself
+is `fri_client.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
+afterwards: with the supervisor and the recorder dead it stops the arm by ramp and writes its report.
+
+SIGTERM and SIGINT ask for the stop ramp. Whatever happens, the ring is marked as finished, so the recorder ends.
+Exit codes (contract): 0 completed; 1 stopped or dropped, the recording is kept; 65 or 78 a request that cannot be
+run; 66 its files are missing; 69 port in use, no robot or no command from it; 70 internal; 74 report not written;
+76 version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.api import Histogram, LoopOutcome, LoopReport, PhaseSpan, RunRequest, read_json, write_json
+from daemon.errors import ConfigurationError, DaemonError, MissingInputError, PortInUseError
+from fri_client.errors import FriError
+from fri_client.handover import HandoverRing
+from fri_client.loop import FriLoop, open_socket
+from fri_client.loop_result import LoopResult, LoopSettings
+from fri_client.messages import FriVersion
+from fri_client.motion import MotionPhase, MotionProgram
+from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
+from safety.errors import SafetyError
+from safety.limits import JointLimits, limits_for
+
+__all__ = ["EXIT_CODES", "REPORT_NAME", "main", "run_loop"]
+
+REPORT_NAME = "loop_report.json"
+
+EXIT_CODES: dict[LoopOutcome, int] = {
+    "completed": 0,
+    "stopped": 1,
+    "dropped": 1,
+    "no_robot": 69,
+    "not_started": 69,
+    "port_in_use": 69,
+    "version_mismatch": 76,
+    "refused": 65,
+    "fault": 70,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the process; returns its exit code. One sentence on stderr where something is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m daemon.loop_process", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--request", required=True, help="run request (JSON)")
+    parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the hand-over ring")
+    options = parser.parse_args(arguments)
+    try:
+        ring = HandoverRing.attach(options.ring_fd)
+    except FriError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    try:
+        request = read_json(options.request, RunRequest)
+        report, code = run_loop(request, ring)
+        write_json(Path(request.out_dir) / REPORT_NAME, report)
+    except (DaemonError, FriError) as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    except OSError as error:
+        print(f"The loop's report could not be written: {error.strerror} ({error.filename}).", file=sys.stderr)
+        return 74
+    finally:
+        ring.finish()
+    if code:
+        print(report.sentence, file=sys.stderr)
+    return code
+
+
+def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
+    """Run one acquisition's loop in this process; its report and the exit code. Never raises for a request that is
+    wrong.
+    """
+    try:
+        version = FriVersion.parse(request.fri_version)
+        limits = limits_for(request.robot)
+        table = load_table(request.table_file)
+        channel = bind(request.bind_host, request.bind_port)
+    except PortInUseError as error:
+        return _not_run("port_in_use", error), error.exit_code
+    except (DaemonError, FriError, SafetyError) as error:
+        return _not_run("refused", error), error.exit_code
+    with channel:
+        try:
+            loop = _make_loop(request, channel, version, limits, table, ring)
+        except (FriError, SafetyError) as error:
+            return _not_run("refused", error), error.exit_code
+        handlers = {number: signal.signal(number, loop.stop_from_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+        settings = RealtimeSettings(
+            priority=request.realtime_priority or None, cpus=None if request.loop_cpu is None else (request.loop_cpu,)
+        )
+        try:
+            with realtime(settings) as obtained:
+                result = loop.run()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    code = loop.refusal_exit_code or EXIT_CODES[result.outcome]
+    return _report(loop, result, obtained, ring), code
+
+
+def load_table(path: str) -> NDArray[np.float64]:
+    """The table of one period, (N, 7) rad. Raises MissingInputError, ConfigurationError; its values are judged
+    later.
+    """
+    try:
+        table = np.load(path, allow_pickle=False)
+    except FileNotFoundError as error:
+        raise MissingInputError(path, "table of the motion") from error
+    except (OSError, ValueError, EOFError) as error:
+        raise ConfigurationError(f"is no table of numbers: {error}.", file=path, field="table_file") from error
+    if not isinstance(table, np.ndarray) or table.dtype.kind != "f":
+        raise ConfigurationError("is no array of floating-point numbers.", file=path, field="table_file")
+    return table.astype(np.float64)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """The loop's UDP socket. Raises PortInUseError, ConfigurationError for an address that is not this machine's."""
+    try:
+        return open_socket(host, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUseError(host, port) from error
+        raise ConfigurationError(
+            f"UDP {host}:{port} cannot be bound: {error.strerror}; choose an address of this machine.",
+            field="bind_host",
+        ) from error
+
+
+def _make_loop(
+    request: RunRequest,
+    channel: socket.socket,
+    version: FriVersion,
+    limits: JointLimits,
+    table: NDArray[np.float64],
+    ring: HandoverRing,
+) -> FriLoop:
+    def make_motion(command_period_s: float, samples_per_command: int) -> MotionProgram:
+        return MotionProgram(
+            table,
+            limits,
+            command_period_s=command_period_s,
+            samples_per_command=samples_per_command,
+            periods=request.periods,
+            lead_in_s=request.lead_in_s,
+            table_period_s=request.table_period_s,
+            maximum_distance_to_measured=request.maximum_distance_to_measured,
+            external_torque_limit=request.external_torque_limit,
+        )
+
+    settings = LoopSettings(
+        receive_timeout_s=request.receive_timeout_s,
+        start_timeout_s=request.start_timeout_s,
+        command_timeout_s=request.command_timeout_s,
+        supervisor_timeout_s=request.supervisor_timeout_s,
+        robot_host=request.robot_host,
+        expected_period_s=request.table_period_s,
+        maximum_ipo_distance_rad=request.maximum_distance_to_measured,
+        simulated_time=request.simulation,
+    )
+    return FriLoop(channel, version, make_motion, ring, settings)
+
+
+def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) -> LoopReport:
+    return LoopReport(outcome=outcome, reason=type(error).__name__, sentence=str(error))
+
+
+def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: HandoverRing) -> LoopReport:
+    counts = loop.session.counts
+    link = loop.statistics.summary()
+    period_s = loop.motion.command_period_s
+    path = loop.motion.commanded_path()
+    return LoopReport(
+        outcome=result.outcome,
+        reason=result.reason,
+        sentence=result.sentence,
+        joint=result.joint,
+        value=result.value,
+        limit=result.limit,
+        tick=result.tick,
+        standstill_confirmed=result.standstill_confirmed,
+        received=counts.received,
+        answered=counts.answered,
+        late=result.late,
+        missing=counts.missing,
+        duplicates=counts.duplicates,
+        stale=counts.stale,
+        refused=counts.refused,
+        undecodable=result.undecodable,
+        foreign=result.foreign,
+        lost_in_handover=ring.lost,
+        send_period_ms=loop.session.send_period_ms,
+        turn_around=_histogram(link["turn_around"]),
+        jitter=_histogram(link["jitter"]),
+        peak_command_position=_peak(path, 0, period_s),
+        peak_command_velocity=_peak(path, 1, period_s),
+        peak_command_acceleration=_peak(path, 2, period_s),
+        peak_command_jerk=_peak(path, 3, period_s),
+        phases=tuple(
+            PhaseSpan(
+                phase=MotionPhase(span.phase).name,
+                period=span.period,
+                first_tick=span.first_tick,
+                last_tick=span.last_tick,
+            )
+            for span in result.phases
+        ),
+        periods_completed=loop.motion.periods_completed,
+        duration_s=result.duration_s,
+        realtime=obtained.to_json(),
+        link=link,
+    )
+
+
+def _histogram(summary: dict[str, Any]) -> Histogram:
+    return Histogram(edges_us=tuple(summary["edges_us"]), counts=tuple(summary["counts"]))
+
+
+def _peak(path: NDArray[np.float64], order: int, period_s: float) -> tuple[float, ...]:
+    """Per joint the largest |order-th difference quotient| of the commands; empty where nothing was commanded."""
+    if len(path) <= order:
+        return ()
+    return tuple((np.abs(np.diff(path, n=order, axis=0)).max(axis=0) / period_s**order).tolist())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

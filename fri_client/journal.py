@@ -1,0 +1,127 @@
+"""The loop's journal: which events belong to a tick, which phases it went through, and the records that say so.
+
+Here: turning changes into events and packing them into hand-over records, at most one event a record. Not here: when a
+tick happens and what is done in it (`loop`), the layout of a record (`handover`).
+"""
+
+from __future__ import annotations
+
+from fri_client.handover import Disposition, EventCode, HandoverRing
+from fri_client.link_statistics import LinkStatistics
+from fri_client.loop_result import PhaseTicks
+from fri_client.motion import MotionPhase, MotionProgram
+from fri_client.session import Session
+
+__all__ = ["Journal"]
+
+_EVENT_ONLY = int(Disposition.EVENT_ONLY)
+
+
+class Journal:
+    """Keeps the events of the tick at hand and the list of phases; the list is bounded by phases and periods.
+
+    tick counts fresh messages. stop_tick is the tick at which the motion was stopped or dropped, None before.
+    """
+
+    def __init__(self, ring: HandoverRing) -> None:
+        self._ring = ring
+        self._events: list[tuple[int, int, float, float]] = []
+        self._phase = int(MotionPhase.WAITING)
+        self._span = PhaseTicks(-1, -1, 0, 0)
+        self._known_reason: object = None
+        self.spans: list[PhaseTicks] = []
+        self.tick = 0
+        self.stop_tick: int | None = None
+
+    @property
+    def pending(self) -> bool:
+        """Events wait for a record."""
+        return bool(self._events)
+
+    def event(self, code: EventCode, joint: int = 0, value: float = 0.0, limit: float = 0.0) -> None:
+        """Note an event of this tick."""
+        self._events.append((code, joint, float(value), float(limit)))
+
+    def stopped(self, sentence: str) -> None:
+        """Note the tick and the sentence of a stop or a drop; of several the first tick stands."""
+        if self.stop_tick is None:
+            self.stop_tick = self.tick
+        self._ring.publish_reason(sentence)
+
+    def note_session(self, session: Session) -> None:
+        """Events of a fresh message: changes of state and quality, messages missing before it."""
+        if session.state_changed:
+            self.event(EventCode.STATE_CHANGE, 0, session.previous_state, session.state)
+        if session.quality_changed:
+            self.event(EventCode.QUALITY_CHANGE, 0, session.previous_quality, session.quality)
+        if session.gap:
+            self.event(EventCode.GAP, 0, session.gap)
+
+    def note_motion(self, motion: MotionProgram, phase: int, period: int) -> None:
+        """Events of the motion: a new stop reason, a new phase; and the span of ticks each phase and period took."""
+        reason = motion.stop_reason
+        if reason is not self._known_reason and reason is not None:
+            self._known_reason = reason
+            self.event(reason.code, reason.joint, reason.value, reason.limit)
+            self.stopped(reason.sentence)
+        if phase != self._phase:
+            self.event(EventCode.PHASE_CHANGE, 0, self._phase, phase)
+            self._phase = phase
+        span = self._span
+        if phase != span.phase or (period != span.period and period >= 0):
+            self._span = PhaseTicks(phase, period, self.tick, self.tick)
+            self.spans.append(self._span)
+        else:
+            span.last_tick = self.tick
+
+    def record(
+        self,
+        receive_ns: int,
+        send_ns: int,
+        phase: int,
+        period: int,
+        sample: int,
+        datagram: memoryview | bytes,
+        command: bytes | None,
+        disposition: int,
+    ) -> None:
+        """Hand one record over; the first event rides in it, further ones follow in records without a datagram."""
+        push, events = self._ring.push, self._events
+        if not events:
+            push(receive_ns, send_ns, phase, period, sample, datagram, command, 0, 0, 0.0, 0.0, disposition)
+            return
+        push(receive_ns, send_ns, phase, period, sample, datagram, command, *events[0], disposition)
+        for event in events[1:]:
+            push(receive_ns, 0, phase, -1, -1, b"", None, *event, _EVENT_ONLY)
+        events.clear()
+
+    def record_events(self, now_ns: int, phase: int) -> None:
+        """Hand over what is noted and belongs to no datagram."""
+        if self._events:
+            self.record(now_ns, 0, phase, -1, -1, b"", None, _EVENT_ONLY)
+
+    def publish(
+        self, now_ns: int, session: Session, motion: MotionProgram, statistics: LinkStatistics, late: int, foreign: int
+    ) -> None:
+        """Write the loop's status into the ring's header."""
+        counts, reason = session.counts, motion.stop_reason
+        self._ring.publish_status(
+            (
+                now_ns,
+                self.tick,
+                motion.phase,
+                motion.period,
+                session.state,
+                session.quality,
+                counts.received,
+                counts.answered,
+                late,
+                counts.missing,
+                counts.duplicates,
+                counts.stale,
+                counts.refused,
+                statistics.undecodable,
+                EventCode.SESSION_DROP if session.drop is not None else 0 if reason is None else reason.code,
+                foreign,
+            )
+        )

@@ -1,0 +1,137 @@
+"""What goes into the loop and what comes out of it: settings, the phases it went through, how it ended.
+
+Value objects, and the sentence that explains an end. The loop process fills the settings from its request and turns
+the result into its report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fri_client.codec import Codec
+from fri_client.errors import CodecError
+from fri_client.messages import FriVersion, SessionState
+from fri_client.motion import MotionProgram
+from fri_client.session import Session
+
+__all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain", "version_sentence"]
+
+Outcome = Literal[
+    "completed",
+    "stopped",
+    "dropped",
+    "no_robot",
+    "not_started",
+    "version_mismatch",
+    "refused",
+    "fault",
+]
+"""How a run of the loop ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """Time-outs in s and whom to listen to.
+
+    receive_timeout_s: silence that drops a moving session. start_timeout_s: wait for the first message.
+    command_timeout_s: from there to COMMANDING_ACTIVE. supervisor_timeout_s: age of the supervisor's heartbeat that
+    stops the motion, 0: not watched. robot_host: the only address listened to; None: that of the first message.
+    expected_period_s: command period the motion is prepared for before the robot has said its own.
+    simulated_time: the robot waits for each answer, so the loop may wait for a recorder that falls behind.
+    """
+
+    receive_timeout_s: float = 0.5
+    start_timeout_s: float = 30.0
+    command_timeout_s: float = 60.0
+    supervisor_timeout_s: float = 2.0
+    robot_host: str | None = None
+    expected_period_s: float = 0.001
+    maximum_ipo_distance_rad: float = 0.1
+    simulated_time: bool = False
+
+
+@dataclass(slots=True)
+class PhaseTicks:
+    """A stretch of ticks (handed-over records of fresh samples) in one phase and period."""
+
+    phase: int
+    period: int
+    first_tick: int
+    last_tick: int
+
+
+@dataclass(slots=True)
+class LoopResult:
+    """How the loop ended: outcome, the event behind it, one sentence, its joint (from 1) and numbers."""
+
+    outcome: Outcome
+    reason: str
+    sentence: str
+    joint: int | None = None
+    value: float | None = None
+    limit: float | None = None
+    tick: int | None = None
+    standstill_confirmed: bool = False
+    late: int = 0
+    foreign: int = 0
+    undecodable: int = 0
+    duration_s: float = 0.0
+    phases: list[PhaseTicks] = field(default_factory=list)
+
+
+def explain(
+    outcome: Outcome,
+    motion: MotionProgram,
+    session: Session,
+    settings: LoopSettings,
+    *,
+    hindrance: str = "",
+    refused: Exception | None = None,
+    version: str = "",
+) -> LoopResult:
+    """The result for an outcome: the event behind it, and one sentence with joint and numbers.
+
+    hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
+    the sentence of `version_sentence`.
+    """
+    reason, drop = motion.stop_reason, session.drop
+    if outcome == "completed":
+        sentence = f"All {motion.periods_completed} periods were driven; the arm was stopped by ramp."
+        return LoopResult(outcome, outcome, sentence)
+    if outcome == "dropped" and drop is not None:
+        return LoopResult(outcome, drop.reason.name, drop.sentence(), drop.joint or None, drop.value, drop.limit)
+    if refused is not None:
+        return LoopResult(outcome, type(refused).__name__, str(refused))
+    if reason is not None:
+        after = "The arm was stopped by ramp." if motion.commanded else "Nothing had moved."
+        return LoopResult(
+            outcome,
+            reason.code.name,
+            f"{reason.sentence} {after}",
+            reason.joint or None,
+            reason.value,
+            reason.limit,
+        )
+    if outcome == "version_mismatch":
+        return LoopResult(outcome, outcome, version)
+    if outcome == "not_started":
+        why = hindrance or f"the session stands in {SessionState(session.state).name}"
+        waited = f"{settings.command_timeout_s:g} s"
+        return LoopResult(outcome, outcome, f"The robot let no motion begin within {waited}: {why}.")
+    sentence = (
+        f"No FRI message arrived within {settings.start_timeout_s:g} s: "
+        "start the FRI application on the robot and check the address it sends to."
+    )
+    return LoopResult(outcome, outcome, sentence)
+
+
+def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
+    """What a datagram that is none of version `mine` is instead, found by trying the other wire formats."""
+    for version in (FriVersion.V1_15, FriVersion.V2_5, FriVersion.V2_7):
+        try:
+            Codec(version).decode_monitoring(datagram)
+        except CodecError:
+            continue
+        return f"The robot speaks FRI {version}, but this run was told FRI {mine}: choose --fri-version {version}."
+    return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"

@@ -1,0 +1,60 @@
+"""Everything from outside the session that may ask a moving arm to stop, looked at once per tick.
+
+Signals, the supervisor's request, the age of its heartbeat, and the recorder's backlog. The loop polls; nothing
+here waits.
+"""
+
+from __future__ import annotations
+
+from fri_client.handover import EventCode, HandoverRing
+from fri_client.motion import StopReason
+
+__all__ = ["StopWatch"]
+
+_SENTENCES = {
+    EventCode.OPERATOR_STOP: "The operator asked for a stop.",
+    EventCode.RECORDER_LOST: "The recorder was lost.",
+    EventCode.DISK_FULL: "The disk refused further samples.",
+    EventCode.SUPERVISOR_LOST: "The supervising process was lost.",
+}
+
+
+class StopWatch:
+    """`poll` names the first reason there is to stop; `signal_number` is set by a signal handler."""
+
+    __slots__ = ("_ring", "_supervisor_timeout_ns", "signal_number")
+
+    def __init__(self, ring: HandoverRing, supervisor_timeout_s: float) -> None:
+        self._ring = ring
+        self._supervisor_timeout_ns = int(supervisor_timeout_s * 1e9)
+        self.signal_number = 0
+
+    def poll(self, now_ns: int) -> StopReason | None:
+        """The reason to stop at now_ns (CLOCK_MONOTONIC), None where there is none."""
+        if self.signal_number:
+            return StopReason(EventCode.SIGNAL_STOP, f"Signal {self.signal_number} asked for a stop.")
+        ring = self._ring
+        request = ring.stop_request
+        if request:
+            return _requested(request)
+        # A supervisor that never gave a sign of life does not watch this run: the loop then stands on its own.
+        heartbeat = ring.heartbeat_ns
+        if heartbeat and 0 < self._supervisor_timeout_ns < now_ns - heartbeat:
+            age, limit = (now_ns - heartbeat) / 1e9, self._supervisor_timeout_ns / 1e9
+            sentence = f"The supervising process gave no sign of life for {age:.1f} s ({limit:g} s allowed)."
+            return StopReason(EventCode.SUPERVISOR_LOST, sentence, 0, age, limit)
+        if ring.consumer_stalled:
+            sentence = f"The recorder is {ring.backlog} of {ring.slots} records behind; samples would soon be lost."
+            return StopReason(EventCode.RECORDER_LOST, sentence, 0, ring.backlog, 0.8 * ring.slots)
+        return None
+
+
+def _requested(request: int) -> StopReason:
+    """A request with an unknown code is a stop all the same."""
+    try:
+        code = EventCode(request)
+    except ValueError:
+        code = EventCode.OPERATOR_STOP
+    if not code.is_stop_reason:
+        code = EventCode.OPERATOR_STOP
+    return StopReason(code, _SENTENCES.get(code, f"A stop was asked for ({code.name})."))
