@@ -1,0 +1,116 @@
+"""Does this robot's torque need a rotor inertia and an offset per joint? Decided by rows that were not fitted.
+
+Where torque is measured at the motor side it holds the rotor's inertia, and often an offset. The rule for "auto": five
+folds of contiguous rows; a parameter set is taken over the next smaller one when it lowers the held-out sum of
+weighted squares by more than 1 %. Candidates: neither, offset, rotor inertia, both. Called by the fit for robots that
+are not built in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.fitting.blocks import Block
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+FOLDS = 5
+REQUIRED_GAIN = 0.01
+_RELATIVE_CUTOFF = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class DriveChoice:
+    """rotor_inertia, offset: the decision. scores: held-out weighted squares of each candidate, neither = 1."""
+
+    rotor_inertia: bool
+    offset: bool
+    scores: dict[str, float]
+
+
+def choose_drive_parameters(
+    blocks: list[Block], regressor: BaseRegressor, *, rotor_inertia: bool | None, offset: bool | None
+) -> DriveChoice:
+    """Decide by cross-validation; blocks must hold the columns of the largest model (regressor's).
+
+    rotor_inertia, offset: True or False fixes that one, None leaves it open.
+    """
+    folds = _fold_products(blocks)
+    candidates = [
+        (rotor, constant)
+        for rotor, constant in ((False, False), (False, True), (True, False), (True, True))
+        if rotor_inertia in (None, rotor) and offset in (None, constant)
+    ]
+    scores = {candidate: _held_out_cost(folds, _columns(regressor, *candidate)) for candidate in candidates}
+    best = candidates[0]
+    for candidate in candidates[1:]:
+        if scores[candidate] < (1.0 - REQUIRED_GAIN) * scores[best]:
+            best = candidate
+    names = {
+        (False, False): "neither", (False, True): "offset", (True, False): "rotor_inertia", (True, True): "both",
+    }  # fmt: skip
+    reference = max(scores[candidates[0]], 1e-300)
+    return DriveChoice(*best, {names[candidate]: scores[candidate] / reference for candidate in candidates})
+
+
+def _columns(regressor: BaseRegressor, rotor_inertia: bool, offset: bool) -> IntArray:
+    dropped = tuple(prefix for prefix, wanted in (("IA_", rotor_inertia), ("OFF_", offset)) if not wanted)
+    full = [regressor.full_names[position] for position in regressor.kept]
+    return np.array([index for index, name in enumerate(full) if not name.startswith(dropped)], dtype=np.int64)
+
+
+def _fold_products(blocks: list[Block]) -> list[FloatArray]:
+    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each; folds are contiguous in time, interleaved in lines."""
+    size = blocks[0].columns.shape[2]
+    joints = blocks[0].columns.shape[1]
+    folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS)]
+    total = sum(len(block.torque) for block in blocks)
+    passed = 0
+    for block in blocks:
+        rows = np.arange(len(block.torque))
+        spectral = block.signals.row_time is None
+        fold = (
+            rows // 2 % FOLDS if spectral else np.minimum((passed + rows) * 2 * FOLDS // total, 2 * FOLDS - 1) % FOLDS
+        )
+        passed += len(block.torque)
+        for joint in range(joints):
+            for number in range(FOLDS):
+                chosen = block.fitted[:, joint] & (fold == number)
+                augmented = np.column_stack([block.columns[chosen, joint], block.torque[chosen, joint]])
+                folds[number][joint] += augmented.T @ augmented
+    return folds
+
+
+def _solve(products: FloatArray, weights: FloatArray, columns: IntArray) -> FloatArray:
+    gram = np.einsum("n,nij->ij", weights, products)
+    norms = np.sqrt(np.maximum(np.diag(gram)[columns], 1e-300))
+    scaled = gram[np.ix_(columns, columns)] / np.outer(norms, norms)
+    values, vectors = np.linalg.eigh(scaled)
+    inverse = np.where(values > _RELATIVE_CUTOFF * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
+    return np.asarray(vectors @ (inverse * (vectors.T @ (gram[columns, -1] / norms))) / norms, dtype=np.float64)
+
+
+def _squares(products: FloatArray, columns: IntArray, values: FloatArray) -> FloatArray:
+    direction = np.zeros(products.shape[1])
+    direction[columns] = values
+    direction[-1] = -1.0
+    return np.asarray(np.maximum(np.einsum("i,nij,j->n", direction, products, direction), 0.0), dtype=np.float64)
+
+
+def _held_out_cost(folds: list[FloatArray], columns: IntArray) -> float:
+    """Mean over the joints of log squares held out, as a plain number: the geometric mean of the joints' squares."""
+    total = np.sum(folds, axis=0)
+    weights = np.ones(total.shape[0])
+    for _ in range(3):
+        squares = _squares(total, columns, _solve(total, weights, columns))
+        weights = 1.0 / np.maximum(squares, 1e-12 * total[:, -1, -1] + 1e-300)
+    held_out = np.zeros(total.shape[0])
+    for fold in folds:
+        held_out += _squares(fold, columns, _solve(total - fold, weights, columns))
+    present = total[:, -1, -1] > 0.0
+    return float(np.exp(np.mean(np.log(np.maximum(held_out[present], 1e-300)))))

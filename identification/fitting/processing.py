@@ -1,0 +1,90 @@
+"""Which pipeline a recording goes through, and its processed stretches. Called by the fit and the validation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.fitting.settings import FitSettings
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+from identification.signals import (
+    AperiodicSettings,
+    PeriodicSettings,
+    ProcessedSignals,
+    process_aperiodic,
+    process_as_in_paper,
+    process_periodic,
+)
+
+SMALLEST_MOTION = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Processed:
+    """A recording's stretches in the order of time, the pipeline they went through, and sentences on what was done."""
+
+    recording: Recording
+    pipeline: str
+    stretches: tuple[ProcessedSignals, ...]
+    notes: tuple[str, ...]
+
+
+def check_recording(recording: Recording, robot: RobotModel) -> None:
+    """Raises RecordingError if the recording is of another number of joints, in other units, or if nothing moves."""
+    name = Path(recording.source.path).name
+    if recording.n != robot.n:
+        raise RecordingError(
+            f"{name}: holds {recording.n} joints, but the robot {robot.name} has {robot.n}",
+            file=recording.source.path,
+            field="q",
+        )
+    if recording.torque_unit != "Nm":
+        raise RecordingError(
+            f"{name}: its torque is in {recording.torque_unit}; multiply each joint's current by its torque constant "
+            "and gear ratio and import it in Nm",
+            file=recording.source.path,
+            field="tau_unit",
+        )
+    if float(np.ptp(recording.position, axis=0).max()) < SMALLEST_MOTION:
+        raise RecordingError(
+            f"{name}: no joint moves by more than {SMALLEST_MOTION} rad; parameters need a motion",
+            file=recording.source.path,
+            field="q",
+        )
+
+
+def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> Processed:
+    """Check a recording against the robot and send it through the pipeline that the settings ask for.
+
+    "auto": the periodic pipeline where the recording has periods, repeats with them and no split is asked for; else
+    the aperiodic one, with a note why. Raises RecordingError when the recording cannot be used that way.
+    """
+    check_recording(recording, robot)
+    if settings.flip_torque:
+        recording = replace(recording, torque=-recording.torque)
+    aperiodic = AperiodicSettings(low_pass_hz=settings.low_pass_hz)
+    if settings.split is not None and settings.pipeline in ("periodic", "paper"):
+        raise RecordingError(
+            f"The {settings.pipeline} pipeline fits whole periods and cannot be split by time; "
+            "hold out another recording instead, or use the aperiodic pipeline"
+        )
+    if settings.pipeline == "paper":
+        signals = process_as_in_paper(recording)
+        return Processed(recording, "paper", (signals,), tuple(signals.facts["notes"]))
+    notes: tuple[str, ...] = ()
+    if settings.pipeline == "periodic" or (
+        settings.pipeline == "auto" and recording.is_periodic and settings.split is None
+    ):
+        periodic = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
+        try:
+            signals = process_periodic(recording, periodic)
+            return Processed(recording, "periodic", (signals,), tuple(signals.facts["notes"]))
+        except RecordingError as error:
+            if settings.pipeline == "periodic" or error.field != "period_s":
+                raise
+            notes = (f"{error}; used as not periodic",)
+    return Processed(recording, "aperiodic", tuple(process_aperiodic(recording, aperiodic)), notes)

@@ -1,0 +1,168 @@
+"""What a fit hands back: parameters with their uncertainty, physical parameters with a certificate, RMS, provenance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.estimators.constrained import ConstrainedResult
+from identification.estimators.least_squares import LeastSquaresResult
+from identification.estimators.physical import PhysicalParameters
+from identification.estimators.semidefinite import SemidefiniteResult
+from identification.fitting.rms import RmsTable, json_numbers
+from identification.fitting.settings import FitSettings
+from identification.fitting.torque_sign import TorqueSign
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+MODEL_FORMAT = "iiwa-ident/model/1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitResult:
+    """The outcome of `fit_recordings`.
+
+    regressor: names, units and grouping of the p base parameters. least_squares: the estimate used (weighted as the
+    settings say); equation_15_std: (p,) the paper's standard deviations, of the unweighted fit on the same rows.
+    constrained: program (10), consistent: the pseudo-inertia program; None if not asked for. rms: lines "fit, base",
+    "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's evaluation, nan
+    where the recordings do not tell. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
+    """
+
+    robot: RobotModel
+    regressor: BaseRegressor
+    settings: FitSettings
+    least_squares: LeastSquaresResult
+    equation_15_std: FloatArray
+    constrained: ConstrainedResult | None
+    consistent: SemidefiniteResult | None
+    rms: RmsTable
+    noise_floor_nm: FloatArray
+    torque_sign: TorqueSign
+    pipelines: tuple[str, ...]
+    recordings: tuple[Recording, ...]
+    notes: tuple[str, ...]
+    provenance: dict[str, Any]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters."""
+        return self.regressor.names
+
+    @property
+    def values(self) -> FloatArray:
+        """(p,) base parameters."""
+        return self.least_squares.values
+
+    @property
+    def std(self) -> FloatArray:
+        """(p,) their standard deviations."""
+        return self.least_squares.std
+
+    @property
+    def physical(self) -> PhysicalParameters | None:
+        """The physically feasible parameters, None if not asked for."""
+        return None if self.constrained is None else self.constrained.physical
+
+    def to_model_json(self) -> dict[str, Any]:
+        """The result as `model.json` of the contract."""
+        least_squares = self.least_squares
+        return {
+            "format": MODEL_FORMAT,
+            "robot": self.robot.name if self.robot.name in ("iiwa14", "iiwa7") else self.robot.source,
+            "base_parameters": [
+                {"name": name, "value": float(value), "std": float(std), "unit": unit, "std_equation_15": float(paper)}
+                for name, value, std, unit, paper in zip(
+                    self.names, self.values, self.std, self.regressor.units, self.equation_15_std, strict=True
+                )
+            ],
+            "physical_parameters": self._physical_json(),
+            "friction": self._friction_json(),
+            "drives": self._drives_json(),
+            "effects": [],
+            "rms_nm": self._rms_json(),
+            "rms_table": self.rms.to_json(),
+            "certificate": self._certificate_json(),
+            "provenance": {
+                **self.provenance,
+                "condition_number": least_squares.condition_number,
+                "joint_weights": json_numbers(least_squares.weights),
+                "pipelines": list(self.pipelines),
+                "torque_sign": self.torque_sign.to_json(),
+                "notes": list(self.notes),
+            },
+        }
+
+    def _physical_json(self) -> list[dict[str, Any]]:
+        if self.physical is None:
+            return []
+        return [
+            {
+                "link": link + 1,
+                "mass": float(self.physical.mass[link]),
+                "com": self.physical.center_of_mass[link].tolist(),
+                "inertia": self.physical.inertia[link].tolist(),
+            }
+            for link in range(self.physical.n)
+        ]
+
+    def _named(self, symbol: str, joint: int) -> float | None:
+        """A parameter of the physical set where there is one, else of the base parameters, else None."""
+        name = f"{symbol}_{joint + 1}"
+        if self.constrained is not None:
+            if name not in self.regressor.full_names:
+                return None
+            return float(self.constrained.full[self.regressor.full_names.index(name)])
+        return float(self.values[self.names.index(name)]) if name in self.names else None
+
+    def _friction_json(self) -> list[dict[str, Any]]:
+        return [
+            {"joint": joint + 1, "viscous": self._named("FV", joint), "coulomb": self._named("FS", joint)}
+            for joint in range(self.robot.n)
+        ]
+
+    def _drives_json(self) -> list[dict[str, Any]]:
+        options = self.regressor.options
+        if not (options.rotor_inertia or options.offset):
+            return []
+        return [
+            {"joint": joint + 1, "rotor_inertia": self._named("IA", joint), "offset": self._named("OFF", joint)}
+            for joint in range(self.robot.n)
+        ]
+
+    def _rms_json(self) -> dict[str, list[float | None]]:
+        keys = {
+            "fit, base": "fit", "held out, base": "heldout",
+            "fit, physical": "fit_physical", "held out, physical": "heldout_physical",
+        }  # fmt: skip
+        result: dict[str, list[float | None]] = {"fit": [], "heldout": []}
+        for row in self.rms.rows:
+            if row.label in keys:
+                result[keys[row.label]] = json_numbers(row.rms_nm)
+        result["noise_floor"] = json_numbers(self.noise_floor_nm)
+        return result
+
+    def _certificate_json(self) -> dict[str, Any]:
+        if self.constrained is None:
+            return {}
+        certificate = self.constrained.certificate
+        return {
+            "feasible": certificate.feasible,
+            "cost": certificate.cost,
+            "least_squares_cost": certificate.least_squares_cost,
+            "lower_bound": certificate.lower_bound,
+            "gap": certificate.gap,
+            "consistent_cost": certificate.consistent_cost,
+            "fully_consistent": certificate.fully_consistent,
+            "smallest_pseudo_inertia_eigenvalue": certificate.smallest_eigenvalue,
+            "starts": [
+                {"origin": start.origin, "cost": start.cost, "converged": start.converged}
+                for start in self.constrained.starts
+            ],
+        }

@@ -1,0 +1,86 @@
+"""RMS of the difference between measured and modelled torque per joint, as in the paper's Table 4, and beside it what
+share of the torque that is and what the noise alone would give. Called by the fit and the validation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RmsRow:
+    """One line of the table: a set of parameters on some data.
+
+    label: which parameters on which data. rms_nm: (n,) RMS of the residual. torque_rms_nm: (n,) RMS of the torque
+    itself, of the same rows and through the same filter. noise_floor_nm: (n,) RMS of the noise in the measured torque,
+    nan where it is not known. A joint without usable rows has nan.
+    """
+
+    label: str
+    rms_nm: FloatArray
+    torque_rms_nm: FloatArray
+    noise_floor_nm: FloatArray
+
+    @property
+    def total_nm(self) -> float:
+        """Sum over the joints, the last line of Table 4."""
+        return float(np.nansum(self.rms_nm))
+
+    @property
+    def percent(self) -> FloatArray:
+        """(n,) RMS of the residual in percent of the RMS torque."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(100.0 * self.rms_nm / self.torque_rms_nm, dtype=np.float64)
+
+    def to_json(self) -> dict[str, Any]:
+        """The line as plain JSON types, null where a number is not known."""
+        return {
+            "label": self.label,
+            "rms_nm": json_numbers(self.rms_nm),
+            "percent_of_rms_torque": json_numbers(self.percent),
+            "torque_rms_nm": json_numbers(self.torque_rms_nm),
+            "noise_floor_nm": json_numbers(self.noise_floor_nm),
+            "total_nm": self.total_nm,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RmsTable:
+    """Table 4 for any robot: one line per set of parameters and data, one column per joint, and the sum."""
+
+    rows: tuple[RmsRow, ...]
+
+    def row(self, label: str) -> RmsRow:
+        """The line of that label. Raises KeyError, naming those there are."""
+        for row in self.rows:
+            if row.label == label:
+                return row
+        raise KeyError(f"there is no line '{label}'; there are {', '.join(row.label for row in self.rows)}")
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """The table as plain JSON types."""
+        return [row.to_json() for row in self.rows]
+
+    def text(self, *, percent: bool = False) -> str:
+        """The table for a terminal, in Nm (N for prismatic joints) or in percent of the RMS torque."""
+        joints = len(self.rows[0].rms_nm) if self.rows else 0
+        width = max([len(row.label) for row in self.rows], default=0)
+        heading = " " * width + "".join(f"{joint:>8d}" for joint in range(1, joints + 1))
+        lines = [heading if percent else heading + f"{'sum':>8s}"]
+        for row in self.rows:
+            values = row.percent if percent else row.rms_nm
+            cells = "".join(f"{value:8.1f}" if percent else f"{value:8.3f}" for value in values)
+            lines.append(f"{row.label:<{width}s}{cells}" + ("" if percent else f"{row.total_nm:8.3f}"))
+        return "\n".join(lines)
+
+
+def json_numbers(values: Sequence[float] | FloatArray) -> list[float | None]:
+    """Numbers for JSON, which knows no nan and no infinity: null in their place."""
+    return [float(value) if np.isfinite(value) else None for value in values]

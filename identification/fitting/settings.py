@@ -1,0 +1,110 @@
+"""What a fit can be told, and the split of a recording into rows to fit and rows to hold out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import EstimationError
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+Pipeline = Literal["auto", "periodic", "paper", "aperiodic"]
+Weighting = Literal["auto", "spectral", "per_joint", "none"]
+Choice = Literal["auto", "yes", "no"]
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """Which rows of a recording are held out, by time.
+
+    "first:0.6" fits the first 60 % of the time and holds out the rest. "blocks:0.5:3" holds out every third block of
+    0.5 s (the third, the sixth, …; "blocks:0.5:3:0" the first, the fourth, …).
+    """
+
+    kind: str
+    numbers: tuple[float, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Split:
+        """The split a text describes. Raises EstimationError for any other text."""
+        kind, _, rest = text.partition(":")
+        try:
+            numbers = tuple(float(part) for part in rest.split(":"))
+        except ValueError:
+            numbers = ()
+        if kind == "first" and len(numbers) == 1 and 0.0 < numbers[0] < 1.0:
+            return cls(kind, numbers)
+        if kind == "blocks" and len(numbers) in (2, 3) and numbers[0] > 0.0 and numbers[1] >= 2.0:
+            return cls(kind, (*numbers, numbers[1] - 1.0)[:3])
+        raise EstimationError(
+            f"'{text}' is no split; 'first:0.6' (fit the first 60 %) or 'blocks:0.5:3' (hold out every third block of "
+            "0.5 s) are"
+        )
+
+    def held_out(self, time: FloatArray, start_s: float, duration_s: float) -> BoolArray:
+        """(N,) which of the times are held out of a recording that starts at start_s and lasts duration_s."""
+        elapsed = time - start_s
+        if self.kind == "first":
+            return np.asarray(elapsed >= self.numbers[0] * duration_s, dtype=np.bool_)
+        block_s, every, which = self.numbers
+        return np.asarray(np.floor(elapsed / block_s + 1e-9) % int(every) == int(which), dtype=np.bool_)
+
+    def boundary_distance(self, time: FloatArray, start_s: float, duration_s: float) -> FloatArray:
+        """(N,) s, distance of each time to the nearest change between fitted and held out."""
+        elapsed = time - start_s
+        if self.kind == "first":
+            return np.abs(elapsed - self.numbers[0] * duration_s)
+        block_s = self.numbers[0]
+        place = np.mod(elapsed, block_s)
+        return np.asarray(np.minimum(place, block_s - place), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """Settings of `fit_recordings`; the defaults suit a periodic recording of an arm with joint torque sensors.
+
+    pipeline: "auto" takes the periodic one where a recording has periods and no split is asked for, else the aperiodic.
+    low_pass_hz: cutoff of the aperiodic pipeline, None = 10 Hz or an eighth of the sampling rate.
+    motion_bandwidth_hz, torque_bandwidth_hz: of the periodic pipeline.
+    split: text of a `Split`, None = fit all rows. weighting: "spectral" (per joint and frequency, periodic pipeline),
+    "per_joint", "none" (the paper's); "auto" = spectral where the pipeline is periodic, none where it is the paper's.
+    rotor_inertia, offset: whether each joint gets that parameter; "auto" = no for the built-in arms, whose torque
+    sensors sit behind the gear, else as `fitting.drives` decides. flip_torque: turn the sign of all torques first.
+    check_torque_sign: refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible
+    parameters. starts, seed: of the constrained program.
+    """
+
+    pipeline: Pipeline = "auto"
+    low_pass_hz: float | None = None
+    motion_bandwidth_hz: float = 20.0
+    torque_bandwidth_hz: float = 60.0
+    split: str | None = None
+    weighting: Weighting = "auto"
+    rotor_inertia: Choice = "auto"
+    offset: Choice = "auto"
+    flip_torque: bool = False
+    check_torque_sign: bool = True
+    physical: bool = True
+    starts: int = 5
+    seed: int = 20240607
+
+    def __post_init__(self) -> None:
+        if self.split is not None:
+            Split.parse(self.split)
+        for name, allowed in (
+            ("pipeline", ("auto", "periodic", "paper", "aperiodic")),
+            ("weighting", ("auto", "spectral", "per_joint", "none")),
+            ("rotor_inertia", ("auto", "yes", "no")),
+            ("offset", ("auto", "yes", "no")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise EstimationError(f"{name} is '{getattr(self, name)}'; known are {', '.join(allowed)}")
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings as plain JSON types."""
+        return asdict(self)
