@@ -1,0 +1,206 @@
+"""Commands that talk to a robot or prepare for it: `fake-robot`, `check`, `run`, `doctor`, `recover`."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from daemon.api import RunEvent
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.worker_view import wait_for_worker
+from daemon.preparation import PreparedMotion, new_run_id, prepare_motion, write_run_request
+from safety.preflight import PreflightReport
+
+TrajectoryArgument = Annotated[
+    Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
+]
+RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14 or iiwa7; default: the trajectory's own.")]
+AmplitudeOption = Annotated[
+    float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
+]
+
+
+@app.command(
+    "fake-robot",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+)
+def fake_robot(context: typer.Context) -> None:
+    """Robot side without a robot: sends first, like a cabinet. `iiwa-ident fake-robot --help` shows its options.
+
+    Example: iiwa-ident fake-robot --client 127.0.0.1:30200 --lockstep --duration 30
+    """
+    # The simulator is a program of its own: nothing of it is ever imported here.
+    os.execv(sys.executable, [sys.executable, "-m", "fixtures.fake_robot", *context.args])
+
+
+def show_preflight(report: PreflightReport) -> None:
+    """The preflight's checks as a table on stdout."""
+    table = Table("check", "result", "what was found")
+    for check in report.checks:
+        table.add_row(check.name, "ok" if check.passed else "NOT SAFE", check.sentence)
+    show_table(table)
+
+
+@app.command()
+def check(
+    trajectory: TrajectoryArgument = None,
+    robot: RobotOption = None,
+    amplitude: AmplitudeOption = 1.0,
+    json_file: JsonOption = None,
+) -> None:
+    """Preflight of a motion: limits, stopping room, self-collision, workspace. Exit code 0 only when it is safe.
+
+    Example: iiwa-ident check excitation.json
+    """
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude)
+    if json_file is not None:
+        write_json(json_file, motion.preflight.to_json())
+    if not wants_json_on_stdout(json_file):
+        show_preflight(motion.preflight)
+        data(f"{motion.name}: {'safe to run' if motion.preflight.safe else 'NOT safe, it will not be run'}")
+    if not motion.preflight.safe:
+        raise typer.Exit(1)
+
+
+def parse_bind(text: str) -> tuple[str, int]:
+    """Host and port of `HOST:PORT`; raises a usage error naming the text."""
+    host, _, port = text.rpartition(":")
+    try:
+        ipaddress.ip_address(host)
+        number = int(port)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= 65535:
+        raise typer.BadParameter(f"'{text}' is no address: give ADDRESS:PORT, such as 127.0.0.1:30200.")
+    return host, number
+
+
+def confirm_motion(motion: PreparedMotion, host: str, periods: int) -> None:
+    """Ask before a real arm may move. No cabinet can reach a loopback address, so there nothing is asked."""
+    if ipaddress.ip_address(host).is_loopback:
+        return
+    if not sys.stdin.isatty():
+        raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
+    seconds = motion.trajectory.period_s * periods
+    message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
+    message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
+    typer.confirm("Start", abort=True, err=True)
+
+
+def show_event(event: RunEvent) -> None:
+    """One line for the operator on stderr."""
+    message(f"[{event.kind}] {event.sentence}")
+
+
+@app.command()
+def run(
+    trajectory: TrajectoryArgument = None,
+    periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
+    bind: Annotated[str, typer.Option("--bind", help="Address and port the robot sends to.")] = "127.0.0.1:30200",
+    fri_version: Annotated[str, typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
+    amplitude: AmplitudeOption = 1.0,
+    robot: RobotOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
+    no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
+    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
+    start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
+    seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """One acquisition: start ramp, PERIODS periods at 1 kHz, stop ramp; then the fit, in a process of its own.
+
+    Writes recording.mcap and run.json into the folder, then model.json. Ctrl-C brings the arm to rest by a ramp.
+
+    Example: iiwa-ident run --periods 1 --out runs/first --no-fit
+    """
+    from daemon.service import run_acquisition
+    from fri_client.messages import FriVersion
+
+    host, port = parse_bind(bind)
+    try:
+        version = FriVersion.parse(fri_version).value
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude)
+    if not motion.preflight.safe:
+        show_preflight(motion.preflight)
+        message("The preflight found the motion unsafe; nothing was moved.")
+        raise typer.Exit(1)
+    if not no_confirm:
+        confirm_motion(motion, host, periods)
+    run_id = new_run_id()
+    request = write_run_request(
+        motion,
+        out or Path("runs") / run_id,
+        run_id=run_id,
+        periods=periods,
+        bind_host=host,
+        bind_port=port,
+        fri_version=version,
+        fit=not no_fit,
+        start_timeout_s=start_timeout,
+        seed=seed,
+        simulation=ipaddress.ip_address(host).is_loopback,
+    )
+    outcome = run_acquisition(request, observe=show_event)
+    if outcome.worker_status_file is not None:
+        wait_for_worker(Path(outcome.worker_status_file))
+    if json_file is not None:
+        import msgspec
+
+        write_json(json_file, msgspec.to_builtins(outcome))
+    if not wants_json_on_stdout(json_file):
+        for sentence in outcome.sentences:
+            data(sentence)
+        data(f"Everything is in {outcome.out_dir}")
+    if outcome.exit_code:
+        raise typer.Exit(outcome.exit_code)
+
+
+@app.command()
+def doctor(
+    bind: Annotated[str, typer.Option("--bind", help="Address and port to listen on.")] = "127.0.0.1:30200",
+    listen: Annotated[float, typer.Option("--listen", help="Seconds to listen for the robot.")] = 3.0,
+    json_file: JsonOption = None,
+) -> None:
+    """Examine host, network, real-time limits and the link, and say what to do next. Moves nothing, answers nothing.
+
+    Example: iiwa-ident doctor --bind 192.170.10.1:30200
+    """
+    from daemon.doctor import examine
+
+    host, port = parse_bind(bind)
+    report = examine(bind_host=host, bind_port=port, listen_s=listen)
+    if json_file is not None:
+        write_json(json_file, report.to_json())
+    if not wants_json_on_stdout(json_file):
+        table = Table("check", "result", "what was found")
+        for item in report.checks:
+            table.add_row(item.name, item.status, item.sentence)
+        show_table(table)
+        data(report.next_step)
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def recover(log: Annotated[Path, typer.Argument(help="A log that was broken off.")], json_file: JsonOption = None) -> None:
+    """Make a broken-off log whole again as far as its bytes go, and say what is missing. The original is kept.
+
+    Example: iiwa-ident recover runs/first/recording.mcap
+    """
+    from daemon.log.recover import recover_log
+
+    report = recover_log(log)
+    if json_file is not None:
+        write_json(json_file, report.to_json())
+    if not wants_json_on_stdout(json_file):
+        for sentence in report.sentences:
+            data(sentence)

@@ -1,0 +1,37 @@
+"""Watching a detached fit from the command line: the worker would go on without us, so this only reads its status file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import psutil
+
+from daemon.api import WorkerStatus, read_json
+from daemon.cli.output import message
+from daemon.errors import ChildProcessFailedError
+
+_POLL_S = 0.2
+_START_ALLOWANCE_S = 60.0
+
+
+def wait_for_worker(status_file: Path) -> WorkerStatus:
+    """Show each phase of a fit until it is done; returns its last status, which may be "failed".
+
+    Raises ChildProcessFailedError when the worker's process is gone without having said so.
+    """
+    last = ""
+    waited_s = 0.0
+    while True:
+        status = read_json(status_file, WorkerStatus) if status_file.exists() else None
+        if status is not None:
+            if status.sentence != last:
+                last = status.sentence
+                message(f"[fit] {status.sentence}")
+            if status.phase in ("done", "failed"):
+                return status
+        alive = status is None or not status.pid or psutil.pid_exists(status.pid)
+        if not alive or (status is None and waited_s > _START_ALLOWANCE_S):
+            raise ChildProcessFailedError("fit", None, "its status file stopped changing")
+        time.sleep(_POLL_S)
+        waited_s += _POLL_S

@@ -1,0 +1,86 @@
+"""From a trajectory file to a run request: load, scale, tabulate, check. The step before anything moves.
+
+Called by the commands `check`, `run` and `demo`; nothing here talks to a robot.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.api import RunRequest
+from identification.excitation import Trajectory, default_trajectory, load_trajectory
+from safety.limits import limits_for
+from safety.preflight import PreflightReport, preflight
+
+TABLE_RATE_HZ = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedMotion:
+    """A motion ready to be run or refused.
+
+    table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
+    """
+
+    name: str
+    robot: str
+    trajectory: Trajectory
+    amplitude: float
+    table: NDArray[np.float64]
+    preflight: PreflightReport
+
+
+def prepare_motion(source: Path | None, *, robot: str | None = None, amplitude: float = 1.0) -> PreparedMotion:
+    """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
+
+    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. Raises TrajectoryError (65, 66) for a file that
+    cannot be used and LimitsError for a robot without limits; a motion that is unsafe is returned with its report.
+    """
+    trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
+    model = robot or trajectory.robot or "iiwa14"
+    table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
+    report = preflight(table, 1.0 / TABLE_RATE_HZ, limits_for(model), periodic=True, robot=model)
+    name = f"shipped excitation of {model}" if source is None else str(source)
+    return PreparedMotion(name, model, trajectory, amplitude, table, report)
+
+
+def is_safe_motion(trajectory: Trajectory) -> bool:
+    """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
+    table = trajectory.table(TABLE_RATE_HZ)
+    limits = limits_for(trajectory.robot)
+    return preflight(table, 1.0 / TABLE_RATE_HZ, limits, periodic=True, robot=trajectory.robot).safe
+
+
+def new_run_id() -> str:
+    """An identifier that sorts by time: 20261121T103000Z."""
+    return datetime.now(UTC).strftime("%Y%m%dT%H%M%S") + f"{datetime.now(UTC).microsecond // 1000:03d}Z"
+
+
+def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
+    """Write table and trajectory into the run's folder and return the request that points to them.
+
+    settings: further fields of RunRequest. Raises OSError when the folder cannot be written, ConfigurationError for a
+    setting out of range.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    table_file = out_dir / "table.npy"
+    trajectory_file = out_dir / "trajectory.json"
+    np.save(table_file, motion.table)
+    trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
+    return RunRequest(
+        run_id=settings.pop("run_id", None) or new_run_id(),
+        robot=motion.robot,
+        table_file=str(table_file.resolve()),
+        trajectory_file=str(trajectory_file.resolve()),
+        out_dir=str(out_dir.resolve()),
+        table_period_s=1.0 / TABLE_RATE_HZ,
+        amplitude=motion.amplitude,
+        **settings,
+    )
