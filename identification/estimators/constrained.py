@@ -93,8 +93,9 @@ class Certificate:
 class ConstrainedResult:
     """Solution of program (10).
 
-    physical: μ. base_values: (p,) its base parameters; full: (full,) its dynamic parameters in the order of
-    full_names, with rotor inertias and offsets where chosen. cost, lower_bound: as in the certificate. starts: all starts, the best first. rules: those asked for.
+    physical: μ. base_values: (p,) its base parameters. full: (full,) its dynamic parameters in the order of
+    full_names, with rotor inertias and offsets where chosen. cost, lower_bound: as in the certificate. starts: all, the
+    best first. rules: those asked for.
     """
 
     physical: PhysicalParameters
@@ -194,7 +195,8 @@ class ConstrainedProgram:
         self._image = problem.triangular @ base.regrouping / root
         self._target = problem.projected / root
         self._gram = 2.0 * self._image.T @ self._image
-        self.matrix, bound = linear_inequalities(rules, self._links, base.options.symbols)
+        matrix, bound = linear_inequalities(rules, self._links, base.options.symbols)
+        self.matrix = scipy.sparse.csr_array(matrix)
         self.bound = bound - _MARGIN
 
     def dynamic_parameters(self, y: FloatArray) -> FloatArray:
@@ -239,23 +241,21 @@ class ConstrainedProgram:
         """Gradient (k,) and Hessian (k, k) of `excess`, exact."""
         residual = self._image @ self.dynamic_parameters(y) - self._target
         slope = 2.0 * self._image.T @ residual  # with respect to π
-        jacobian = np.eye(len(y))
-        curvature = np.zeros((len(y), len(y)))
-        table = y.reshape(self._links, self._stride)
-        for link in range(self._links):
-            first = link * self._stride
-            m, h = float(table[link, 0]), table[link, 1:4]
-            jacobian[first + 4 : first + 10, first : first + 4] += _tensor_jacobian(m, h)
-            # Σ v ∂²(h hᵀ/m) with V so that the sum is hᵀ V h / m
-            v = slope[first + 4 : first + 10]
-            tensor = -0.5 * symmetric(v)
-            np.fill_diagonal(tensor, (v[3] + v[5], v[0] + v[5], v[0] + v[3]))
-            turned = tensor @ h
-            block = curvature[first : first + 4, first : first + 4]
-            block[0, 0] = 2.0 * float(h @ turned) / m**3
-            block[0, 1:] = block[1:, 0] = -2.0 * turned / m**2
-            block[1:, 1:] = 2.0 * tensor / m
-        return jacobian.T @ slope, jacobian.T @ self._gram @ jacobian + curvature
+        links, stride, size = self._links, self._stride, len(y)
+        table, slopes = y.reshape(links, stride), slope.reshape(links, stride)
+        blocks = _tensor_jacobians(table[:, 0], table[:, 1:4])
+        # J is the identity plus one (6, 4) block per link: products with it go link by link
+        gradient = slopes.copy()
+        gradient[:, :4] += np.einsum("lij,li->lj", blocks, slopes[:, 4:INERTIAL_COUNT])
+        right = self._gram.reshape(size, links, stride).transpose(1, 0, 2).copy()
+        right[:, :, :4] += right[:, :, 4:INERTIAL_COUNT] @ blocks
+        hessian = right.transpose(1, 0, 2).reshape(links, stride, size)
+        hessian[:, :4] += blocks.transpose(0, 2, 1) @ hessian[:, 4:INERTIAL_COUNT]
+        hessian = hessian.reshape(size, size)
+        for link, curvature in enumerate(_curvatures(table[:, 0], table[:, 1:4], slopes[:, 4:INERTIAL_COUNT])):
+            first = link * stride
+            hessian[first : first + 4, first : first + 4] += curvature
+        return gradient.ravel(), hessian
 
     def inside(self, y: FloatArray) -> FloatArray:
         """The point nearest to y, in typical sizes of its entries, that keeps some distance from every rule.
@@ -264,9 +264,9 @@ class ConstrainedProgram:
         the rules contradict each other.
         """
         typical = self._typical_sizes(y)
-        norms = np.linalg.norm(self.matrix * typical, axis=1)
         size = len(y)
-        constraints = scipy.sparse.csc_matrix(self.matrix * typical)
+        constraints = scipy.sparse.csc_matrix(self.matrix.multiply(typical))
+        norms = np.sqrt(np.asarray(constraints.multiply(constraints).sum(axis=1)).ravel())
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
@@ -276,7 +276,7 @@ class ConstrainedProgram:
             identity = scipy.sparse.eye_array(size, format="csc")
             solution = clarabel.DefaultSolver(identity, np.zeros(size), constraints, limit, cones, settings).solve()
             point = np.asarray(y + typical * np.array(solution.x), dtype=np.float64)
-            if np.all(self.matrix @ point < self.bound):
+            if np.all(self.bound - self.matrix @ point > 0.0):
                 return point
         raise SolverError(
             "The rules (10b) and (10d) contradict each other: no set of physical parameters meets all of them.",
@@ -320,11 +320,36 @@ class ConstrainedProgram:
         return typical.ravel()
 
 
-def _tensor_jacobian(m: float, h: FloatArray) -> FloatArray:
-    """(6, 4) derivatives of the entries XX, XY, XZ, YY, YZ, ZZ of (hᵀh 1 − h hᵀ)/m by m, h_x, h_y, h_z."""
-    x, y, z = h
+def _tensor_jacobians(m: FloatArray, h: FloatArray) -> FloatArray:
+    """(n, 6, 4) derivatives of XX, XY, XZ, YY, YZ, ZZ of (hᵀh 1 − h hᵀ)/m by m, h_x, h_y, h_z; m (n,), h (n, 3)."""
+    x, y, z = h.T
+    zero = np.zeros_like(x)
     by_h = np.array(
-        [[0.0, 2 * y, 2 * z], [-y, -x, 0.0], [-z, 0.0, -x], [2 * x, 0.0, 2 * z], [0.0, -z, -y], [2 * x, 2 * y, 0.0]]
+        [
+            [zero, 2 * y, 2 * z],
+            [-y, -x, zero],
+            [-z, zero, -x],
+            [2 * x, zero, 2 * z],
+            [zero, -z, -y],
+            [2 * x, 2 * y, zero],
+        ]
     )
     values = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
-    return np.column_stack([-values / m**2, by_h / m])
+    return np.concatenate([-(values / m**2)[:, None], by_h / m], axis=1).transpose(2, 0, 1).copy()
+
+
+def _curvatures(m: FloatArray, h: FloatArray, slopes: FloatArray) -> FloatArray:
+    """(n, 4, 4) second derivatives by m, h of the six entries of (hᵀh 1 − h hᵀ)/m, summed with weights slopes (n, 6).
+
+    The sum is hᵀ V h / m with the symmetric V assembled here from the weights.
+    """
+    tensors = -0.5 * symmetric(slopes)
+    xx, yy, zz = slopes[:, 0], slopes[:, 3], slopes[:, 5]
+    for axis, entry in enumerate((yy + zz, xx + zz, xx + yy)):
+        tensors[:, axis, axis] = entry
+    turned = np.einsum("lij,lj->li", tensors, h)
+    result = np.empty((len(m), 4, 4))
+    result[:, 0, 0] = 2.0 * np.einsum("li,li->l", h, turned) / m**3
+    result[:, 0, 1:] = result[:, 1:, 0] = -2.0 * turned / m[:, None] ** 2
+    result[:, 1:, 1:] = 2.0 * tensors / m[:, None, None]
+    return result

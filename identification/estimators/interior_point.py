@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
+import scipy.sparse
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -42,19 +43,20 @@ class InteriorPointResult:
 def minimise_inside(
     function: Function,
     derivatives: Derivatives,
-    matrix: FloatArray,
+    matrix: scipy.sparse.csr_array,
     bound: FloatArray,
     start: FloatArray,
     *,
     tolerance: float = 1e-9,
     maximum_iterations: int = 300,
 ) -> InteriorPointResult:
-    """A local minimum of function(y) over matrix · y < bound, from a start strictly inside.
+    """A local minimum of function(y) over matrix · y < bound (matrix sparse), from a start strictly inside.
 
     function: value of order one (scale it: tolerances are absolute). derivatives: gradient (k,) and symmetric Hessian
     (k, k). The Hessian need not be positive definite. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
     Raises ValueError when the start is not strictly inside.
     """
+    transposed = matrix.T.tocsr()
     point = start.copy()
     slack = bound - matrix @ point
     if not np.all(slack > 0.0):
@@ -68,7 +70,7 @@ def minimise_inside(
     while iterations < maximum_iterations:
         iterations += 1
         gradient, hessian = derivatives(point)
-        lagrangian = gradient + matrix.T @ multiplier
+        lagrangian = gradient + transposed @ multiplier
         scale = np.maximum(np.abs(point), 1e-3)
         stationarity = float(np.abs(lagrangian * scale).max())
         complementarity = float(slack @ multiplier) / len(slack)
@@ -78,8 +80,8 @@ def minimise_inside(
         if stationarity < 10.0 * barrier and np.abs(slack * multiplier - barrier).max() < 10.0 * barrier:
             barrier = max(min(0.2 * barrier, barrier**1.5), 0.1 * tolerance)
         weight = multiplier / slack
-        system = hessian + (matrix.T * weight) @ matrix
-        pull = gradient + matrix.T @ (barrier / slack)
+        system = hessian + (transposed.multiply(weight) @ matrix).toarray()
+        pull = gradient + transposed @ (barrier / slack)
         step = -_solve_positive(system, pull)
         slack_step = -(matrix @ step)
         multiplier_step = barrier / slack - multiplier - weight * slack_step

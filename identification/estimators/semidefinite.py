@@ -37,10 +37,10 @@ _SMALLEST_RELATIVE_COST = 1e-8
 class SemidefiniteResult:
     """The best physically consistent parameters.
 
-    physical: masses, centres of mass, inertias, friction (rotor inertias and offsets stand in full). base_values: (p,) their base parameters. full: (full,) their
-    dynamic parameters. cost: weighted squared residuals, same unit as the least-squares cost; lower_bound: no
-    physically consistent set within the bounds costs less (value of the dual program). smallest_eigenvalue: of all
-    links' pseudo-inertias, kg m² or kg. iterations, status: Clarabel's.
+    physical: masses, centres of mass, inertias, friction (rotor inertias and offsets stand in full). base_values: (p,)
+    their base parameters. full: (full,) their dynamic parameters. cost: weighted squared residuals, same unit as the
+    least-squares cost. lower_bound: no physically consistent set within the bounds costs less (value of the dual
+    program). smallest_eigenvalue: of all links' pseudo-inertias, kg m² or kg. iterations, status: Clarabel's.
     """
 
     physical: PhysicalParameters
