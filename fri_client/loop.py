@@ -52,7 +52,7 @@ _POLL_S = 0.05
 _DRAIN_S = 1.0
 """After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
 
-_CONSUMER_PATIENCE_S = 2.0
+_CONSUMER_PATIENCE_S = 0.3
 
 _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
@@ -377,21 +377,22 @@ class FriLoop:
         self._journal.publish(now, self.session, self.motion, self.statistics, late, self._foreign)
 
     def _wait_for_consumer(self) -> None:
-        """In simulated time only: let a recorder catch up while the ring is half full, unless it does not move at
-        all.
+        """In simulated time only: let a recorder catch up when the ring is half full, unless it does not move at all.
+
+        The robot's next message waits meanwhile; one wait is short enough that the robot does not give it up.
         """
         ring = self._ring
-        half, consumed = ring.slots // 2, ring.produced - ring.backlog
-        if ring.backlog <= half or consumed == self._stuck_at:
+        half = ring.slots // 2
+        if ring.backlog <= half:
+            return
+        consumed = ring.produced - ring.backlog
+        if consumed == self._stuck_at:
             return
         deadline = time.monotonic() + _CONSUMER_PATIENCE_S
-        while ring.backlog > half and self._stop_watch.poll(time.monotonic_ns()) is None:
+        while ring.backlog > half and time.monotonic() < deadline:
             time.sleep(0.001)
-            if time.monotonic() > deadline:
-                if ring.produced - ring.backlog == consumed:
-                    self._stuck_at = consumed
-                    return
-                consumed, deadline = ring.produced - ring.backlog, time.monotonic() + _CONSUMER_PATIENCE_S
+        if ring.produced - ring.backlog == consumed:
+            self._stuck_at = consumed
 
     # The end.
 
