@@ -26,6 +26,7 @@ __all__ = [
     "JOINT_NAMES",
     "DiagnosticStatus",
     "SampleLabels",
+    "command_index",
     "event_index",
     "pack_diagnostics",
     "pack_event",
@@ -56,6 +57,7 @@ _EMPTY_COMMAND_TAIL = _COUNT.pack(0) * 2
 _STATE_COUNTERS = struct.Struct("<Q2I")
 _STATE_COUNTERS_OFFSET = 4 + 65 * 8 + 2 * 8  # sample_index, message_identifier, sequence_counter
 _INDEX = struct.Struct("<Q")
+_COMMAND_INDEX_OFFSET = 4 + 28 * 8 + 2 * 8
 _EVENT_INDEX_OFFSET = 4 + 2 * 8 + 8
 _STATE_PERIOD = struct.Struct("<i")
 _STATE_PERIOD_OFFSET = 4 + 65 * 8 + 3 * 8 + 7 * 4 + 20 * 4
@@ -316,6 +318,12 @@ def state_counters(fri_state: bytes) -> tuple[int, int, int]:
     sample_index, _, sequence_counter = _STATE_COUNTERS.unpack_from(fri_state, _STATE_COUNTERS_OFFSET)
     (period,) = _STATE_PERIOD.unpack_from(fri_state, _STATE_PERIOD_OFFSET)
     return sample_index, sequence_counter, period
+
+
+def command_index(fri_command: bytes) -> int:
+    """sample_index of a packed FriCommand. Raises struct.error when the bytes are too few to be one."""
+    (index,) = _INDEX.unpack_from(fri_command, _COMMAND_INDEX_OFFSET)
+    return int(index)
 
 
 def event_index(run_event: bytes) -> int:

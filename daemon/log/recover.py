@@ -1,7 +1,7 @@
 """Recovery of a broken-off log: every complete chunk, and what the last broken chunk still gives, in a new whole file.
 
-Here: a reader of MCAP records that takes nothing for granted, and the writing of the recovered copy. Not here: healthy
-files (the mcap library reads those). The command line's `recover` and the supervisor call `recover_log`.
+Here: the writing of the recovered copy, the joining of parts, the report. Not here: the tolerant reading
+(`raw_reader`). The command line's `recover` calls `recover_log`, the supervisor both.
 
 The original is never touched. What is missing is said by the counters in /fri/state: the robot's sequence counter
 (lost before the loop) and the loop's sample index (lost between loop and file, or in the part that is gone).
@@ -9,32 +9,25 @@ The original is never touched. What is missing is said by the counters in /fri/s
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
-import zlib
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import IO, Any
 
-import zstandard
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from daemon.errors import BadLogError, LogIOError, MissingInputError
-from daemon.log.cdr import event_index, state_counters
+from daemon.log.cdr import command_index, event_index, state_counters
+from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
 from daemon.log.writer import CHUNK_BYTES, count_messages
 
-__all__ = ["RecoverReport", "recover_log"]
+__all__ = ["RecoverReport", "merge_logs", "recover_log"]
 
-MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEADER = struct.Struct("<BQ")
-MAXIMUM_CHUNK_BYTES = 256 * 1024 * 1024
-"""Uncompressed size beyond which a chunk's own claim is not believed."""
 _COUNTER_MODULUS = 2**32
-_MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQI")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,74 +58,6 @@ class RecoverReport:
         return {**asdict(self), "source": str(self.source), "recovered": str(self.recovered)}
 
 
-@dataclass(slots=True)
-class _Found:
-    """Everything the bytes gave, in file order; ids as in the original."""
-
-    profile: str = ""
-    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
-    channels: dict[int, tuple[int, str, str, dict[str, str]]] = field(default_factory=dict)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    damaged_chunks: int = 0
-    bytes_used: int = 0
-    complete: bool = False
-
-
-class _Cursor:
-    """Reads MCAP primitives from bytes; raises ValueError when they are too few."""
-
-    __slots__ = ("_data", "_position")
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._position = 0
-
-    def take(self, length: int) -> bytes:
-        end = self._position + length
-        if length < 0 or end > len(self._data):
-            raise ValueError("record ends early")
-        part = self._data[self._position : end]
-        self._position = end
-        return part
-
-    def integer(self, size: int) -> int:
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        return self.take(self.integer(4)).decode("utf-8")
-
-    def text_map(self) -> dict[str, str]:
-        inner = _Cursor(self.take(self.integer(4)))
-        result: dict[str, str] = {}
-        while inner.left:
-            key = inner.text()
-            result[key] = inner.text()
-        return result
-
-    @property
-    def left(self) -> int:
-        return len(self._data) - self._position
-
-    def rest(self) -> bytes:
-        return self.take(self.left)
-
-
-class _Message(NamedTuple):
-    channel: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
-class _Attachment(NamedTuple):
-    log_time: int
-    create_time: int
-    name: str
-    media_type: str
-    data: bytes
-
-
 def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverReport:
     """Make a log whole again as far as its bytes go; see RecoverReport.
 
@@ -153,17 +78,7 @@ def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverRe
     target = Path(output) if output is not None else source.with_name(f"{source.stem}.recovered.mcap")
     if target.resolve() == source.resolve():
         raise BadLogError(str(source), "the recovered copy cannot replace the original; choose another name.")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        counts, found = _rewrite(source, temporary)
-        written = count_messages(temporary)
-        if written != counts.messages:
-            raise BadLogError(str(temporary), f"holds {written} instead of {counts.messages}.")
-        os.replace(temporary, target)
-    except OSError as error:
-        raise LogIOError(str(target), error) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    counts, found = _write_copy([source], target)
     sentences = _sentences(source, target, counts, found, total)
     return counts.report(source, target, False, found.damaged_chunks, found.bytes_used, total, sentences)
 
@@ -250,156 +165,150 @@ class _Counts:
         )
 
 
-def _rewrite(source: Path, temporary: Path) -> tuple[_Counts, _Found]:
-    """Copy everything readable into a new file. Raises BadLogError when there is not even a channel."""
-    found, counts = _Found(), _Counts()
-    schema_ids: dict[int, int] = {}
-    channel_ids: dict[int, int] = {}
-    with temporary.open("wb") as stream:
-        writer: Any = Writer(cast(IO[bytes], stream), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        started = False
-        for item in _items(source, found):
-            if not started:
-                writer.start(profile=found.profile, library="iiwa-ident recover")
-                started = True
-            if isinstance(item, _Attachment):
-                writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
-                continue
-            if item.channel not in found.channels:
-                continue
-            schema, topic, encoding, metadata = found.channels[item.channel]
-            if schema and schema not in schema_ids:
-                if schema not in found.schemas:
-                    continue
-                schema_ids[schema] = writer.register_schema(*found.schemas[schema])
-            if item.channel not in channel_ids:
-                channel_ids[item.channel] = writer.register_channel(
-                    topic, encoding, schema_ids.get(schema, 0), metadata
-                )
-            writer.add_message(channel_ids[item.channel], item.log_time, item.data, item.publish_time, item.sequence)
-            counts.add(topic, item.data)
-        if not counts.messages:
-            raise BadLogError(str(source), "holds no readable message; nothing can be recovered.")
-        for name, metadata in found.metadata:
-            writer.add_metadata(name, metadata)
-        note = {"source": source.name, "bytes_used": str(found.bytes_used), "bytes_total": str(source.stat().st_size)}
-        writer.add_metadata("iiwa_ident_recovery", {**note, "samples": str(counts.samples)})
-        writer.finish()
-        stream.flush()
-        os.fsync(stream.fileno())
+def merge_logs(parts: Sequence[str | Path], output: str | Path) -> RecoverReport:
+    """Join the parts of one recording, each whole or broken off, in their order; a sample in two of them is kept once.
+
+    Raises MissingInputError, BadLogError when no part holds anything usable, LogIOError when the disk refuses or the
+    output exists already.
+    """
+    sources, target = [Path(part) for part in parts], Path(output)
+    for source in sources:
+        if not source.is_file():
+            raise MissingInputError(str(source), "a part of the recording")
+    if target.exists():
+        raise LogIOError(str(target), FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST)))
+    total = sum(source.stat().st_size for source in sources)
+    counts, found = _write_copy(sources, target)
+    names = ", ".join(source.name for source in sources)
+    sentence = f"{target} was joined from {names} and holds {counts.samples} samples."
+    return counts.report(sources[0], target, False, found.damaged_chunks, found.bytes_used, total, (sentence,))
+
+
+def _write_copy(sources: Sequence[Path], target: Path) -> tuple[_Counts, Found]:
+    """Write a whole file of everything readable beside the target, count it, and put it in the target's place."""
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        counts, found = _rewrite(sources, temporary)
+        written = count_messages(temporary)
+        if written != counts.messages:
+            raise BadLogError(str(temporary), f"holds {written} instead of {counts.messages}.")
+        os.replace(temporary, target)
+    except OSError as error:
+        raise LogIOError(str(target), error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
     return counts, found
 
 
-def _items(source: Path, found: _Found) -> Iterator[_Message | _Attachment]:
-    """Messages and attachments in file order, as far as the bytes go; the rest is noted in `found`."""
-    with source.open("rb") as stream:
-        if stream.read(len(MAGIC)) != MAGIC:
-            raise BadLogError(str(source), "does not begin like an MCAP file; nothing can be recovered.")
-        found.bytes_used = len(MAGIC)
-        size = source.stat().st_size
-        while True:
-            head = stream.read(RECORD_HEADER.size)
-            if len(head) < RECORD_HEADER.size:
-                return
-            opcode, length = RECORD_HEADER.unpack(head)
-            left = size - stream.tell()
-            content = stream.read(min(length, left))
-            whole = length <= left
-            try:
-                if opcode == Opcode.CHUNK:
-                    yield from _chunk_messages(content, found, whole)
-                elif not whole:
-                    return
-                elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                    found.bytes_used = stream.tell()
-                    return
-                elif opcode == Opcode.ATTACHMENT:
-                    yield _attachment(content)
-                else:
-                    message = _plain_record(opcode, content, found)
-                    if message is not None:
-                        yield message
-            except (ValueError, UnicodeDecodeError):
-                found.damaged_chunks += 1
-            if not whole:
-                return
-            found.bytes_used = stream.tell()
+class _Copy:
+    """The file being written: channels by topic, so that the parts of one recording share them."""
 
+    def __init__(self, stream: IO[bytes]) -> None:
+        self.writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self.counts = _Counts()
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+        self._last: dict[str, int] = {}
+        self._known: dict[str, int] = {}
 
-def _chunk_messages(content: bytes, found: _Found, whole: bool) -> Iterator[_Message]:
-    """The messages of one chunk; of a broken or damaged one those that stand complete before the damage."""
-    if len(content) < _CHUNK.size:
-        return
-    _, _, uncompressed_size, checksum = _CHUNK.unpack_from(content)
-    cursor = _Cursor(content[_CHUNK.size :])
-    compression = cursor.text()
-    stated = cursor.integer(8)
-    packed = cursor.take(min(stated, cursor.left))
-    if uncompressed_size > MAXIMUM_CHUNK_BYTES:
-        raise ValueError("implausible chunk size")
-    data = _decompress(packed, compression, uncompressed_size)
-    if whole and (len(data) != uncompressed_size or (checksum and zlib.crc32(data) != checksum)):
-        # A checksum that fails leaves no message in it trustworthy.
-        found.damaged_chunks += 1
-        return
-    position = 0
-    while position + RECORD_HEADER.size <= len(data):
-        opcode, length = RECORD_HEADER.unpack_from(data, position)
-        position += RECORD_HEADER.size
-        if position + length > len(data):
+    def begin_part(self) -> None:
+        """What earlier parts hold is not taken again."""
+        self._known = dict(self._last)
+
+    def add(self, message: RawMessage, found: Found) -> None:
+        """Copy one message unless its channel or schema is lost, or an earlier part has it."""
+        if message.channel not in found.channels:
             return
-        message = _plain_record(opcode, data[position : position + length], found)
-        if message is not None:
-            yield message
-        position += length
+        schema, topic, encoding, metadata = found.channels[message.channel]
+        if (schema and schema not in found.schemas) or self._is_known(topic, message):
+            return
+        key = (topic, encoding)
+        if key not in self._channels:
+            self._channels[key] = self.writer.register_channel(
+                topic, encoding, self._schema(found.schemas.get(schema)), metadata
+            )
+        self.writer.add_message(
+            self._channels[key], message.log_time, message.data, message.publish_time, message.sequence
+        )
+        self.counts.add(topic, message.data)
+
+    def _schema(self, schema: tuple[str, str, bytes] | None) -> int:
+        if schema is None:
+            return 0
+        if schema not in self._schemas:
+            self._schemas[schema] = self.writer.register_schema(*schema)
+        return self._schemas[schema]
+
+    def _is_known(self, topic: str, message: RawMessage) -> bool:
+        """True when an earlier part has this sample's message on this topic."""
+        try:
+            place = _place_in_recording(topic, message)
+        except struct.error:
+            return False
+        if place is None:
+            return False
+        self._last[topic] = max(self._last.get(topic, place), place)
+        return place <= self._known.get(topic, -1)
 
 
-def _decompress(packed: bytes, compression: str, size: int) -> bytes:
-    """As many uncompressed bytes as the compressed ones give. Raises ValueError for an unknown compression."""
-    if compression == "":
-        return packed
-    result = bytearray()
-    try:
-        if compression == "zstd":
-            reader = zstandard.ZstdDecompressor().stream_reader(packed)
-            while len(result) < size and (part := reader.read1(min(65536, size - len(result)))):
-                result += part
-        else:
-            raise ValueError(f"compression {compression} is not known")
-    except zstandard.ZstdError:
-        pass
-    return bytes(result)
+def _place_in_recording(topic: str, message: RawMessage) -> int | None:
+    """A number that grows with the samples of a topic; None for a topic that does not belong to samples."""
+    if topic == "/fri/state":
+        return state_counters(message.data)[0]
+    if topic == "/fri/command":
+        return command_index(message.data)
+    return message.log_time if topic == "/joint_states" else None
 
 
-def _plain_record(opcode: int, content: bytes, found: _Found) -> _Message | None:
-    """Note a schema, channel, header or metadata; give back a message. Raises ValueError on a malformed record."""
-    cursor = _Cursor(content)
-    if opcode == Opcode.MESSAGE:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack(cursor.take(_MESSAGE.size))
-        return _Message(channel, sequence, log_time, publish_time, cursor.rest())
-    if opcode == Opcode.HEADER:
-        found.profile = cursor.text()
-    elif opcode == Opcode.SCHEMA:
-        number = cursor.integer(2)
-        name, encoding = cursor.text(), cursor.text()
-        found.schemas[number] = (name, encoding, cursor.take(cursor.integer(4)))
-    elif opcode == Opcode.CHANNEL:
-        number, schema = cursor.integer(2), cursor.integer(2)
-        topic, encoding = cursor.text(), cursor.text()
-        found.channels[number] = (schema, topic, encoding, cursor.text_map())
-    elif opcode == Opcode.METADATA:
-        found.metadata.append((cursor.text(), cursor.text_map()))
-    return None
+def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
+    """Copy everything readable into a new file. Raises BadLogError when there is no message at all."""
+    total = Found()
+    with temporary.open("wb") as stream:
+        copy = _Copy(stream)
+        started = False
+        unreadable: BadLogError | None = None
+        for source in sources:
+            found = Found()
+            copy.begin_part()
+            try:
+                for item in readable_items(source, found):
+                    if not started:
+                        # A file whose header is lost is taken for one of ours.
+                        copy.writer.start(
+                            profile="ros2" if found.profile is None else found.profile, library="iiwa-ident recover"
+                        )
+                        started = True
+                    if isinstance(item, RawAttachment):
+                        if source == sources[0]:
+                            copy.writer.add_attachment(
+                                item.create_time, item.log_time, item.name, item.media_type, item.data
+                            )
+                    else:
+                        copy.add(item, found)
+            except BadLogError as error:
+                unreadable = error
+            known = {name for name, _ in total.metadata}
+            total.metadata += [each for each in found.metadata if each[0] not in known]
+            total.bytes_used += found.bytes_used
+            total.damaged_chunks += found.damaged_chunks
+        if not copy.counts.messages:
+            raise unreadable or BadLogError(str(sources[0]), "holds no readable message; nothing can be recovered.")
+        for name, metadata in total.metadata:
+            copy.writer.add_metadata(name, metadata)
+        note = {
+            "sources": ", ".join(source.name for source in sources),
+            "bytes_used": str(total.bytes_used),
+            "bytes_total": str(sum(source.stat().st_size for source in sources)),
+            "samples": str(copy.counts.samples),
+        }
+        copy.writer.add_metadata("iiwa_ident_recovery", note)
+        copy.writer.finish()
+        stream.flush()
+        os.fsync(stream.fileno())
+    return copy.counts, total
 
 
-def _attachment(content: bytes) -> _Attachment:
-    cursor = _Cursor(content)
-    log_time, create_time = cursor.integer(8), cursor.integer(8)
-    name, media_type = cursor.text(), cursor.text()
-    return _Attachment(log_time, create_time, name, media_type, cursor.take(cursor.integer(8)))
-
-
-def _sentences(source: Path, target: Path, counts: _Counts, found: _Found, total: int) -> tuple[str, ...]:
+def _sentences(source: Path, target: Path, counts: _Counts, found: Found, total: int) -> tuple[str, ...]:
     sentences = [
         f"{source} was broken off after {found.bytes_used} of {total} readable bytes; {counts.samples} samples are in "
         f"{target}."

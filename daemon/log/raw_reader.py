@@ -1,0 +1,209 @@
+"""A reader of MCAP records that takes nothing for granted: it gives what is readable and notes what is not.
+
+Here: bytes to records, of files that may be cut or damaged anywhere. Not here: healthy files (the mcap library reads
+those), and writing. Recovery calls it.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import zstandard
+from mcap.opcode import Opcode
+
+from daemon.errors import BadLogError
+
+__all__ = ["MAGIC", "Found", "RawAttachment", "RawMessage", "readable_items"]
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEADER = struct.Struct("<BQ")
+MAXIMUM_CHUNK_BYTES = 256 * 1024 * 1024
+"""Uncompressed size beyond which a chunk's own claim is not believed."""
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQI")
+
+
+@dataclass(slots=True)
+class Found:
+    """Everything the bytes gave, in file order; ids as in the original."""
+
+    profile: str | None = None
+    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
+    channels: dict[int, tuple[int, str, str, dict[str, str]]] = field(default_factory=dict)
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    damaged_chunks: int = 0
+    bytes_used: int = 0
+    complete: bool = False
+
+
+class _Cursor:
+    """Reads MCAP primitives from bytes; raises ValueError when they are too few."""
+
+    __slots__ = ("_data", "_position")
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._position = 0
+
+    def take(self, length: int) -> bytes:
+        end = self._position + length
+        if length < 0 or end > len(self._data):
+            raise ValueError("record ends early")
+        part = self._data[self._position : end]
+        self._position = end
+        return part
+
+    def integer(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        return self.take(self.integer(4)).decode("utf-8")
+
+    def text_map(self) -> dict[str, str]:
+        inner = _Cursor(self.take(self.integer(4)))
+        result: dict[str, str] = {}
+        while inner.left:
+            key = inner.text()
+            result[key] = inner.text()
+        return result
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._position
+
+    def rest(self) -> bytes:
+        return self.take(self.left)
+
+
+class RawMessage(NamedTuple):
+    """One message; channel as numbered in its file, times in ns."""
+
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class RawAttachment(NamedTuple):
+    """One attachment; times in ns."""
+
+    log_time: int
+    create_time: int
+    name: str
+    media_type: str
+    data: bytes
+
+
+def readable_items(source: Path, found: Found) -> Iterator[RawMessage | RawAttachment]:
+    """Messages and attachments in file order, as far as the bytes go; the rest is noted in `found`."""
+    with source.open("rb") as stream:
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise BadLogError(str(source), "does not begin like an MCAP file; nothing can be recovered.")
+        found.bytes_used = len(MAGIC)
+        size = source.stat().st_size
+        while True:
+            head = stream.read(RECORD_HEADER.size)
+            if len(head) < RECORD_HEADER.size:
+                return
+            opcode, length = RECORD_HEADER.unpack(head)
+            left = size - stream.tell()
+            content = stream.read(min(length, left))
+            whole = length <= left
+            try:
+                if opcode == Opcode.CHUNK:
+                    yield from _chunk_messages(content, found, whole)
+                elif not whole:
+                    return
+                elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                    found.bytes_used = stream.tell()
+                    return
+                elif opcode == Opcode.ATTACHMENT:
+                    yield _attachment(content)
+                else:
+                    message = _plain_record(opcode, content, found)
+                    if message is not None:
+                        yield message
+            except (ValueError, UnicodeDecodeError):
+                found.damaged_chunks += 1
+            if not whole:
+                return
+            found.bytes_used = stream.tell()
+
+
+def _chunk_messages(content: bytes, found: Found, whole: bool) -> Iterator[RawMessage]:
+    """The messages of one chunk; of a broken or damaged one those that stand complete before the damage."""
+    if len(content) < _CHUNK.size:
+        return
+    _, _, uncompressed_size, checksum = _CHUNK.unpack_from(content)
+    cursor = _Cursor(content[_CHUNK.size :])
+    compression = cursor.text()
+    stated = cursor.integer(8)
+    packed = cursor.take(min(stated, cursor.left))
+    if uncompressed_size > MAXIMUM_CHUNK_BYTES:
+        raise ValueError("implausible chunk size")
+    data = _decompress(packed, compression, uncompressed_size)
+    if whole and (len(data) != uncompressed_size or (checksum and zlib.crc32(data) != checksum)):
+        # A checksum that fails leaves no message in it trustworthy.
+        found.damaged_chunks += 1
+        return
+    position = 0
+    while position + RECORD_HEADER.size <= len(data):
+        opcode, length = RECORD_HEADER.unpack_from(data, position)
+        position += RECORD_HEADER.size
+        if position + length > len(data):
+            return
+        message = _plain_record(opcode, data[position : position + length], found)
+        if message is not None:
+            yield message
+        position += length
+
+
+def _decompress(packed: bytes, compression: str, size: int) -> bytes:
+    """As many uncompressed bytes as the compressed ones give. Raises ValueError for an unknown compression."""
+    if compression == "":
+        return packed
+    result = bytearray()
+    try:
+        if compression == "zstd":
+            reader = zstandard.ZstdDecompressor().stream_reader(packed)
+            while len(result) < size and (part := reader.read1(min(65536, size - len(result)))):
+                result += part
+        else:
+            raise ValueError(f"compression {compression} is not known")
+    except zstandard.ZstdError:
+        pass
+    return bytes(result)
+
+
+def _plain_record(opcode: int, content: bytes, found: Found) -> RawMessage | None:
+    """Note a schema, channel, header or metadata; give back a message. Raises ValueError on a malformed record."""
+    cursor = _Cursor(content)
+    if opcode == Opcode.MESSAGE:
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack(cursor.take(_MESSAGE.size))
+        return RawMessage(channel, sequence, log_time, publish_time, cursor.rest())
+    if opcode == Opcode.HEADER:
+        found.profile = cursor.text()
+    elif opcode == Opcode.SCHEMA:
+        number = cursor.integer(2)
+        name, encoding = cursor.text(), cursor.text()
+        found.schemas[number] = (name, encoding, cursor.take(cursor.integer(4)))
+    elif opcode == Opcode.CHANNEL:
+        number, schema = cursor.integer(2), cursor.integer(2)
+        topic, encoding = cursor.text(), cursor.text()
+        found.channels[number] = (schema, topic, encoding, cursor.text_map())
+    elif opcode == Opcode.METADATA:
+        found.metadata.append((cursor.text(), cursor.text_map()))
+    return None
+
+
+def _attachment(content: bytes) -> RawAttachment:
+    cursor = _Cursor(content)
+    log_time, create_time = cursor.integer(8), cursor.integer(8)
+    name, media_type = cursor.text(), cursor.text()
+    return RawAttachment(log_time, create_time, name, media_type, cursor.take(cursor.integer(8)))
