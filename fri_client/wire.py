@@ -43,7 +43,10 @@ def varint(value: int) -> bytes:
 
 
 def read_varint(data: bytes, position: int, end: int, message: str) -> tuple[int, int]:
-    """The varint at `position` and the position after it. Raises TruncatedMessage, MalformedVarint (over 64 bits)."""
+    """The varint at `position`, cut to 64 bits, and the position after it.
+
+    Raises TruncatedMessage, and MalformedVarint where it is longer than 10 bytes.
+    """
     start = position
     value = shift = 0
     while position < end:
@@ -51,9 +54,7 @@ def read_varint(data: bytes, position: int, end: int, message: str) -> tuple[int
         position += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
-            if value >> 64:
-                raise MalformedVarint(message=message, offset=start)
-            return value, position
+            return value & 0xFFFFFFFFFFFFFFFF, position
         shift += 7
         if shift == 70:
             raise MalformedVarint(message=message, offset=start)
