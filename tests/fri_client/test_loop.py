@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import socket
 import threading
 from collections.abc import Iterator
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 from fri_client.codec import Codec
-from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.handover import HandoverRecord, HandoverRing
 from fri_client.loop import FriLoop, open_socket
 from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import (
