@@ -159,8 +159,8 @@ def _lock_memory() -> tuple[str, Undo]:
 def _has_capability(bit: int) -> bool:
     """Whether the process holds a Linux capability; root in a container often lacks it."""
     try:
-        with open("/proc/self/status", encoding="ascii") as status:
-            effective = next((line.split()[1] for line in status if line.startswith("CapEff:")), "0")
+        with open("/proc/self/status", "rb") as status:
+            effective = next((line.split()[1] for line in status if line.startswith(b"CapEff:")), b"0")
     except OSError:
         return False
     return bool(int(effective, 16) >> bit & 1)
