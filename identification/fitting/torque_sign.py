@@ -110,5 +110,5 @@ def gravity_correlation(robot: RobotModel, position: FloatArray, velocity: Float
 
 
 def _significance(direction: FloatArray, values: FloatArray, covariance: FloatArray) -> float:
-    deviation = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+    deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
     return float(direction @ values) / deviation if deviation > 0.0 else 0.0
