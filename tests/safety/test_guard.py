@@ -121,22 +121,23 @@ def test_a_wrong_number_of_joints_is_refused() -> None:
         _guard().anchor([0.0, 0.0, math.nan, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_a_motion_exactly_at_the_velocity_limit_passes() -> None:
-    # Constant acceleration to the limit, constant velocity for 0.5 s, and back: second differences are at the limit.
-    guard = _guard(np.full(7, -1.0))
-    velocity, acceleration = 1.3089969389957472, 11.36  # of joint 4, the slowest
-    position, speed = np.full(7, -1.0), 0.0
-    jerk, a = LIMITS.jerk[3], 0.0
-    for _ in range(900):
-        # Raise the acceleration by the jerk limit, lower it again so that the limit is met without overshoot.
-        remaining = velocity - speed
-        a = min(a + jerk * PERIOD, acceleration, math.sqrt(max(0.0, 2.0 * jerk * remaining)))
-        speed = min(velocity, speed + a * PERIOD)
-        position = position.copy()
-        position[3] += speed * PERIOD
-        verdict = guard.judge(position, position)
+def test_a_motion_exactly_at_the_limits_of_velocity_acceleration_and_jerk_passes() -> None:
+    """Joint 4 goes to its velocity limit with full jerk and full acceleration, stays there, and stops the same way."""
+    velocity, acceleration, jerk = math.radians(75), 11.36, 113.6
+    rise = acceleration / jerk
+    hold = velocity / acceleration - rise
+    cruise = 0.5
+    phases = [(rise, jerk), (hold, 0.0), (rise, -jerk), (cruise, 0.0), (rise, -jerk), (hold, 0.0), (rise, jerk)]
+    guard = _guard(_moved(4, -0.5))
+    for k in range(1, 1000):
+        t, q, v, a = k * PERIOD, -0.5, 0.0, 0.0
+        for duration, j in phases:  # the motion integrated exactly, phase by phase
+            s = min(t, duration)
+            q, v, a, t = q + s * (v + s * (a / 2 + s * j / 6)), v + s * (a + s * j / 2), a + s * j, t - s
+        command = _moved(4, q)
+        verdict = guard.judge(command, command)
         assert verdict is None, verdict.sentence() if verdict else ""
-    assert speed == velocity
+    assert v == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("frequency", [0.1, 0.3, 0.9])
@@ -159,7 +160,7 @@ def test_a_command_from_which_no_stop_fits_is_refused_before_the_limit_is_reache
     guard = _guard()
     speed, position = 0.0, np.zeros(7)
     for _ in range(4000):
-        speed = min(1.4, speed + 5.0 * PERIOD)
+        speed = min(1.4, speed + 2.0 * PERIOD)
         position = _moved(1, speed * PERIOD, position)
         verdict = guard.judge(position, position)
         if verdict is not None:

@@ -1,5 +1,6 @@
 """Ramps, looked at from outside: sampled densely, differenced, held against the limits. Ruckig's figures are not
-used."""
+used.
+"""
 
 from __future__ import annotations
 
@@ -212,7 +213,8 @@ def test_an_impossible_target_is_refused_with_its_numbers(
 
 def test_a_target_that_is_on_its_way_out_needs_room_before_it() -> None:
     """At the upper limit, moving up at speed: no ramp within the limits can end there, and joint and limit are
-    named."""
+    named.
+    """
     target = np.zeros(7)
     target[1] = LIMITS.position_lower[1] + 1e-3
     speed = np.zeros(7)
