@@ -18,8 +18,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from identification.errors import RecordingError
 from identification.recordings import archive
-from identification.recordings.recording import Finding, FloatArray, Recording
 from identification.recordings.npz_reader import resolve_robot
+from identification.recordings.recording import Finding, FloatArray, Recording
 from identification.recordings.table import RawTable
 
 FRI_STATE_TOPIC = "/fri/state"

@@ -162,7 +162,7 @@ def zero_phase_low_pass(values: FloatArray, step: float, cutoff_hz: float) -> Fl
 
 
 def sixth_order_difference(values: FloatArray, step: float) -> FloatArray:
-    """First derivative along axis 0 by the sixth-order central difference; of lower order at three samples at each end."""
+    """First derivative along axis 0 by the sixth-order central difference; of lower order at the ends."""
     result = np.gradient(values, step, axis=0, edge_order=2)
     if values.shape[0] < 2 * _DIFFERENCE.size:
         return np.asarray(result, dtype=np.float64)

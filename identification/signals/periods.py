@@ -262,7 +262,7 @@ def _noise_spectrum(values: FloatArray, present: BoolArray) -> FloatArray:
 
 
 def smooth_over_lines(power: FloatArray) -> FloatArray:
-    """Running mean over ± max(3, 10 %) lines along axis 0, line 0 left as it is. power: (lines, n), two lines or more."""
+    """Running mean over ± max(3, 10 %) lines along axis 0, line 0 left as it is. power: (lines ≥ 2, n)."""
     lines = power.shape[0]
     total = np.concatenate([np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)])
     number = np.arange(1, lines)
