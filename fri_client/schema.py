@@ -9,7 +9,7 @@ Source: docs of the generated message tables of the vendor's library, PROTOCOL s
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
 
@@ -79,17 +79,15 @@ class Field:
     versions: frozenset[FriVersion]
     limit: int = 0
     group: type[Any] | None = None
+    attribute: str = field(init=False)
+    """Name of the field in the value object: readIORequest is read_io_request."""
+    default: tuple[()] | None = field(init=False)
+    """The value that stands for absent."""
 
-    @property
-    def attribute(self) -> str:
-        """Name of the field in the value object: readIORequest is read_io_request."""
-        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", self.name).lower()
-
-    @property
-    def default(self) -> tuple[()] | None:
-        """The value that stands for absent."""
-        is_empty_tuple = self.rule is Rule.REPEATED or self.kind in (Kind.INT32_LIST, Kind.DOUBLE_LIST)
-        return () if is_empty_tuple else None
+    def __post_init__(self) -> None:
+        words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", self.name).lower()
+        object.__setattr__(self, "attribute", words)
+        object.__setattr__(self, "default", () if self.rule is Rule.REPEATED else None)
 
 
 _EVERY = frozenset(FriVersion)
@@ -268,5 +266,12 @@ def group_name(group: type[Any]) -> str:
 
 def rows_of(group: type[Any], version: FriVersion) -> tuple[Field, ...]:
     """The rows of `group` that `version` has, in ascending field number: the order in which they are written."""
+    return _ROWS[group, version]
+
+
+def _rows(group: type[Any], version: FriVersion) -> tuple[Field, ...]:
     rows = (row for row in _TABLE[group][1] if version in row.versions)
     return tuple(sorted(rows, key=lambda row: row.number))
+
+
+_ROWS = {(group, version): _rows(group, version) for group in _TABLE for version in FriVersion}

@@ -148,12 +148,16 @@ def test_an_ordinary_user_gets_a_report_and_no_exception() -> None:
     program = (
         "import json, os, resource\n"
         "for limit in (resource.RLIMIT_MEMLOCK, resource.RLIMIT_RTPRIO): resource.setrlimit(limit, (0, 0))\n"
-        "if os.geteuid() == 0: os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        "if os.geteuid() == 0:\n"
+        "    try: os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        "    except PermissionError: print('null'); raise SystemExit\n"
         "with realtime(RealtimeSettings()) as report: print(json.dumps(report.to_json()))\n"
     )
     program = "from fri_client.realtime import RealtimeSettings, realtime\n" + program
     finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     report = json.loads(finished.stdout)
+    if report is None:
+        pytest.skip("this root may not become an ordinary user")
     assert {name: item["obtained"] for name, item in report.items()} == {
         "garbage_collector": True,
         "switch_interval": True,
