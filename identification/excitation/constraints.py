@@ -76,8 +76,10 @@ class PaperConstraints:
 
     def excess(self, coefficients: FloatArray) -> FloatArray:
         """Largest ratio value / limit over (14d)-(14g) for each joint, (n,); above 1 is outside."""
-        sums = 1.0 - self.values(coefficients)[0]
-        ratios: FloatArray = np.maximum(np.max(sums, axis=1), np.max(np.abs(coefficients) / self.box, axis=1))
+        size = np.hypot(*np.split(coefficients, 2, axis=1))
+        position = np.sum(size / self._order, axis=1) / (self._omega * self._reach)
+        velocity = np.sum(size, axis=1) / self._velocity
+        ratios: FloatArray = np.maximum.reduce([position, velocity, np.max(np.abs(coefficients) / self.box, axis=1)])
         return ratios
 
 

@@ -36,7 +36,13 @@ from identification.excitation.constraints import (
 )
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
-from identification.excitation.objective import CRITERIA, BaseMatrix, FourierObjective, achieved_figures
+from identification.excitation.objective import (
+    CRITERIA,
+    SIGN_WIDTH_RAD_S,
+    BaseMatrix,
+    FourierObjective,
+    achieved_figures,
+)
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,14 +55,17 @@ _HOPELESS = 1.0e3
 class Stage:
     """One round of the tournament: the part of all starts that takes part, the SLSQP iterations each one gets, and the
     share of the time budget after which no further search of this round begins.
+
+    samples: how much finer than the settings' samples this round looks; the sign of the velocity is sharpened alike.
     """
 
     part: float
     iterations: int
     budget_share: float
+    samples: int = 1
 
 
-STAGES = (Stage(1.0, 50, 0.6), Stage(0.25, 100, 0.8), Stage(0.08, 400, 0.95))
+STAGES = (Stage(1.0, 50, 0.6), Stage(0.25, 100, 0.8, 2), Stage(0.08, 300, 0.95, 4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +153,18 @@ class LocalSearch:
         self._basis = rest_null_space(settings.harmonics)
         self._scale = problem.limits.velocity[:, None]
         self._offset = problem.offset
-        self._objective = FourierObjective(
-            problem.base, settings.objective, 1.0 / settings.period_s, settings.harmonics, settings.samples
-        )
+        self._objectives = {
+            fineness: FourierObjective(
+                problem.base,
+                settings.objective,
+                1.0 / settings.period_s,
+                settings.harmonics,
+                settings.samples * fineness,
+                SIGN_WIDTH_RAD_S / fineness,
+            )
+            for fineness in {stage.samples for stage in STAGES}
+        }
+        self._objective = self._objectives[1]
         self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
         rows = self._constraints.linear_rows() @ self._basis * self._scale[:, :, None]
         joints, count, width = rows.shape
@@ -163,8 +181,9 @@ class LocalSearch:
         start: FloatArray = coefficients * use[:, None]
         return start
 
-    def improve(self, coefficients: FloatArray, iterations: int) -> tuple[float, FloatArray]:
-        """Best value and coefficients within the iterations, exactly inside the constraints."""
+    def improve(self, coefficients: FloatArray, iterations: int, fineness: int = 1) -> tuple[float, FloatArray]:
+        """Value and coefficients after at most so many iterations, exactly inside the constraints."""
+        self._objective = self._objectives[fineness]
         start = (coefficients / self._scale) @ self._basis
         inequality: Any = {"type": "ineq", "fun": self._inequalities, "jac": self._inequality_slopes}
         found = minimize(
@@ -231,14 +250,16 @@ def design_excitation(
                 if number == 1
                 else sorted(candidates, key=lambda start: (candidates[start][0], start))[:count]
             )
-            tasks = [_Task(start, stage.iterations, candidates[start][1] if number > 1 else None) for start in order]
+            tasks = [
+                _Task(start, stage.iterations, stage.samples, candidates[start][1] if number > 1 else None)
+                for start in order
+            ]
 
             def may_begin(share: float = stage.budget_share) -> bool:
                 return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
 
             for done, outcome in enumerate(run(tasks, may_begin), start=1):
-                if outcome.start not in candidates or outcome.value < candidates[outcome.start][0]:
-                    candidates[outcome.start] = (outcome.value, outcome.coefficients)
+                candidates[outcome.start] = (outcome.value, outcome.coefficients)
                 best = min(value for value, _ in candidates.values())
                 shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
                 event = DesignProgress(number, len(STAGES), done, len(tasks), outcome.start + 1, shown[0], shown[1])
@@ -254,6 +275,7 @@ class _Task:
 
     start: int
     iterations: int
+    fineness: int
     coefficients: FloatArray | None
 
 
@@ -294,7 +316,7 @@ def _perform(search: LocalSearch, task: _Task, seed: int) -> _Outcome:
     coefficients = task.coefficients
     if coefficients is None:
         coefficients = search.random_start(np.random.default_rng([seed, task.start]))
-    value, found = search.improve(coefficients, task.iterations)
+    value, found = search.improve(coefficients, task.iterations, task.fineness)
     return _Outcome(task.start, value, found)
 
 

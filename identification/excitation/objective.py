@@ -21,7 +21,9 @@ from identification.robots import RobotModel
 FloatArray = npt.NDArray[np.float64]
 
 SIGN_WIDTH_RAD_S = 0.02
-"""Speed over which sign(q̇) is smoothed in the search, tanh(q̇ / width). The figures reported use the true sign()."""
+"""Speed over which sign(q̇) is smoothed unless told otherwise, tanh(q̇ / width): wide enough for a hundred samples.
+
+At the iiwa's (14) optimum it makes cond 3 % larger than the true sign() does, which all reported figures use."""
 
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 
@@ -84,10 +86,15 @@ class BaseMatrix:
         return self._with_friction(self.chain.matrix(self.chain.motion(q, dq, ddq)), dq, sign)
 
     def value_and_gradient(
-        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, criterion: Criterion
+        self,
+        q: FloatArray,
+        dq: FloatArray,
+        ddq: FloatArray,
+        criterion: Criterion,
+        sign_width_rad_s: float = SIGN_WIDTH_RAD_S,
     ) -> tuple[float, tuple[FloatArray, FloatArray, FloatArray]]:
         """The criterion with smoothed sign and its gradients in q, q̇, q̈, each (S, n)."""
-        smooth = np.tanh(dq / SIGN_WIDTH_RAD_S)
+        smooth = np.tanh(dq / sign_width_rad_s)
         motion = self.chain.motion(q, dq, ddq)
         stacked = self._with_friction(self.chain.matrix(motion), dq, smooth).reshape(-1, self.size)
         value, inner = criterion(stacked.T @ stacked)
@@ -101,7 +108,7 @@ class BaseMatrix:
             by_dq = by_dq + weights[:, joints, start + joints]
             start += self.n
         if self.coulomb:
-            by_dq = by_dq + weights[:, joints, start + joints] * (1.0 - smooth**2) / SIGN_WIDTH_RAD_S
+            by_dq = by_dq + weights[:, joints, start + joints] * (1.0 - smooth**2) / sign_width_rad_s
         return value, (by_q, by_dq, by_ddq)
 
     def _with_friction(self, full: FloatArray, dq: FloatArray, sign: FloatArray) -> FloatArray:
@@ -121,14 +128,19 @@ class FourierObjective:
     """A criterion as a function of (a, b, offset) of eq. (12), sampled at equal steps over one period."""
 
     def __init__(
-        self, base: BaseMatrix, criterion: str, fundamental_frequency_hz: float, harmonics: int, samples: int
+        self,
+        base: BaseMatrix,
+        criterion: str,
+        fundamental_frequency_hz: float,
+        harmonics: int,
+        samples: int,
+        sign_width_rad_s: float = SIGN_WIDTH_RAD_S,
     ) -> None:
         if criterion not in CRITERIA:
             raise DesignError(f"unknown objective '{criterion}'; known are {', '.join(CRITERIA)}")
         self._base = base
         self._criterion = CRITERIA[criterion]
-        self._joints = base.n
-        self._harmonics = harmonics
+        self._sign_width = sign_width_rad_s
         times = np.arange(samples) / (samples * fundamental_frequency_hz)
         self._basis = fourier_basis(times, fundamental_frequency_hz, harmonics)
 
@@ -137,7 +149,7 @@ class FourierObjective:
         position, velocity, acceleration = self._basis
         c = coefficients.T
         value, (by_q, by_dq, by_ddq) = self._base.value_and_gradient(
-            position @ c + offset, velocity @ c, acceleration @ c, self._criterion
+            position @ c + offset, velocity @ c, acceleration @ c, self._criterion, self._sign_width
         )
         gradient = by_q.T @ position + by_dq.T @ velocity + by_ddq.T @ acceleration
         return value, gradient, by_q.sum(axis=0)

@@ -1,0 +1,131 @@
+"""Claims about the search and what is shipped. The condition number in the claims is numpy's, of the fits' regressor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import DesignError, TrajectoryNotFoundError
+from identification.excitation import (
+    DesignProgress,
+    DesignSettings,
+    FourierTrajectory,
+    default_trajectory,
+    design_excitation,
+    iiwa_limits,
+    limits_of_robot,
+    trajectory_from_json,
+    validation_trajectory,
+    verify,
+)
+from identification.robots import load_robot
+
+QUICK = DesignSettings(seed=3, starts=2, processes=1, samples=40)
+
+
+def _condition_number(trajectory: FourierTrajectory) -> float:
+    motion = trajectory.evaluate(np.arange(1000) / 100.0)
+    stacked = BaseRegressor(load_robot("iiwa14")).matrix(*motion).reshape(7000, 57)
+    return float(np.linalg.cond(stacked))
+
+
+def test_the_shipped_excitation_reaches_the_papers_condition_number_under_the_full_constraints() -> None:
+    trajectory = default_trajectory()
+    # The paper reports 65 for the same problem, L = 5, 10 s, 1000 samples.
+    assert _condition_number(trajectory) <= 66.0
+    report = verify(trajectory, iiwa_limits("iiwa14"))
+    assert report["within_paper_limits"]
+    assert report["within_limits"]
+    assert report["samples"] == 10_000
+
+
+@pytest.mark.parametrize("shipped", [default_trajectory, validation_trajectory])
+def test_a_shipped_file_says_how_it_was_made_and_what_it_achieves(shipped: Callable[[], FourierTrajectory]) -> None:
+    trajectory = shipped()
+    assert isinstance(trajectory.record["seed"], int)
+    assert trajectory.record["settings"]["harmonics"] == trajectory.harmonics
+    assert trajectory.record["achieved"]["cond"] == pytest.approx(_condition_number(trajectory), rel=1e-6)
+    assert verify(trajectory, iiwa_limits("iiwa14"))["within_limits"]
+
+
+def test_the_validation_motion_is_another_motion() -> None:
+    fitted, other = default_trajectory().table(100.0), validation_trajectory().table(100.0)
+    correlation = [abs(np.corrcoef(fitted[:, joint], other[:, joint])[0, 1]) for joint in range(7)]
+    assert max(correlation) < 0.9
+
+
+def test_no_trajectory_is_shipped_for_an_unknown_robot() -> None:
+    with pytest.raises(TrajectoryNotFoundError, match="design") as caught:
+        default_trajectory("../iiwa14")
+    assert caught.value.exit_code == 66
+
+
+def test_a_search_ends_inside_the_constraints_and_far_better_than_it_began() -> None:
+    robot = load_robot("iiwa14")
+    events: list[DesignProgress] = []
+    result = design_excitation(robot, limits_of_robot(robot), QUICK, progress=events.append)
+    assert result.verified["within_paper_limits"]
+    assert result.verified["within_limits"]
+    assert result.cond == pytest.approx(_condition_number(result.trajectory), rel=1e-6)
+    # Random trajectories of full amplitude lie at 200 to 800.
+    assert result.cond < 120.0
+    assert len(events) == len(result.history) == 4
+    assert events[-1].best <= events[0].value
+    again = trajectory_from_json(json.loads(json.dumps(result.trajectory.to_json())))
+    np.testing.assert_array_equal(again.table(100.0), result.trajectory.table(100.0))
+
+
+def test_the_same_seed_gives_the_same_trajectory_whatever_the_number_of_processes() -> None:
+    robot = load_robot("iiwa14")
+    limits = limits_of_robot(robot)
+    here = design_excitation(robot, limits, DesignSettings(seed=5, starts=2, processes=1, samples=20))
+    spread = design_excitation(robot, limits, DesignSettings(seed=5, starts=2, processes=2, samples=20))
+    np.testing.assert_allclose(here.trajectory.a, spread.trajectory.a, atol=1e-6)
+    np.testing.assert_allclose(here.trajectory.b, spread.trajectory.b, atol=1e-6)
+
+
+def test_a_spent_budget_begins_no_further_search_but_still_answers() -> None:
+    robot = load_robot("iiwa14")
+    ticks = iter(range(0, 10_000, 100))
+    settings = DesignSettings(seed=1, starts=50, processes=1, samples=20, budget_s=1.0)
+    result = design_excitation(robot, limits_of_robot(robot), settings, clock=lambda: float(next(ticks)))
+    assert [event.stage for event in result.history] == [1, 2, 3]
+    assert result.verified["within_paper_limits"]
+
+
+def test_true_limits_allow_a_better_condition_number_and_hold_at_every_millisecond() -> None:
+    robot = load_robot("iiwa14")
+    limits = limits_of_robot(robot)
+    paper = design_excitation(robot, limits, QUICK)
+    true = design_excitation(robot, limits, DesignSettings(seed=3, starts=2, processes=1, samples=40, limits="true"))
+    assert true.verified["within_limits"]
+    assert true.cond < paper.cond
+
+
+def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
+    robot = load_robot("iiwa14")
+    with pytest.raises(DesignError, match="free of collisions"):
+        design_excitation(robot, limits_of_robot(robot), QUICK, acceptable=lambda trajectory: False)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"objective": "beauty"}, {"harmonics": 2}, {"period_s": 0.0}, {"starts": 0}, {"samples": 10}, {"limits": "none"}],
+)
+def test_settings_nothing_can_be_designed_for_are_refused(settings: dict[str, object]) -> None:
+    with pytest.raises(DesignError):
+        DesignSettings(**settings)  # type: ignore[arg-type]
+
+
+def test_limits_for_another_number_of_joints_are_refused() -> None:
+    robot = load_robot("iiwa14")
+    limits = iiwa_limits("iiwa7")
+    short = type(limits)(
+        limits.position_lower[:6], limits.position_upper[:6], limits.velocity[:6], limits.acceleration[:6]
+    )
+    with pytest.raises(DesignError, match="6 joints"):
+        design_excitation(robot, short, QUICK)
