@@ -27,6 +27,7 @@ LoopOutcome = Literal[
     "refused",  # the request itself cannot be run (table, limits, ramp)
     "fault",  # an internal error; `reason` has its text
 ]
+FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 WorkerPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing", "done", "failed"]
 
 
@@ -75,7 +76,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     tool: str = "none"
     seed: int | None = None
     fit: bool = True
-    fit_pipeline: str = "auto"
+    fit_pipeline: FitPipeline = "auto"
     ring_slots: int = 16384
     realtime_priority: int = 80
     loop_cpu: int | None = None
@@ -115,7 +116,7 @@ class WorkerJob(Message, frozen=True, kw_only=True):
     robot: str
     model_file: str
     status_file: str
-    pipeline: str = "auto"
+    pipeline: FitPipeline = "auto"
     progress_endpoint: str | None = None
 
 

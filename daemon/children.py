@@ -1,0 +1,63 @@
+"""Child processes of the supervisor, and the environment every process of ours is started with."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import IO
+
+from daemon.errors import ChildProcessFailedError
+from fri_client.handover import HandoverRing
+
+__all__ = ["Child", "child_environment"]
+
+
+class Child:
+    """A process of ours with its own session (no key of the terminal reaches it) and its last words in a file."""
+
+    def __init__(self, role: str, module: str, arguments: list[str], ring: HandoverRing, folder: Path) -> None:
+        self.role = role
+        self._words_file = folder / f"{role}.log"
+        self._stream: IO[bytes] = self._words_file.open("ab")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments, "--ring-fd", str(ring.fd)],
+            pass_fds=(ring.fd,),
+            stdin=subprocess.DEVNULL,
+            stdout=self._stream,
+            stderr=self._stream,
+            start_new_session=True,
+            env=child_environment(),
+        )
+
+    @property
+    def alive(self) -> bool:
+        """True while it runs."""
+        return self.process.poll() is None
+
+    @property
+    def last_words(self) -> str:
+        """What it said on stderr, the end of it."""
+        with contextlib.suppress(OSError):
+            return self._words_file.read_bytes()[-2000:].decode(errors="replace")
+        return ""
+
+    def failed(self) -> ChildProcessFailedError:
+        """The error that says how it ended."""
+        return ChildProcessFailedError(self.role, self.process.poll(), self.last_words)
+
+    def close(self) -> None:
+        """Forget its words' file when it said nothing."""
+        self._stream.close()
+        with contextlib.suppress(OSError):
+            if not self._words_file.stat().st_size:
+                self._words_file.unlink()
+
+
+def child_environment() -> dict[str, str]:
+    """The environment, with this package findable even where it is not installed."""
+    root = str(Path(__file__).resolve().parent.parent)
+    path = os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{path}" if path else root}

@@ -1,0 +1,74 @@
+"""The supervisor's inbox: one ZeroMQ PULL socket that the recorder and the worker push typed messages into.
+
+ipc only, in a private folder (0700) that goes with the run. Nothing that must not be lost depends on it: a stop goes
+through the ring, samples go through the ring, results go through files. What cannot be decoded is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import zmq
+
+from daemon.api import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
+
+__all__ = ["ControlInbox"]
+
+_LONGEST_IPC_PATH = 107
+
+
+class ControlInbox:
+    """A bound PULL socket; a context manager. `endpoint` is what the others connect to."""
+
+    def __init__(self) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="iiwa-"))
+        path = self._folder / "control"
+        if len(str(path).encode()) > _LONGEST_IPC_PATH:
+            # The system's limit on socket names; /tmp is short and private folders in it are fine.
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = Path(tempfile.mkdtemp(prefix="iiwa-", dir="/tmp"))
+            path = self._folder / "control"
+        self.endpoint = f"ipc://{path}"
+        self.malformed = 0
+        self._context: zmq.Context[Any] = zmq.Context()
+        self._socket = self._context.socket(zmq.PULL)
+        self._socket.linger = 0
+        self._socket.rcvhwm = 10_000
+        self._socket.setsockopt(zmq.MAXMSGSIZE, MAXIMUM_CONTROL_BYTES)
+        self._socket.bind(self.endpoint)
+
+    def receive(self, timeout_s: float) -> Iterator[ControlMessage]:
+        """All messages that are there, after waiting at most timeout_s for the first."""
+        if not self._socket.poll(int(timeout_s * 1000)):
+            return
+        while True:
+            try:
+                data = self._socket.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            try:
+                yield decode_control(data)
+            except msgspec.DecodeError:
+                self.malformed += 1
+
+    def close(self) -> None:
+        """Close the socket and remove its folder."""
+        self._socket.close()
+        self._context.term()
+        with contextlib.suppress(OSError):
+            shutil.rmtree(self._folder)
+
+    def __enter__(self) -> ControlInbox:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,90 @@
+"""How a run ended, in words and numbers: exit codes, sentences, digests, and the report of a loop that left none.
+
+Pure but for reading files to digest them. The supervisor calls it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from daemon.api import FileDigest, LoopReport, RunRequest
+from daemon.loop_process import EXIT_CODES
+from fri_client.handover import HandoverRing
+
+__all__ = ["EXIT_CODES", "digests_of", "loop_report_without_loop", "outcome_sentences"]
+
+
+_CHANGING = ("run.json", "worker.log", "worker_status.json")
+
+
+def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
+    """Size and SHA-256 of the run's files; those outside the folder by their full path."""
+    files = sorted(
+        file
+        for file in folder.iterdir()
+        if file.is_file() and not file.name.startswith(".") and file.name != "run.json"
+    )
+    if recording.is_file() and recording not in files:
+        files.append(recording)
+    digests = []
+    for file in files:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        name = file.name if file.parent == folder else str(file)
+        digests.append(FileDigest(name=name, bytes=file.stat().st_size, sha256=digest))
+    return tuple(digests)
+
+
+def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_words: str) -> LoopReport:
+    """The report of a loop that was killed or crashed, from the last status it left in the ring."""
+    status = ring.status
+    how = f"was killed by signal {-return_code}" if return_code is not None and return_code < 0 else "crashed"
+    words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
+    return LoopReport(
+        outcome="fault",
+        reason="LOOP_LOST",
+        sentence=(
+            f"The loop process {how}; the robot gets no more answers and brakes by itself, standstill unconfirmed."
+            + words
+        ),
+        tick=status.tick,
+        received=status.received,
+        answered=status.answered,
+        late=status.late,
+        missing=status.missing,
+        duplicates=status.duplicates,
+        stale=status.stale,
+        refused=status.refused,
+        undecodable=status.undecodable,
+        foreign=status.foreign,
+        lost_in_handover=ring.lost,
+        periods_completed=max(status.period, 0),
+    )
+
+
+def outcome_sentences(
+    report: LoopReport,
+    request: RunRequest,
+    samples: int,
+    sequence_gaps: int,
+    handover_gaps: int,
+    remarks: Sequence[str],
+) -> tuple[str, ...]:
+    """What the operator reads at the end: the result first, then the count, then what was remarkable."""
+    sentences = [report.sentence]
+    lost = (
+        f"{sequence_gaps} missing on the way from the robot, {handover_gaps} lost between loop and file"
+        if sequence_gaps or handover_gaps
+        else "none missing"
+    )
+    sentences.append(
+        f"{report.received} monitoring messages received, {report.answered} answered, {report.late} late; "
+        f"{samples} samples recorded, {lost}."
+    )
+    if report.outcome in ("stopped", "dropped", "fault"):
+        sentences.append(
+            f"{report.periods_completed} of {request.periods} periods are complete; the partial recording is kept."
+        )
+    return (*sentences, *remarks)

@@ -1,0 +1,441 @@
+"""The supervisor of one acquisition: starts recorder and loop, watches both, tells the operator, closes the books.
+
+Here: `run_acquisition`, from a request to `run.json`. Not here: the loop (`loop_process`), the file (`recorder`), the
+fit (`worker`), the command line. The supervisor is never in the way of a sample: loop and recorder share the ring, a
+stop is one word in that ring, and both end properly when the supervisor is killed.
+
+What happens when a child dies:
+  - recorder: the loop is asked for a stop ramp, a second recorder takes over the same ring (which still holds all that
+    is not safe) into a part of its own, and both parts are joined into recording.mcap; the broken one is kept too.
+    When the disk is what failed, the part goes to the system's temporary folder.
+  - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds.
+  - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import signal
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from daemon.api import (
+    LoopReport,
+    RecorderFailed,
+    RecorderFinished,
+    RecorderJob,
+    RecorderProgress,
+    RecorderReady,
+    RecorderTrouble,
+    RunEvent,
+    RunOutcome,
+    RunRequest,
+    read_json,
+    write_json,
+)
+from daemon.children import Child
+from daemon.control import ControlInbox
+from daemon.errors import (
+    BadLogError,
+    ChildProcessFailedError,
+    ConfigurationError,
+    DaemonError,
+    LogIOError,
+    MissingInputError,
+    PortInUseError,
+)
+from daemon.host import software_versions
+from daemon.log.recover import merge_logs
+from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
+from daemon.times import now_text
+from daemon.worker_start import start_worker
+from fri_client.handover import EventCode, HandoverRing
+from fri_client.messages import SessionState
+from fri_client.motion import MotionPhase
+
+__all__ = ["run_acquisition"]
+
+RECORDING_NAME = "recording.mcap"
+RECORDER_START_S = 60.0
+RECORDER_SILENCE_S = 120.0
+MAXIMUM_PARTS = 4
+POLL_S = 0.05
+PROGRESS_S = 10.0
+
+Observer = Callable[[RunEvent], None]
+
+
+def run_acquisition(request: RunRequest, *, observe: Observer) -> RunOutcome:
+    """Run one acquisition in the foreground and return how it ended; everything is in `request.out_dir`.
+
+    SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for. Raises, before anything
+    moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
+    LogIOError, ChildProcessFailedError. A run that was stopped, dropped or never began is an outcome, not an error.
+    """
+    return _Acquisition(_prepare_folder(request), observe).run()
+
+
+def _prepare_folder(request: RunRequest) -> RunRequest:
+    """Copy the inputs into the run's folder, make all paths absolute, write request.json."""
+    folder = Path(request.out_dir).absolute()
+    for name in (RECORDING_NAME, "run.json"):
+        if (folder / name).exists():
+            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
+    changes: dict[str, str] = {"out_dir": str(folder)}
+    sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
+    if request.urdf_file is not None:
+        sources["urdf_file"] = request.urdf_file
+    for field, file in sources.items():
+        source = Path(file).absolute()
+        if not source.is_file():
+            raise MissingInputError(str(source), field.removesuffix("_file"))
+        changes[field] = str(folder / source.name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for field, file in sources.items():
+            if Path(file).absolute() != Path(changes[field]):
+                shutil.copyfile(file, changes[field])
+        resolved = msgspec.structs.replace(request, **changes)
+        write_json(folder / "request.json", resolved)
+    except OSError as error:
+        raise LogIOError(str(folder), error) from error
+    _check_port(request)
+    return resolved
+
+
+def _check_port(request: RunRequest) -> None:
+    """Find out before any process is started whether the port is free. Raises PortInUseError, ConfigurationError."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((request.bind_host, request.bind_port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUseError(request.bind_host, request.bind_port) from error
+            raise ConfigurationError(
+                f"UDP {request.bind_host}:{request.bind_port} cannot be bound: {error.strerror}.", field="bind_host"
+            ) from error
+
+
+class _Acquisition:
+    """One run, from the ring to run.json; `run` is called once."""
+
+    def __init__(self, request: RunRequest, observe: Observer) -> None:
+        self._request = request
+        self._folder = Path(request.out_dir)
+        self._observe = observe
+        self._started_at = now_text()
+        self._interrupted: int | None = None
+        self._parts: list[Path] = []
+        self._finished: dict[int, RecorderFinished] = {}
+        self._disk_failed = False
+        self._remarks: list[str] = []
+        self._recorder: Child | None = None
+        self._ready_parts: set[int] = set()
+        self._samples = 0
+        self._rate_base = (time.monotonic(), 0)
+        self._last_phase = -1
+        self._last_state = -1
+        self._last_period = -1
+        self._next_progress = 0.0
+
+    def run(self) -> RunOutcome:
+        """The whole acquisition."""
+        with ControlInbox() as inbox, contextlib.ExitStack() as stack:
+            self._inbox = inbox
+            self._ring = HandoverRing.create(self._request.ring_slots)
+            stack.callback(self._ring.close)
+            # Beaten before the loop starts: a supervisor that never beat is not watched.
+            self._ring.beat()
+            stack.enter_context(self._signals())
+            self._tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
+            self._start_recorder()
+            self._wait_ready()
+            report = self._run_loop()
+            self._finish_recording()
+            outcome = self._close_books(report)
+        self._tell("finished", outcome.sentences[0])
+        return outcome
+
+    # ---- children
+
+    def _start_recorder(self) -> None:
+        part = len(self._parts)
+        folder = self._folder
+        if self._disk_failed:
+            folder = Path(tempfile.mkdtemp(prefix=f"iiwa-ident-{self._request.run_id}-"))
+            self._remark(f"The rest of the recording goes to {folder}, because {self._folder} cannot be written.")
+        path = folder / (RECORDING_NAME if part == 0 else f"recording.part{part}.mcap")
+        job_file = folder / f"recorder{part}.json"
+        try:
+            write_json(job_file, RecorderJob(request=self._request, path=str(path), part=part))
+        except OSError as error:
+            raise LogIOError(str(job_file), error) from error
+        self._parts.append(path)
+        arguments = ["--request", str(job_file), "--endpoint", self._inbox.endpoint]
+        self._recorder = Child("recorder", "daemon.recorder", arguments, self._ring, folder)
+
+    def _wait_ready(self) -> None:
+        """Raises LogIOError or ChildProcessFailedError: nothing has moved yet."""
+        deadline = time.monotonic() + RECORDER_START_S
+        recorder = self._recorder
+        assert recorder is not None
+        while 0 not in self._ready_parts:
+            self._listen(POLL_S)
+            if not recorder.alive and 0 not in self._ready_parts:
+                if recorder.process.returncode == LogIOError.exit_code:
+                    raise _SpokenError(recorder.last_words.strip().splitlines()[-1], LogIOError.exit_code)
+                raise recorder.failed()
+            if time.monotonic() > deadline:
+                recorder.process.kill()
+                recorder.process.wait()
+                raise ChildProcessFailedError("recorder", None, f"it was not ready within {RECORDER_START_S:g} s")
+
+    def _run_loop(self) -> LoopReport:
+        """Start the loop, watch it and the recorder until it has ended; its report, or one made for it."""
+        loop = Child(
+            "loop", "daemon.loop_process", ["--request", str(self._folder / "request.json")], self._ring, self._folder
+        )
+        host, port = self._request.bind_host, self._request.bind_port
+        self._tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
+        try:
+            while loop.alive:
+                self._ring.beat()
+                self._listen(POLL_S)
+                self._watch_recorder()
+                self._follow_loop()
+        finally:
+            loop.close()
+        # A killed loop cannot say that no record will follow.
+        self._ring.finish()
+        file = self._folder / "loop_report.json"
+        with contextlib.suppress(DaemonError):
+            report = read_json(file, LoopReport)
+            self._loop_exit_code = loop.process.returncode
+            return report
+        report = loop_report_without_loop(self._ring, loop.process.returncode, loop.last_words)
+        self._loop_exit_code = EXIT_CODES[report.outcome]
+        return report
+
+    def _watch_recorder(self) -> None:
+        """Replace a recorder that ended while the loop runs, and end the motion: what failed once may fail again."""
+        recorder = self._recorder
+        if recorder is None or recorder.alive:
+            return
+        part = len(self._parts) - 1
+        self._listen(0.0)
+        if part in self._finished:
+            return
+        recorder.close()
+        self._request_stop(EventCode.DISK_FULL if self._disk_failed else EventCode.RECORDER_LOST)
+        self._remark(
+            f"The recorder ended during the run (return code {recorder.process.returncode}); the motion was stopped "
+            "and another recorder took over."
+        )
+        self._recorder = None
+        if len(self._parts) < MAXIMUM_PARTS:
+            self._start_recorder()
+
+    def _finish_recording(self) -> None:
+        """Wait until the recorder has emptied the ring; replace one that dies meanwhile."""
+        self._last_heard = time.monotonic()
+        while self._recorder is not None:
+            if self._recorder.alive:
+                self._listen(POLL_S)
+                if time.monotonic() - self._last_heard > RECORDER_SILENCE_S:
+                    self._recorder.process.kill()
+                    self._recorder.process.wait()
+                continue
+            self._listen(0.0)
+            self._recorder.close()
+            if len(self._parts) - 1 in self._finished:
+                return
+            self._remark(
+                f"A recorder ended before its file was closed (return code {self._recorder.process.returncode})."
+            )
+            self._recorder = None
+            if len(self._parts) < MAXIMUM_PARTS:
+                self._start_recorder()
+
+    # ---- what is heard
+
+    def _listen(self, timeout_s: float) -> None:
+        for message in self._inbox.receive(timeout_s):
+            self._last_heard = time.monotonic()
+            if isinstance(message, RecorderReady):
+                self._ready_parts.add(message.part)
+            elif isinstance(message, RecorderProgress):
+                self._samples = message.samples
+            elif isinstance(message, RecorderFinished):
+                self._finished[message.part] = message
+            elif isinstance(message, RecorderTrouble):
+                self._disk_failed = self._disk_failed or not message.reserve_opened
+                self._request_stop(EventCode.DISK_FULL)
+                self._remark(f"The recording has trouble: {message.sentence}")
+            elif isinstance(message, RecorderFailed):
+                self._disk_failed = True
+                self._remark(message.sentence)
+
+    def _request_stop(self, code: EventCode) -> None:
+        if not self._ring.stop_request:
+            self._ring.request_stop(code)
+
+    def _follow_loop(self) -> None:
+        """Turn the loop's status into events for the operator: states, phases, periods, and the count now and then."""
+        status = self._ring.status
+        periods = self._request.periods
+        if status.session_state != self._last_state and status.received:
+            self._last_state = status.session_state
+            self._tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
+        if status.phase != self._last_phase and status.received:
+            self._last_phase = status.phase
+            self._tell("phase", f"Motion: {_name(MotionPhase, status.phase).lower().replace('_', ' ')}.")
+        now = time.monotonic()
+        begun = status.period != self._last_period and status.period >= 0
+        if begun or (now >= self._next_progress and status.received):
+            self._last_period = status.period
+            self._next_progress = now + PROGRESS_S
+            then, count = self._rate_base
+            rate = (status.received - count) / max(now - then, 1e-3)
+            self._rate_base = (now, status.received)
+            place = f"Period {status.period + 1} of {periods}" if status.period >= 0 else "Link"
+            self._tell(
+                "progress",
+                f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
+                period=status.period,
+                rate=rate,
+            )
+
+    def _tell(self, kind: str, sentence: str, *, period: int = -1, rate: float = 0.0) -> None:
+        status = self._ring.status
+        self._observe(
+            RunEvent(
+                kind=kind,
+                sentence=sentence,
+                phase=_name(MotionPhase, status.phase),
+                period=period,
+                periods=self._request.periods,
+                samples=status.received,
+                rate=rate,
+                missing=status.missing,
+                lost_in_handover=self._ring.lost,
+            )
+        )
+
+    def _remark(self, sentence: str) -> None:
+        if sentence not in self._remarks:
+            self._remarks.append(sentence)
+            self._tell("warning", sentence)
+
+    # ---- signals
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """SIGINT and SIGTERM become a stop request; nothing is killed, a moving arm needs its ramp."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def stop(number: int, frame: FrameType | None) -> None:
+            del frame
+            self._interrupted = number
+            self._request_stop(EventCode.OPERATOR_STOP if number == signal.SIGINT else EventCode.SIGNAL_STOP)
+
+        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    # ---- the end
+
+    def _close_books(self, report: LoopReport) -> RunOutcome:
+        ends = [self._finished.get(part) for part in range(len(self._parts))]
+        first = ends[0]
+        if first is not None:
+            recording = self._parts[0]
+            samples, in_periods = first.samples, first.samples_in_periods
+            sequence_gaps, handover_gaps = first.sequence_gaps, first.handover_gaps
+        else:
+            recording, samples, sequence_gaps, handover_gaps = self._join_parts()
+            in_periods = sum(end.samples_in_periods for end in ends if end is not None)
+        exit_code = self._exit_code(report)
+        if first is None and not exit_code:
+            exit_code = 1
+        outcome = RunOutcome(
+            run_id=self._request.run_id,
+            outcome=report.outcome,
+            exit_code=exit_code,
+            sentences=outcome_sentences(
+                report, self._request, samples, sequence_gaps, max(handover_gaps, self._ring.lost), self._remarks
+            ),
+            out_dir=str(self._folder),
+            recordings=(str(recording),),
+            samples=samples,
+            samples_in_periods=in_periods,
+            sequence_gaps=sequence_gaps,
+            handover_gaps=max(handover_gaps, self._ring.lost),
+            loop=report,
+            files=digests_of(self._folder, recording),
+            software=software_versions(),
+            request=self._request,
+            started_at=self._started_at,
+            finished_at=now_text(),
+        )
+        for part in range(len(self._parts)):
+            (self._parts[part].parent / f"recorder{part}.json").unlink(missing_ok=True)
+        if self._request.fit and report.outcome == "completed" and not exit_code:
+            outcome = start_worker(outcome)
+            self._tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
+        try:
+            write_json(self._folder / "run.json", outcome)
+        except OSError as error:
+            raise LogIOError(str(self._folder / "run.json"), error) from error
+        return outcome
+
+    def _join_parts(self) -> tuple[Path, int, int, int]:
+        """recording.mcap from what several recorders left; the broken first part is kept as recording.broken.mcap."""
+        existing = [part for part in self._parts if part.is_file()]
+        joined = next((part for part in reversed(existing) if part.parent != self._folder), self._parts[0])
+        try:
+            if self._parts[0] in existing:
+                broken = self._parts[0].with_name("recording.broken.mcap")
+                os.replace(self._parts[0], broken)
+                existing[existing.index(self._parts[0])] = broken
+            target = joined.with_name(RECORDING_NAME)
+            merged = merge_logs(existing, target)
+        except (BadLogError, LogIOError, MissingInputError, OSError) as error:
+            self._remark(f"The parts of the recording could not be joined: {error}")
+            return existing[-1] if existing else self._parts[0], 0, 0, 0
+        return target, merged.samples, merged.missing, merged.missing_in_handover
+
+    def _exit_code(self, report: LoopReport) -> int:
+        code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]
+        if self._interrupted is not None and report.outcome in ("stopped", "not_started", "no_robot"):
+            return 130
+        return code
+
+
+class _SpokenError(DaemonError):
+    """A child's own sentence with its exit code."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        self.exit_code = exit_code
+        super().__init__(sentence)
+
+
+def _name(kind: type[SessionState] | type[MotionPhase], value: int) -> str:
+    try:
+        return kind(value).name
+    except ValueError:
+        return str(value)

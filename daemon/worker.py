@@ -1,0 +1,154 @@
+"""The detached fit: `python -m daemon.worker --job FILE`; recordings in, model.json out, the status file on the way.
+
+Here: the order of the phases, the status file, and errors as status. Not here: any computation (`identification`), and
+who started it (`worker_start`). The process belongs to nobody: it has its own session, needs no supervisor, and says
+how far it is in a file that is rewritten in one step.
+
+    queued -> loading -> averaging -> fitting -> validating -> writing -> done
+                          any phase -> failed (with the sentence and the exit code of the error)
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zmq
+
+from daemon.api import (
+    WorkerJob,
+    WorkerPhase,
+    WorkerProgress,
+    WorkerStatus,
+    encode_control,
+    read_json,
+    write_bytes_atomically,
+    write_json,
+)
+from daemon.errors import DaemonError, MissingInputError
+from daemon.times import now_text
+
+__all__ = ["main", "run_job"]
+
+_KEYWORDS: tuple[tuple[str, WorkerPhase], ...] = (
+    ("process", "averaging"),
+    ("averag", "averaging"),
+    ("valid", "validating"),
+)
+
+
+class StatusFile:
+    """The worker's state for everyone: rewritten atomically, pushed to the supervisor if there still is one."""
+
+    def __init__(self, job: WorkerJob, push: Callable[[bytes], None]) -> None:
+        self._job = job
+        self._push = push
+        self._started_at = now_text()
+
+    def write(
+        self, phase: WorkerPhase, sentence: str, fraction: float, *, exit_code: int | None = None
+    ) -> WorkerStatus:
+        """Publish one state. A disk that refuses is not a reason to stop computing."""
+        status = WorkerStatus(
+            job_id=self._job.job_id,
+            phase=phase,
+            sentence=sentence,
+            fraction=min(max(fraction, 0.0), 1.0),
+            pid=os.getpid(),
+            started_at=self._started_at,
+            updated_at=now_text(),
+            model_file=self._job.model_file if phase == "done" else None,
+            exit_code=exit_code,
+        )
+        with contextlib.suppress(OSError):
+            write_json(self._job.status_file, status)
+        self._push(encode_control(WorkerProgress(status=status)))
+        return status
+
+
+def run_job(job: WorkerJob, status: StatusFile) -> int:
+    """Fit the job's recordings and write the model. Returns the exit code; every error becomes a status."""
+    try:
+        status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
+        # The numerical libraries take a second to load: the status stands before that.
+        from identification.fit import FitSettings, fit_recordings
+        from identification.recordings import read_recording
+        from identification.robots import load_robot
+
+        for file in job.recordings:
+            if not Path(file).is_file():
+                raise MissingInputError(file, "the recording to fit")
+        robot = load_robot(job.robot)
+        recordings = [read_recording(file, robot=job.robot) for file in job.recordings]
+        settings = FitSettings(pipeline=job.pipeline)
+        phase: WorkerPhase = "averaging"
+        status.write(phase, "Averaging the periods.", 0.1)
+
+        def progress(text: str, share: float) -> None:
+            nonlocal phase
+            phase = next((name for key, name in _KEYWORDS if key in text.lower()), "fitting")
+            status.write(phase, f"{text[:1].upper()}{text[1:]}.", 0.1 + 0.85 * share)
+
+        result = fit_recordings(recordings, robot, settings, progress=progress)
+        status.write("writing", f"Writing {job.model_file}.", 0.96)
+        write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
+        status.write("done", f"The model is in {job.model_file}.", 1.0, exit_code=0)
+    except OSError as error:
+        status.write("failed", f"{error.filename}: {error.strerror}.", 1.0, exit_code=74)
+        return 74
+    except Exception as error:
+        code = getattr(error, "exit_code", 70)
+        traceback.print_exc()
+        status.write("failed", str(error) or type(error).__name__, 1.0, exit_code=int(code))
+        return int(code)
+    return 0
+
+
+def _json_bytes(model: dict[str, Any]) -> bytes:
+    """Indented JSON without NaN: a number that is not finite becomes null, as every JSON reader expects."""
+    return msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(model, enc_hook=_plain)), indent=1) + b"\n"
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot stand in a model file")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry of the process; exit code as in the contract, details in worker.log."""
+    parser = argparse.ArgumentParser(prog="python -m daemon.worker", description="Fit recordings in the background.")
+    parser.add_argument("--job", required=True, help="JSON file of a WorkerJob")
+    options = parser.parse_args(arguments)
+    try:
+        job = read_json(options.job, WorkerJob)
+    except DaemonError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    context: zmq.Context[Any] = zmq.Context()
+    socket = context.socket(zmq.PUSH)
+    socket.linger = 0
+    if job.progress_endpoint is not None:
+        socket.connect(job.progress_endpoint)
+
+    def push(data: bytes) -> None:
+        if job.progress_endpoint is not None:
+            with contextlib.suppress(zmq.ZMQError):
+                socket.send(data, zmq.NOBLOCK)
+
+    try:
+        return run_job(job, StatusFile(job, push))
+    finally:
+        socket.close()
+        context.term()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
