@@ -163,8 +163,8 @@ class _Acquisition:
             report = self._run_loop()
             self._finish_recording()
             outcome = self._close_books(report)
-        self._tell("finished", outcome.sentences[0])
-        return outcome
+            self._tell("finished", outcome.sentences[0])
+            return outcome
 
     # ---- children
 
@@ -293,15 +293,17 @@ class _Acquisition:
         """Turn the loop's status into events for the operator: states, phases, periods, and the count now and then."""
         status = self._ring.status
         periods = self._request.periods
-        if status.session_state != self._last_state and status.received:
+        if not status.received:
+            return
+        if status.session_state != self._last_state:
             self._last_state = status.session_state
             self._tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
-        if status.phase != self._last_phase and status.received:
+        if status.phase != self._last_phase:
             self._last_phase = status.phase
             self._tell("phase", f"Motion: {_name(MotionPhase, status.phase).lower().replace('_', ' ')}.")
         now = time.monotonic()
         begun = status.period != self._last_period and status.period >= 0
-        if begun or (now >= self._next_progress and status.received):
+        if begun or now >= self._next_progress:
             self._last_period = status.period
             self._next_progress = now + PROGRESS_S
             then, count = self._rate_base
