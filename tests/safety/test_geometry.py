@@ -69,7 +69,7 @@ def test_every_capsule_follows_its_link_of_the_public_urdf() -> None:
             local = np.linalg.inv(_urdf_poses(q)[capsule.link]) @ [*world, 1.0]
             assert local == pytest.approx(seen.setdefault(capsule.part, local), abs=1e-12)
     # The housing of link 2 leans to +z of the URDF's frame, the thin part of the forearm to +y (Drake's sphere model).
-    assert seen["shoulder"][2] == pytest.approx(0.025)
+    assert seen["shoulder cover"][2] == pytest.approx(0.045)
     assert seen["forearm, thin part"][1] == pytest.approx(0.06)
 
 

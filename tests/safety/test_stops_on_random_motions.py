@@ -88,3 +88,41 @@ def test_stops_are_accepted_without_being_announced_as_stops_where_the_motion_ke
                 for j in range(1, round(stop.duration_s / PERIOD) + 3):
                     verdict = trial.judge(stop.at(j * PERIOD)[0], stop.at(j * PERIOD)[0])
                     assert verdict is None, verdict.sentence() if verdict else ""
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("period", [0.001, 0.005])
+def test_whatever_the_guard_accepts_can_be_stopped(seed: int, period: float) -> None:
+    """Reckless streams: bang-bang accelerations of random length, far beyond any jerk limit, until the guard refuses.
+
+    At the last accepted command a stop has to exist that keeps to the position limits and adds no velocity or
+    acceleration.
+    """
+    generator = np.random.default_rng(2000 + seed)
+    limits = [IIWA14_R820, IIWA7_R800][seed % 2]
+    criteria = set()
+    for _ in range(12):
+        guard = CommandGuard(limits, period)
+        last = generator.uniform(0.98, 1.0, 7) * limits.position_upper * generator.choice([-1, 1], 7)
+        guard.anchor(last)
+        step = np.zeros(7)
+        for k in range(3000):
+            if k % int(generator.integers(2, 400)) == 0:
+                rate = generator.uniform(-1, 1, 7) * limits.acceleration * generator.choice([0.0, 0.02, 1.0], 7)
+            step = np.clip(step + rate * period**2, -limits.velocity * period, limits.velocity * period)
+            verdict = guard.judge(last + step, last)
+            if verdict is not None:
+                criteria.add(verdict.criterion)
+                break
+            last = last + step
+        stop = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, limits)
+        whole = np.vstack(
+            [guard.position, [stop.at(k * period)[0] for k in range(1, round(stop.duration_s / period) + 4)]]
+        )
+        assert np.all(np.abs(whole) <= limits.position_upper + 2e-7)
+        assert np.all(
+            np.abs(np.diff(whole, axis=0)) <= (limits.velocity + limits.jerk * period**2) * period * (1 + 1e-5)
+        )
+        assert np.all(np.abs(np.diff(whole, 2, axis=0)) <= limits.acceleration * period**2 * 1.0011)
+        assert np.ptp(whole[-3:], axis=0) == pytest.approx(np.zeros(7), abs=1e-12)
+    assert "stopping_position" in criteria  # the campaign does reach the edge it is about
