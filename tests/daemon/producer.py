@@ -72,7 +72,7 @@ class Producer:
                 MonitorData(
                     measured_joint_position=seven,
                     measured_torque=(1.0,) * 7,
-                    commanded_joint_position=seven,
+                    commanded_joint_position=seven if self.codec.version.major == 1 else None,
                     commanded_torque=(0.5,) * 7,
                     external_torque=(0.1,) * 7,
                     timestamp=TimeStamp(1000 + counter // 1000, counter % 1000 * 1_000_000),

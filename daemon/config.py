@@ -1,0 +1,176 @@
+"""The configuration file: YAML, every key known, every mistake named by field and file.
+
+Here: the structure, its checks, and the way into a run request. Not here: what the settings mean to the loop (see
+`RunRequest`). The command line and the long-running service read it.
+
+    robot: iiwa14
+    fri:
+      version: "1.15"
+      bind_host: 192.170.10.1
+      bind_port: 30200
+      robot_host: 192.170.10.2
+    run:
+      periods: 16
+      tool: none
+    realtime:
+      priority: 80
+      cpu: 3
+    output: /data/runs
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from daemon.api import FitPipeline
+from daemon.errors import ConfigurationError, MissingInputError
+from fri_client.errors import UnknownFriVersion
+from fri_client.messages import FriVersion
+
+__all__ = ["DaemonConfig", "FriSettings", "RealtimeChoice", "RunSettings", "load_config"]
+
+MAXIMUM_BYTES = 1_000_000
+
+
+class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all sections: immutable, unknown keys refused."""
+
+
+class FriSettings(_Section, frozen=True, kw_only=True):
+    """The link. bind_host, bind_port: where we listen; robot_host: the only sender accepted (none: the first).
+
+    Timeouts in s, as in RunRequest.
+    """
+
+    version: str = "1.15"
+    bind_host: str = "127.0.0.1"
+    bind_port: int = 30200
+    robot_host: str | None = None
+    receive_timeout_s: float = 0.5
+    start_timeout_s: float = 30.0
+    command_timeout_s: float = 60.0
+
+
+class RunSettings(_Section, frozen=True, kw_only=True):
+    """What is driven and how it is stopped. external_torque_limit: Nm per joint; none = not watched."""
+
+    periods: int = 16
+    amplitude: float = 1.0
+    lead_in_s: float = 1.0
+    tool: str = "none"
+    urdf_file: str | None = None
+    external_torque_limit: tuple[float, ...] | None = None
+    maximum_distance_to_measured: float = 0.1
+    fit: bool = True
+    fit_pipeline: FitPipeline = "auto"
+
+
+class RealtimeChoice(_Section, frozen=True, kw_only=True):
+    """priority: SCHED_FIFO 1 to 90, 0 = none; cpu: the processor kept for the loop; ring_slots: samples buffered."""
+
+    priority: int = 80
+    cpu: int | None = None
+    ring_slots: int = 16384
+
+
+class DaemonConfig(_Section, frozen=True, kw_only=True):
+    """The whole file."""
+
+    robot: str = "iiwa14"
+    fri: FriSettings = FriSettings()
+    run: RunSettings = RunSettings()
+    realtime: RealtimeChoice = RealtimeChoice()
+    output: str = "runs"
+
+    def request_fields(self) -> dict[str, Any]:
+        """The fields of RunRequest that this configuration decides."""
+        return {
+            "robot": self.robot,
+            "fri_version": self.fri.version,
+            "bind_host": self.fri.bind_host,
+            "bind_port": self.fri.bind_port,
+            "robot_host": self.fri.robot_host,
+            "receive_timeout_s": self.fri.receive_timeout_s,
+            "start_timeout_s": self.fri.start_timeout_s,
+            "command_timeout_s": self.fri.command_timeout_s,
+            **msgspec.structs.asdict(self.run),
+            "realtime_priority": self.realtime.priority,
+            "loop_cpu": self.realtime.cpu,
+            "ring_slots": self.realtime.ring_slots,
+        }
+
+
+def load_config(path: str | Path) -> DaemonConfig:
+    """Read and check a configuration file.
+
+    Raises MissingInputError (66), or ConfigurationError (78) naming file and field: no YAML, an unknown key, a value of
+    the wrong kind or out of range.
+    """
+    file = Path(path)
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(file), "the configuration") from error
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
+    if len(data) > MAXIMUM_BYTES:
+        raise ConfigurationError(f"has {len(data)} bytes; that is no configuration file.", file=str(file))
+    try:
+        config = msgspec.yaml.decode(data, type=DaemonConfig) if data.strip() else DaemonConfig()
+    except msgspec.ValidationError as error:
+        text, _, place = str(error).partition(" - at `$")
+        raise ConfigurationError(f"{text}.", file=str(file), field=place.strip(".`") or _key_in(text)) from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigurationError(f"is no YAML: {' '.join(str(error).split())}.", file=str(file)) from error
+    _check(config, str(file))
+    return config
+
+
+def _key_in(text: str) -> str | None:
+    """The key between backquotes in a message about the file's top level."""
+    parts = text.split("`")
+    return parts[1] if len(parts) > 2 and "field" in parts[0] else None
+
+
+def _check(config: DaemonConfig, file: str) -> None:
+    fri, run, realtime = config.fri, config.run, config.realtime
+
+    def refuse(field: str, reason: str) -> ConfigurationError:
+        return ConfigurationError(reason, file=file, field=field)
+
+    try:
+        FriVersion.parse(fri.version)
+    except UnknownFriVersion as error:
+        raise refuse("fri.version", str(error)) from error
+    for field, host in (("fri.bind_host", fri.bind_host), ("fri.robot_host", fri.robot_host)):
+        try:
+            ipaddress.IPv4Address(host or "0.0.0.0")
+        except ValueError as error:
+            raise refuse(field, f"'{host}' is no IPv4 address.") from error
+    if not 0 <= fri.bind_port <= 65535:
+        raise refuse("fri.bind_port", f"{fri.bind_port} is not a UDP port (0 to 65535).")
+    for name in ("receive_timeout_s", "start_timeout_s", "command_timeout_s"):
+        value = getattr(fri, name)
+        if not 0.0 < value < float("inf"):
+            raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
+    if run.periods < 1:
+        raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
+    if not 0.0 < run.amplitude <= 1.0:
+        raise refuse("run.amplitude", f"{run.amplitude:g} is outside (0, 1].")
+    if not 0.0 < run.maximum_distance_to_measured < float("inf"):
+        raise refuse("run.maximum_distance_to_measured", f"{run.maximum_distance_to_measured:g} rad must be positive.")
+    limits = run.external_torque_limit
+    if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):
+        raise refuse(
+            "run.external_torque_limit", f"7 positive torques in Nm are needed, {len(limits)} values stand there."
+        )
+    if not 0 <= realtime.priority <= 90:
+        raise refuse(
+            "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."
+        )
+    if realtime.ring_slots < 64:
+        raise refuse("realtime.ring_slots", f"{realtime.ring_slots} slots; at least 64 are needed.")

@@ -1,0 +1,89 @@
+"""Claims about the configuration file: every mistake is refused with exit code 78, its file and its field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from daemon.api import RunRequest
+from daemon.config import DaemonConfig, load_config
+from daemon.errors import ConfigurationError, DaemonError, MissingInputError
+
+
+def test_an_empty_file_means_the_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "c.yaml"
+    file.write_text("\n")
+    assert load_config(file) == DaemonConfig()
+    assert load_config(file).fri.bind_host == "127.0.0.1"
+
+
+def test_what_is_written_reaches_the_run_request(tmp_path: Path) -> None:
+    file = tmp_path / "c.yaml"
+    file.write_text(
+        "robot: iiwa7\nfri: {version: '2.7', bind_host: 192.170.10.1, robot_host: 192.170.10.2}\n"
+        "run: {periods: 3, tool: gripper, external_torque_limit: [60, 60, 60, 30, 12, 12, 6]}\n"
+        "realtime: {priority: 70, cpu: 1}\n"
+    )
+    request = RunRequest(
+        run_id="r", table_file="t", trajectory_file="j", out_dir="o", **load_config(file).request_fields()
+    )
+    assert (request.robot, request.fri_version, request.bind_host) == ("iiwa7", "2.7", "192.170.10.1")
+    assert (request.periods, request.tool, request.realtime_priority, request.loop_cpu) == (3, "gripper", 70, 1)
+    assert request.external_torque_limit == (60, 60, 60, 30, 12, 12, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("robott: iiwa14", "robott"),
+        ("fri: {bind_prt: 1}", "fri"),
+        ("fri: {bind_port: many}", "fri.bind_port"),
+        ("fri: {bind_port: 70000}", "fri.bind_port"),
+        ("fri: {version: '3.0'}", "fri.version"),
+        ("fri: {bind_host: robot}", "fri.bind_host"),
+        ("fri: {start_timeout_s: -1}", "fri.start_timeout_s"),
+        ("run: {periods: 0}", "run.periods"),
+        ("run: {amplitude: 2}", "run.amplitude"),
+        ("run: {external_torque_limit: [1, 2]}", "run.external_torque_limit"),
+        ("run: {fit_pipeline: best}", "run.fit_pipeline"),
+        ("realtime: {priority: 99}", "realtime.priority"),
+        ("realtime: {ring_slots: 2}", "realtime.ring_slots"),
+    ],
+)
+def test_a_mistake_is_named_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:
+    file = tmp_path / "lab.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(file)
+    assert caught.value.exit_code == 78
+    assert caught.value.field == field
+    assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["a: [", "\t- x", "- 1", "just words"])
+def test_what_is_no_configuration_is_refused_with_its_file(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "lab.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(file)
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_absent_file_is_missing_input(tmp_path: Path) -> None:
+    with pytest.raises(MissingInputError):
+        load_config(tmp_path / "no.yaml")
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.binary(max_size=120))
+def test_no_bytes_give_another_exception(tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "c.yaml"
+    file.write_bytes(data)
+    try:
+        load_config(file)
+    except DaemonError:
+        return

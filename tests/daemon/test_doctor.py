@@ -1,0 +1,166 @@
+"""Claims about the doctor: what it says of a socket, of the vendor's golden datagrams, and of links made to measure.
+
+Truth: the versions and counters that the golden datagrams were recorded with; loss and jitter put in by this test.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from daemon.doctor import DoctorCheck, DoctorReport, LinkObservation, check_link, examine, port_holder
+from daemon.fri_guess import guess_version
+from fri_client.messages import FriVersion
+
+from .producer import Producer
+
+SENDER = ("192.170.10.2", 30200)
+
+
+def link(counters: list[int], times: list[float], version: FriVersion = FriVersion.V1_15) -> LinkObservation:
+    producer = Producer(None, version)  # type: ignore[arg-type]
+    return LinkObservation(
+        tuple((at, SENDER, producer.monitoring(counter, 0.1)) for counter, at in zip(counters, times, strict=True)),
+        times[-1] + 0.001,
+    )
+
+
+def verdict(observation: LinkObservation, name: str) -> DoctorCheck:
+    return next(check for check in check_link(observation, "127.0.0.1", 1) if check.name == name)
+
+
+def test_every_golden_datagram_is_guessed_as_its_version_where_its_fields_tell_and_left_open_where_not(
+    shared_folder: Path,
+) -> None:
+    versions = json.loads((shared_folder / "fri" / "vectors.json").read_text())["versions"]
+    telling = {
+        "1.15": {"commandedJointPosition"},
+        "2.5": {"measuredCartesianPose", "measuredRedundancyInformation"},
+    }
+    for version, groups in versions.items():
+        for vector in groups["monitoring"]:
+            candidates = guess_version(bytes.fromhex(vector["hex"])).candidates
+            fields = vector["fields"].get("monitorData", {}).keys()
+            if version == "2.7" or fields & telling[version]:
+                assert candidates == (version,), (version, vector["name"])
+            else:
+                assert version in candidates, (version, vector["name"])
+
+
+def test_garbage_is_no_version() -> None:
+    for data in (b"", b"hello", bytes(300), b"\xff" * 40):
+        assert guess_version(data).candidates == ()
+
+
+def test_a_perfect_link_is_excellent() -> None:
+    check = verdict(link(list(range(500)), [0.001 * tick for tick in range(500)]), "link")
+    assert (check.status, check.sentence.split(":")[0]) == ("ok", "Link excellent")
+
+
+def test_loss_is_counted_across_the_wrap_of_the_counter_and_lowers_the_grade() -> None:
+    ticks = [tick for tick in range(1000) if tick % 50 != 7]
+    counters = [(2**32 - 300 + tick) % 2**32 for tick in ticks]
+    check = verdict(link(counters, [0.001 * tick for tick in ticks]), "link")
+    assert check.status == "failed"
+    assert "20 lost" in check.sentence
+    assert "poor" in check.sentence
+
+
+def test_jitter_lowers_the_grade_without_loss() -> None:
+    times = [0.001 * tick + (0.0009 if tick % 2 else 0.0) for tick in range(500)]
+    check = verdict(link(list(range(500)), times), "link")
+    assert check.status == "warning"
+    assert " 0 lost" in check.sentence
+
+
+def test_two_senders_and_a_sender_that_stopped_are_told() -> None:
+    steady = link(list(range(20)), [0.001 * tick for tick in range(20)])
+    two = LinkObservation((*steady.datagrams, (0.02, ("10.0.0.9", 1), steady.datagrams[0][2])), 0.021)
+    assert verdict(two, "robot").status == "warning"
+    stopped = LinkObservation(steady.datagrams, 3.0)
+    assert "2.98 s ago" in verdict(stopped, "robot").sentence
+    assert verdict(stopped, "robot").status == "warning"
+
+
+def test_other_programs_datagrams_are_not_taken_for_a_robot() -> None:
+    noise = LinkObservation(((0.0, SENDER, b"SSDP"),), 1.0)
+    (check,) = check_link(noise, "127.0.0.1", 30200)
+    assert check.status == "failed"
+    assert SENDER[0] in check.sentence
+
+
+def test_a_port_in_use_is_named_with_its_holder() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        report = examine(bind_port=port, listen_s=0.0)
+        holder = port_holder(port)
+    check = next(check for check in report.checks if check.name == "port")
+    assert check.status == "failed"
+    assert not report.passed
+    assert str(port) in check.sentence
+    assert holder is None or holder in check.sentence
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    report = examine(bind_host="203.0.113.7", bind_port=0, listen_s=0.0)
+    assert {check.name for check in report.checks if check.status == "failed"} >= {"address", "port"}
+    assert "203.0.113.7" in report.next_step
+
+
+def test_silence_fails_and_says_what_to_do() -> None:
+    report = examine(bind_port=0, listen_s=0.01)
+    assert not report.passed
+    assert "start the FRI application" in report.next_step
+    assert json.dumps(report.to_json())
+
+
+def test_a_talking_robot_is_heard_with_version_and_state() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    done = threading.Event()
+
+    def talk() -> None:
+        producer = Producer(None, FriVersion.V2_7)  # type: ignore[arg-type]
+        counter = 0
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:
+            while not done.wait(0.005):
+                robot.sendto(producer.monitoring(counter, 0.1), ("127.0.0.1", port))
+                counter += 1
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        time.sleep(0.05)
+        report = examine(bind_port=port, listen_s=0.5)
+    finally:
+        done.set()
+        thread.join()
+    found = {check.name: check for check in report.checks}
+    assert "FRI 2.7" in found["FRI version"].sentence
+    assert "COMMANDING_ACTIVE" in found["session"].sentence
+    assert "127.0.0.1" in found["robot"].sentence
+
+
+@pytest.mark.parametrize(
+    ("statuses", "passed", "step"),
+    [
+        (("ok", "ok"), True, "iiwa-ident check"),
+        (("warning", "ok"), True, "mend a"),
+        (("warning", "failed"), False, "mend b"),
+    ],
+)
+def test_the_next_step_mends_failures_before_warnings(statuses: tuple[str, str], passed: bool, step: str) -> None:
+    checks = tuple(
+        DoctorCheck(name, status, "…", f"mend {name}")  # type: ignore[arg-type]
+        for name, status in zip("ab", statuses, strict=True)
+    )
+    report = DoctorReport(checks)
+    assert report.passed is passed
+    assert step in report.next_step
