@@ -201,7 +201,9 @@ class FriLoop:
         journal.tick += 1
         if session.drop is not None and self.motion.phase < _LATCHED:
             self._drop()
-        queued = self._is_queued(receive_ns)
+        interval = receive_ns - self._last_receive_ns
+        self._last_receive_ns = receive_ns
+        queued = session.answer_due and self._is_queued(interval)
         command: bytes | None = None
         send_ns = 0
         counter = message.header.sequence_counter
@@ -296,10 +298,8 @@ class FriLoop:
                 return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"
         return ""
 
-    def _is_queued(self, receive_ns: int) -> bool:
-        """True when another datagram waits already, so that this one is late. Asked only after an uneven interval."""
-        interval = receive_ns - self._last_receive_ns
-        self._last_receive_ns = receive_ns
+    def _is_queued(self, interval: int) -> bool:
+        """True when another datagram waits already, so that this one is late. Asked after an uneven interval only."""
         period = (self.session.send_period_ms or 1) * 1_000_000
         if 6 * period < 10 * interval < 15 * period or not self._poll.poll(0):
             return False

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fri_client.codec import Codec
-from fri_client.handover import HandoverRecord, HandoverRing
+from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.loop import FriLoop, open_socket
 from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import (
@@ -55,7 +57,7 @@ class Robot:
         self.channel.bind(("127.0.0.1", 0))
         self.channel.settimeout(5.0)
 
-    def message(self, state: int, **changes: object) -> MonitoringMessage:
+    def message(self, state: int, **changes: Any) -> MonitoringMessage:
         monitor = MonitorData(
             measured_joint_position=changes.get("measured", self.position),
             measured_torque=(0.0,) * 7,
@@ -70,7 +72,7 @@ class Robot:
             IpoData(joint_position=REST if state >= COMMANDING_WAIT else None, client_command_mode=1),
         )
 
-    def send(self, state: int, **changes: object) -> None:
+    def send(self, state: int, **changes: Any) -> None:
         """Send the next message."""
         self.counter += 1
         self.channel.sendto(self.codec.encode_monitoring(self.message(state, **changes)), self.client)
@@ -83,7 +85,7 @@ class Robot:
             self.position = command.command_data.joint_position
         return command
 
-    def exchange(self, state: int, count: int = 1, **changes: object) -> CommandMessage:
+    def exchange(self, state: int, count: int = 1, **changes: Any) -> CommandMessage:
         """Send and take `count` times; the last answer."""
         for _ in range(count):
             self.send(state, **changes)
@@ -96,24 +98,42 @@ class Robot:
         self.exchange(READY, 3)
         self.exchange(COMMANDING_WAIT, 5)
 
-    def until_done(self, client: Client, limit: int = 20000) -> None:
-        """COMMANDING_ACTIVE until the loop has ended."""
+    def assert_gentle(self) -> None:
+        """Every position that reached this robot in command lies one small step after the one before."""
+        path = np.array([c.command_data.joint_position for c in self.received if c.command_data is not None])
+        assert np.abs(np.diff(path, axis=0)).max() <= 1e-3
+        assert np.abs(np.diff(path, n=2, axis=0)).max() <= 1e-5 * 1.5
+
+    def until_done(self, client: Client, limit: int = 20000, **changes: Any) -> None:
+        """COMMANDING_ACTIVE, one message after each answer, until the loop has ended."""
         for _ in range(limit):
-            self.send(ACTIVE)
-            self.channel.settimeout(0.02)
-            try:
-                self.take()
-            except TimeoutError:
-                if not client.thread.is_alive():
-                    return
+            self.send(ACTIVE, **changes)
+            if not self.take_if_alive(client):
+                return
         raise AssertionError("the loop did not end")
+
+    def take_if_alive(self, client: Client) -> bool:
+        """Take the answer however long it needs; False where the loop has ended instead."""
+        self.channel.settimeout(0.02)
+        try:
+            while True:
+                alive = client.thread.is_alive()
+                try:
+                    self.take()
+                except TimeoutError:
+                    if not alive:
+                        return False
+                else:
+                    return True
+        finally:
+            self.channel.settimeout(5.0)
 
 
 class Client:
     """A loop in a thread of its own."""
 
-    def __init__(self, version: FriVersion, settings: LoopSettings, **motion: object) -> None:
-        self.ring = HandoverRing.create(16384)
+    def __init__(self, version: FriVersion, settings: LoopSettings, slots: int, **motion: Any) -> None:
+        self.ring = HandoverRing.create(slots)
         channel = open_socket("127.0.0.1", 0)
         self.address = channel.getsockname()
 
@@ -147,9 +167,9 @@ class Client:
 
 @contextmanager
 def running(
-    version: FriVersion = FriVersion.V1_15, settings: LoopSettings | None = None, **motion: object
+    version: FriVersion = FriVersion.V1_15, settings: LoopSettings | None = None, slots: int = 16384, **motion: Any
 ) -> Iterator[tuple[Client, Robot]]:
-    client = Client(version, settings or LoopSettings(receive_timeout_s=2.0), **motion)
+    client = Client(version, settings or LoopSettings(receive_timeout_s=5.0), slots, **motion)
     robot = Robot(client.address, version)
     try:
         yield client, robot
@@ -159,6 +179,11 @@ def running(
         robot.channel.close()
         client.channel.close()
         client.ring.close()
+
+
+def pause(seconds: float = 0.05) -> None:
+    """Give the loop's thread the time to come back to its receive."""
+    threading.Event().wait(seconds)
 
 
 def events(records: list[HandoverRecord]) -> list[int]:
@@ -185,3 +210,276 @@ def test_a_whole_run_drives_every_sample_of_every_period_once_and_confirms_stand
             assert data.joint_position == tuple(table[record.sample_in_period])
     assert [command.header.sequence_counter for command in robot.received] == list(range(len(robot.received)))
     assert [r.index for r in records] == list(range(len(records)))
+
+
+def test_a_stop_request_of_the_supervisor_is_a_ramp_that_the_robot_can_follow() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        client.ring.request_stop(EventCode.DISK_FULL)
+        robot.until_done(client)
+        result = client.finish()
+        records = client.records()
+    assert (result.outcome, result.reason) == ("stopped", "DISK_FULL"), result.sentence
+    assert result.standstill_confirmed
+    assert EventCode.DISK_FULL in events(records)
+    robot.assert_gentle()
+
+
+@pytest.mark.parametrize(
+    ("provoke", "reason"),
+    [
+        (lambda client: client.loop.stop_from_signal(15), "SIGNAL_STOP"),
+        (lambda client: client.ring.request_stop(), "OPERATOR_STOP"),
+        (lambda client: client.ring.request_stop(9999), "OPERATOR_STOP"),
+        (lambda client: client.ring.beat(1), "SUPERVISOR_LOST"),
+    ],
+)
+def test_every_request_from_outside_stops_by_ramp_and_is_named(provoke: Callable[[Client], None], reason: str) -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        provoke(client)
+        robot.until_done(client)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("stopped", reason, True)
+    robot.assert_gentle()
+
+
+def test_a_recorder_that_falls_behind_stops_the_motion_before_a_sample_is_lost() -> None:
+    with running(slots=2048, periods=8) as (client, robot):
+        robot.to_active()
+        robot.until_done(client)  # nobody reads the ring
+        result = client.finish()
+        assert client.ring.lost == 0
+    assert (result.outcome, result.reason) == ("stopped", "RECORDER_LOST"), result.sentence
+
+
+def test_external_torque_beyond_its_limit_stops_the_motion() -> None:
+    with running(external_torque_limit=(30.0,) * 7) as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.exchange(ACTIVE, external=(0.0, -31.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+        robot.until_done(client)
+        result = client.finish()
+    assert (result.reason, result.joint, result.value, result.limit) == ("EXTERNAL_TORQUE", 2, -31.5, 30.0)
+    robot.assert_gentle()
+
+
+@pytest.mark.parametrize("left", [IDLE, WAIT, READY, COMMANDING_WAIT])
+def test_a_session_that_left_is_over_even_if_the_robot_commands_again(left: int) -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        if left == IDLE:
+            robot.send(IDLE)
+        else:
+            robot.exchange(left, 3)
+        robot.position = REST
+        robot.exchange(COMMANDING_WAIT, 5)
+        again = len(robot.received)
+        robot.exchange(ACTIVE, 50)
+        mirrored = [command.command_data for command in robot.received[again:]]
+        robot.until_done(client)
+        result = client.finish()
+        records = client.records()
+    assert result.outcome == "dropped", result.sentence
+    assert result.reason == ("SESSION_CLOSED" if left == IDLE else "LEFT_COMMANDING_ACTIVE")
+    assert EventCode.SESSION_DROP in events(records)
+    assert [data.joint_position for data in mirrored if data is not None] == [REST] * 50  # the IPO position
+    after = [record for record in records if record.phase == MotionPhase.LATCHED]
+    assert after
+    assert all((record.period, record.sample_in_period) == (-1, -1) for record in after)
+
+
+def test_a_safety_stop_seen_before_the_state_changes_is_followed_by_a_ramp_not_by_a_jump() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.until_done(client, safety=2)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SAFETY_STOP", True)
+    robot.assert_gentle()
+
+
+def test_silence_while_moving_latches_and_the_stop_is_reported_as_not_confirmed() -> None:
+    with running(settings=LoopSettings(receive_timeout_s=0.2)) as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SILENCE", False)
+    assert "NOT confirmed" in result.sentence
+
+
+def test_duplicates_stale_ones_garbage_and_numbers_that_are_none_do_not_move_the_path() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        for round_ in range(700):
+            robot.exchange(ACTIVE)
+            robot.counter -= 1
+            robot.send(ACTIVE)  # a duplicate
+            robot.counter -= 3
+            robot.send(ACTIVE)  # an old one, seen before
+            robot.counter += 2
+            robot.channel.sendto(b"\x00garbage" * (round_ % 30), robot.client)
+            robot.send(ACTIVE, measured=(math.nan,) * 7)
+        robot.until_done(client)
+        result = client.finish()
+        records = client.records()
+        counts = client.loop.session.counts
+    assert result.outcome == "completed", result.sentence
+    # An old counter 2 behind is a number already seen: a duplicate by the 64 counters the session remembers.
+    assert (counts.duplicates, counts.stale, counts.refused, result.undecodable) == (1400, 0, 700, 700)
+    assert counts.missing == 0
+    by_kind = [sum(record.disposition == kind for record in records) for kind in Disposition]
+    assert by_kind[Disposition.DUPLICATE] == 1400
+    assert by_kind[Disposition.UNDECODABLE] == 700
+    labels = [(r.period, r.sample_in_period) for r in records if r.period >= 0]
+    assert labels == [(period, sample) for period in range(2) for sample in range(400)]
+    robot.assert_gentle()
+
+
+def test_a_stranger_is_neither_answered_nor_recorded() -> None:
+    with running() as (client, robot):
+        robot.exchange(READY, 3)
+        stranger = Robot(client.address, counter=robot.counter)
+        for _ in range(20):
+            stranger.send(ACTIVE)
+        robot.exchange(READY, 3)
+        stranger.channel.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            stranger.take()
+        stranger.channel.close()
+        client.loop.stop_from_signal(15)
+        result = client.finish()
+        assert len([record for record in client.records() if record.monitoring]) == 6
+    assert result.foreign == 20
+
+
+def test_only_the_configured_robot_is_listened_to() -> None:
+    timeouts = LoopSettings(start_timeout_s=0.5, robot_host="127.0.0.9")
+    with running(settings=timeouts) as (client, robot):
+        robot.send(READY)
+        result = client.finish()
+    assert (result.outcome, result.foreign) == ("no_robot", 1)
+
+
+def test_a_backlog_after_a_stall_is_answered_message_by_message_but_moves_the_path_by_one_step() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        # What a stalled client finds in its socket: twenty messages at once. The loop is held in its first step by a
+        # ring whose push waits, which is as good as a process that does not get the processor.
+        pause()
+        released, held = threading.Event(), threading.Event()
+        push = client.loop._journal.record
+
+        def slow(*arguments: Any) -> None:
+            held.set()
+            released.wait(10.0)
+            push(*arguments)
+
+        client.loop._journal.record = slow  # type: ignore[method-assign]
+        robot.send(ACTIVE)
+        before = robot.take()
+        held.wait(10.0)
+        for _ in range(20):
+            robot.send(ACTIVE)
+        client.loop._journal.record = push  # type: ignore[method-assign]
+        pause()
+        released.set()
+        burst = [robot.take() for _ in range(20)]
+        robot.until_done(client)
+        result = client.finish()
+    positions = [command.command_data.joint_position for command in burst if command.command_data]
+    held_position = before.command_data.joint_position if before.command_data else None
+    assert positions[:-1] == [held_position] * 19
+    assert positions[-1] != held_position
+    assert [command.header.reflected_sequence_counter for command in burst] == list(
+        range(before.header.reflected_sequence_counter + 1, before.header.reflected_sequence_counter + 21)
+    )
+    assert result.late >= 19
+    assert result.outcome == "completed"
+    largest = np.abs(np.diff(short_table(), axis=0)).max()
+    path = np.array([c.command_data.joint_position for c in robot.received[10:] if c.command_data is not None])
+    assert np.abs(np.diff(path, axis=0)).max() <= largest * 1.0001
+
+
+def test_an_internal_error_stops_the_arm_by_ramp_and_is_reported_as_a_fault() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        tick = client.loop.motion.tick
+
+        def broken(*_: Any) -> Any:
+            client.loop.motion.tick = tick  # type: ignore[method-assign]
+            raise ZeroDivisionError("in the middle of a motion")
+
+        client.loop.motion.tick = broken  # type: ignore[method-assign]
+        robot.send(ACTIVE)
+        pause()
+        robot.until_done(client)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("fault", "FAULT", True)
+    assert "ZeroDivisionError" in result.sentence
+    robot.assert_gentle()
+
+
+def test_a_robot_of_another_version_is_recognised_by_its_bytes() -> None:
+    with running(FriVersion.V1_15, LoopSettings(start_timeout_s=0.5)) as (client, _):
+        other = Robot(client.address, FriVersion.V2_7)
+        other.send(WAIT)
+        result = client.finish()
+        other.channel.close()
+    assert result.outcome == "version_mismatch"
+    assert "speaks FRI 2.7" in result.sentence
+
+
+def test_no_robot_and_a_robot_that_gives_no_command_end_with_different_sentences() -> None:
+    with running(settings=LoopSettings(start_timeout_s=0.2)) as (client, _):
+        assert client.finish().outcome == "no_robot"
+    with running(settings=LoopSettings(command_timeout_s=0.3)) as (client, robot):
+        while client.thread.is_alive():
+            robot.send(READY)
+            pause(0.02)
+        result = client.finish()
+    assert result.outcome == "not_started"
+    assert "MONITORING_READY" in result.sentence
+
+
+def test_an_arm_far_from_its_ipo_position_is_not_moved() -> None:
+    with running(settings=LoopSettings(command_timeout_s=0.4)) as (client, robot):
+        robot.exchange(WAIT)
+        away = (*REST[:4], REST[4] + 0.3, *REST[5:])
+        while client.thread.is_alive():
+            robot.send(ACTIVE, measured=away)
+            pause(0.02)
+        result = client.finish()
+    assert result.outcome == "not_started"
+    assert "joint 5 is 0.300 rad from its IPO position" in result.sentence
+
+
+def test_a_table_that_does_not_fit_the_robots_period_ends_before_anything_moves() -> None:
+    with running() as (client, robot):
+        robot.send(WAIT, multiplier=3)
+        robot.send(WAIT, multiplier=3)
+        robot.exchange(WAIT, multiplier=3)
+        result = client.finish()
+    assert result.outcome == "refused"
+    assert "no whole number of command periods of 3 ms" in result.sentence
+    assert client.loop.refusal_exit_code == 65
+
+
+def test_a_receive_multiplier_is_honoured_in_a_whole_run() -> None:
+    with running() as (client, robot):
+        for state, count in ((WAIT, 4), (READY, 4), (COMMANDING_WAIT, 4), (ACTIVE, 20000)):
+            for _ in range(count):
+                robot.send(state, multiplier=2)
+                robot.send(state, multiplier=2)
+                if not robot.take_if_alive(client):
+                    break
+        result = client.finish()
+        records = client.records()
+    assert result.outcome == "completed", result.sentence
+    labels = [(r.period, r.sample_in_period) for r in records if r.period >= 0]
+    assert labels == [(period, sample) for period in range(2) for sample in range(400)]
