@@ -49,11 +49,13 @@ def minimise_inside(
     *,
     tolerance: float = 1e-9,
     maximum_iterations: int = 300,
+    initial_barrier: float = 1e-2,
 ) -> InteriorPointResult:
     """A local minimum of function(y) over matrix · y < bound (matrix sparse), from a start strictly inside.
 
     function: value of order one (scale it: tolerances are absolute). derivatives: gradient (k,) and symmetric Hessian
-    (k, k). The Hessian need not be positive definite. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
+    (k, k). The Hessian need not be positive definite. initial_barrier: first weight of the logarithmic barrier; the
+    smaller, the nearer the result is to the start. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
     Raises ValueError when the start is not strictly inside.
     """
     transposed = matrix.T.tocsr()
@@ -61,7 +63,7 @@ def minimise_inside(
     slack = bound - matrix @ point
     if not np.all(slack > 0.0):
         raise ValueError("the start of an interior-point method must lie strictly inside the inequalities")
-    barrier = 1e-2
+    barrier = initial_barrier
     multiplier = np.minimum(barrier / slack, 1e6)
     value = function(point)
     iterations = 0

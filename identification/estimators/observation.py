@@ -107,6 +107,16 @@ class CompressedObservation:
         squares = np.einsum("ni,ni->n", images, images) if self.factored else images @ direction
         return np.asarray(np.maximum(squares, 0.0), dtype=np.float64)
 
+    def degrees_of_freedom(self, reduced: ReducedProblem, weights: FloatArray) -> FloatArray:
+        """(n,) parameters that each joint's rows take up in a fit with these weights; they add up to p."""
+        size = len(self.names)
+        inverse = scipy.linalg.solve_triangular(reduced.triangular, np.eye(size))
+        if self.factored:
+            images = self.blocks[:, :, :size] @ inverse
+            return np.asarray(weights * np.einsum("nij,nij->n", images, images), dtype=np.float64)
+        covariance = inverse @ inverse.T
+        return np.asarray(weights * np.einsum("nij,ij->n", self.blocks[:, :size, :size], covariance), dtype=np.float64)
+
     def torque_squares(self) -> FloatArray:
         """(n,) sum of squared torques of each joint, Nm²."""
         last = self.blocks[:, :, -1]

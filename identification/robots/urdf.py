@@ -23,8 +23,6 @@ from identification.robots.model import (
     snap_to_right_angles,
 )
 
-_AXIS_OF_SUFFIX = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
-
 
 def robot_from_urdf(
     text: str, *, name: str | None = None, source: str, gravity: tuple[float, float, float] = STANDARD_GRAVITY
@@ -108,27 +106,33 @@ def _kinematics(parsed: pinocchio.Model, joint_names: tuple[str, ...], source: s
     translation = np.empty((count, 3))
     axis = np.empty((count, 3))
     revolute = np.empty(count, dtype=np.bool_)
+    data = parsed.createData()
+    pinocchio.computeJointJacobians(parsed, data, pinocchio.neutral(parsed))
     for joint in range(count):
         parent[joint] = parsed.parents[joint + 1] - 1
         placement = parsed.jointPlacements[joint + 1]
         rotation[joint] = snap_to_right_angles(placement.rotation)
         translation[joint] = np.where(np.abs(placement.translation) < 1e-9, 0.0, placement.translation)
-        revolute[joint], axis[joint] = _joint_type_and_axis(parsed.joints[joint + 1], joint_names[joint], source)
+        model_joint = parsed.joints[joint + 1]
+        jacobian = pinocchio.getJointJacobian(parsed, data, joint + 1, pinocchio.ReferenceFrame.LOCAL)
+        subspace = jacobian[:, model_joint.idx_v : model_joint.idx_v + model_joint.nv]
+        revolute[joint], axis[joint] = _joint_type_and_axis(model_joint, subspace, source, joint_names[joint])
     return Kinematics(parent, rotation, translation, axis, revolute)
 
 
-def _joint_type_and_axis(joint: object, name: str, source: str) -> tuple[bool, FloatArray]:
-    kind = joint.shortname()  # type: ignore[attr-defined]
-    stem = kind.removeprefix("JointModel")
-    if stem in ("RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ"):
-        return True, np.array(_AXIS_OF_SUFFIX[stem[-1]])
-    if stem in ("PX", "PY", "PZ"):
-        return False, np.array(_AXIS_OF_SUFFIX[stem[-1]])
-    if stem in ("RevoluteUnaligned", "RevoluteUnboundedUnalign", "RevoluteUnboundedUnaligned", "PrismaticUnaligned"):
-        vector = np.array(joint.extract().axis, dtype=np.float64)  # type: ignore[attr-defined]
-        return stem.startswith("Revolute"), vector / np.linalg.norm(vector)
+def _joint_type_and_axis(
+    joint: pinocchio.JointModel, subspace: FloatArray, source: str, name: str
+) -> tuple[bool, FloatArray]:
+    """Whether the joint is revolute, and its axis, read off its (6, 1) motion subspace (linear over angular)."""
+    kind = joint.shortname().removeprefix("JointModel")
+    if joint.nv == 1 and kind.startswith(("R", "P")):
+        linear, angular = subspace[:3, 0], subspace[3:, 0]
+        revolute = bool(np.any(angular))
+        vector = angular if revolute else linear
+        if revolute != bool(np.any(linear)):
+            return revolute, np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
     raise RobotError(
-        f"{source}: joint '{name}' is of a kind that is not supported ({stem}); only revolute, continuous and "
+        f"{source}: joint '{name}' is of a kind that is not supported ({kind}); only revolute, continuous and "
         "prismatic joints are.",
         file=source,
         field=name,
