@@ -1,4 +1,4 @@
-"""The main job without a robot: a fake iiwa 14 in its own process, recorded over FRI, identified by the detached worker.
+"""The main job without a robot: a fake iiwa 14 in its own process, recorded over FRI, identified by the worker.
 
 Used by `iiwa-ident demo`. The fake robot is started as a program and never imported; its true parameters are read from
 the file it writes when it ends, after the fit is done.
@@ -44,8 +44,9 @@ def fake_robot(port: int, summary: Path, *, seed: int, realtime: bool, fri_versi
 
     Raises ChildProcessFailedError when it wrote none.
     """
-    command = [sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--fri-version", fri_version]
-    command += ["--seed", str(seed), "--json", str(summary), *([] if realtime else ["--lockstep"])]
+    command = [sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}"]
+    command += ["--fri-version", fri_version, "--seed", str(seed), "--json", str(summary)]
+    command += [] if realtime else ["--lockstep"]
     with (summary.with_suffix(".log")).open("wb") as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:

@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
+from safety.geometry import load_geometry
 from safety.limits import limits_for
-from safety.preflight import PreflightReport, preflight
+from safety.preflight import preflight
+from safety.preflight_report import PreflightReport
 
 TABLE_RATE_HZ = 1000.0
+LEAD_IN_S = 1.0
+"""Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,22 +44,28 @@ class PreparedMotion:
 def prepare_motion(source: Path | None, *, robot: str | None = None, amplitude: float = 1.0) -> PreparedMotion:
     """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
 
-    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. Raises TrajectoryError (65, 66) for a file that
-    cannot be used and LimitsError for a robot without limits; a motion that is unsafe is returned with its report.
+    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. Raises TrajectoryError (65, 66) for a file
+    that cannot be used and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
     trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
     model = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
-    report = preflight(table, 1.0 / TABLE_RATE_HZ, limits_for(model), periodic=True, robot=model)
+    report = check_table(table, model)
     name = f"shipped excitation of {model}" if source is None else str(source)
     return PreparedMotion(name, model, trajectory, amplitude, table, report)
 
 
+def check_table(table: NDArray[np.float64], robot: str) -> PreflightReport:
+    """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace."""
+    start_row = (len(table) - round(LEAD_IN_S * TABLE_RATE_HZ)) % len(table)
+    return preflight(
+        table, 1.0 / TABLE_RATE_HZ, limits_for(robot), periodic=True, geometry=load_geometry(robot), start_row=start_row
+    )
+
+
 def is_safe_motion(trajectory: Trajectory) -> bool:
     """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
-    table = trajectory.table(TABLE_RATE_HZ)
-    limits = limits_for(trajectory.robot)
-    return preflight(table, 1.0 / TABLE_RATE_HZ, limits, periodic=True, robot=trajectory.robot).safe
+    return check_table(trajectory.table(TABLE_RATE_HZ), trajectory.robot).safe
 
 
 def new_run_id() -> str:
@@ -81,6 +91,7 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
         trajectory_file=str(trajectory_file.resolve()),
         out_dir=str(out_dir.resolve()),
         table_period_s=1.0 / TABLE_RATE_HZ,
+        lead_in_s=LEAD_IN_S,
         amplitude=motion.amplitude,
         **settings,
     )

@@ -1,4 +1,4 @@
-"""The command line `iiwa-ident`: parse, call, print. No computation lives here; each command is one call into a room."""
+"""The command line `iiwa-ident`: parse, call, print. Nothing is computed here; each command is one call."""
 
 from __future__ import annotations
 

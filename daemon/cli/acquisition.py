@@ -16,7 +16,7 @@ from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.worker_view import wait_for_worker
 from daemon.preparation import PreparedMotion, new_run_id, prepare_motion, write_run_request
-from safety.preflight import PreflightReport
+from safety.preflight_report import PreflightReport
 
 TrajectoryArgument = Annotated[
     Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
@@ -191,7 +191,9 @@ def doctor(
 
 
 @app.command()
-def recover(log: Annotated[Path, typer.Argument(help="A log that was broken off.")], json_file: JsonOption = None) -> None:
+def recover(
+    log: Annotated[Path, typer.Argument(help="A log that was broken off.")], json_file: JsonOption = None
+) -> None:
     """Make a broken-off log whole again as far as its bytes go, and say what is missing. The original is kept.
 
     Example: iiwa-ident recover runs/first/recording.mcap

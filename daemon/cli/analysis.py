@@ -80,7 +80,7 @@ def fit(
     flip_torque: Annotated[bool, typer.Option("--flip-torque", help="Turn the sign of all torques first.")] = False,
     no_physical: Annotated[bool, typer.Option("--no-physical", help="Base parameters only.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
-    out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: model.json beside the log.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: beside the log.")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Both solvers on one or several recordings: parameters with σ, RMS per joint, certificate of feasibility.
@@ -187,7 +187,7 @@ def design(
     objective: Annotated[str, typer.Option("--objective", help="cond, d or a.")] = "cond",
     harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
     period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
-    limits: Annotated[str, typer.Option("--limits", help="paper (14c-g) or true (|q|, |dq|, |ddq| on the path).")] = "paper",
+    limits: Annotated[str, typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|.")] = "paper",
     robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
     seed: Annotated[int, typer.Option("--seed")] = 0,
     budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,

@@ -1,17 +1,20 @@
-"""The application object of the command line and the one place where errors become exit codes (CONTRACT: 0 done,
-1 answer is no, 2 usage, 65 bad data, 66 missing input, 69 unreachable, 70 internal, 74 I/O, 76 protocol, 78 configuration,
-130 interrupted). Commands register themselves on `app` from the sibling modules."""
+"""The application object of the command line and the one place where errors become exit codes.
+
+0 done, 1 the answer is no, 2 usage, 65 bad data, 66 missing input, 69 unreachable, 70 internal, 74 I/O, 76 protocol,
+78 configuration, 130 interrupted. Commands register themselves on `app` from the sibling modules.
+"""
 
 from __future__ import annotations
 
 import importlib
 import sys
 import traceback
+from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from daemon.cli.output import set_verbosity
+from daemon.cli.output import data, set_verbosity
 
 EXIT_INTERNAL = 70
 EXIT_INPUT_OUTPUT = 74
@@ -30,25 +33,22 @@ _GLOBAL_FLAGS = {"-v", "-vv", "-vvv", "--verbose", "-q", "--quiet"}
 _COMMAND_MODULES = ("acquisition", "analysis", "demonstration", "wire")
 
 
-def _version(show: bool) -> None:
-    if show:
-        from importlib.metadata import version
-
-        print(version("iiwa-ident"))
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _common_options(
     verbose: Annotated[int, typer.Option("-v", "--verbose", count=True, help="More messages; -vv: tracebacks.")] = 0,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only.")] = False,
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show version.")] = False,
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
+    if show_version:
+        data(version("iiwa-ident"))
+        raise typer.Exit
     set_verbosity(verbose, quiet)
 
 
 def _flags_first(arguments: list[str]) -> list[str]:
     """Move -v and -q to the front, so that they may stand before or after the command's name."""
+    if "fake-robot" in arguments:  # a program of its own with flags of its own
+        return arguments
     end = arguments.index("--") if "--" in arguments else len(arguments)
     flags = [a for a in arguments[:end] if a in _GLOBAL_FLAGS]
     return flags + [a for i, a in enumerate(arguments) if i >= end or a not in _GLOBAL_FLAGS]

@@ -27,7 +27,7 @@ def demo(
     realtime: Annotated[bool, typer.Option("--realtime", help="1 kHz by the clock instead of lockstep.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of the fake robot's noise.")] = 1,
 ) -> None:
-    """The whole chain without a robot: check, record 16 periods over FRI, fit, compare with the truth and on other data.
+    """The whole chain without a robot: check, record over FRI, fit, compare with the truth and on other data.
 
     Example: iiwa-ident demo --out demo-output
     """

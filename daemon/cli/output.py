@@ -15,14 +15,14 @@ from rich.table import Table
 
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Write the result as JSON to FILE ('-' = stdout, instead of the text)."),
+    typer.Option("--json", metavar="FILE", help="Write the result as JSON; '-' = stdout, in place of the text."),
 ]
 
 _quiet = False
 
 
 def set_verbosity(verbose: int, quiet: bool) -> None:
-    """Set what reaches stderr: -q errors only, default progress, -v information of the libraries, -vv tracebacks too."""
+    """Set what reaches stderr: -q errors only, default progress, -v more, -vv tracebacks."""
     global _quiet
     _quiet = quiet
     level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from enum import Enum
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -19,7 +19,7 @@ fri_app = typer.Typer(help="FRI datagrams: bytes to fields and back.", no_args_i
 app.add_typer(fri_app, name="fri")
 
 
-class Direction(str, Enum):
+class Direction(StrEnum):
     """Which way a datagram travels."""
 
     MONITORING = "monitoring"
@@ -54,9 +54,9 @@ def decode(fri_version: VersionOption, direction: DirectionOption) -> None:
 
 @fri_app.command()
 def encode(fri_version: VersionOption, direction: DirectionOption) -> None:
-    """JSON objects on stdin (as `decode` prints them), one a line, to hexadecimal datagrams, byte for byte as KUKA's library.
+    """JSON objects on stdin, as `decode` prints them, to hexadecimal datagrams, byte for byte as KUKA's library.
 
-    Example: iiwa-ident fri decode --fri-version 2.7 --direction command < a.hex | iiwa-ident fri encode --fri-version 2.7 --direction command
+    Example: iiwa-ident fri encode --fri-version 2.7 --direction command < commands.jsonl
     """
     version = _version(fri_version)
     for line in _lines():

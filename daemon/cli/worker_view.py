@@ -1,4 +1,4 @@
-"""Watching a detached fit from the command line: the worker would go on without us, so this only reads its status file."""
+"""Watching a detached fit: the worker goes on without us, so this only reads its status file."""
 
 from __future__ import annotations
 
