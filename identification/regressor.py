@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""
 
-_CHUNK = 1000
+_CHUNK = 2000
 _Vector = tuple[FloatArray, FloatArray, FloatArray]
 _ALL_PARAMETERS = tuple(range(len(INERTIAL_SYMBOLS)))
 
