@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 MOTION_OVER_NOISE = 12.0
 # Below this amplitude (rad) a line is rounding, whatever the noise estimate says.
 SMALLEST_AMPLITUDE = 1e-9
+# Share of the largest velocity below which a velocity is rounding of zero.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,8 @@ def differentiate_harmonics(
     smooth, velocity, acceleration = (
         np.fft.irfft(spectrum * rotation**order, n=samples, axis=0) for order in (0, 1, 2)
     )
+    # A rest that is exact in the motion (its start, say) must not get a friction sign from rounding.
+    velocity[np.abs(velocity) < ROUNDING * np.abs(velocity).max(axis=0)] = 0.0
     return smooth, velocity, acceleration
 
 
