@@ -135,7 +135,10 @@ class FriLoop:
         return None if self._refused is None else self._refused.exit_code
 
     def run(self) -> LoopResult:
-        """Run until the motion is done, latched or never began; never raises for what a robot or an operator does."""
+        """Run until the motion is done, latched or never began; never raises for what a robot or an operator does.
+
+        The ring stays open: its producer says `finish` once the report is written, so the recorder finds it.
+        """
         channel, buffer, clock = self._channel, self._buffer, time.monotonic_ns
         started = clock()
         outcome: Outcome | None = None
@@ -427,7 +430,6 @@ class FriLoop:
         result.phases = journal.spans
         self._ring.publish_reason(result.sentence)
         self._publish(now)
-        self._ring.finish()
         return result
 
     def _version_sentence(self) -> str:
