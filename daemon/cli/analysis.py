@@ -47,10 +47,10 @@ def import_recording(
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
     results = []
     for file in files:
-        target = out or file.with_suffix(".mcap")
+        target = out or file.with_suffix(".imported.mcap" if file.suffix == ".mcap" else ".mcap")
+        recording = read_recording(file, robot=robot)
         if target.resolve() == file.resolve():
             raise typer.BadParameter(f"{file} would overwrite itself; give another name with --out.")
-        recording = read_recording(file, robot=robot)
         write_recording(recording, target)
         results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
         if not wants_json_on_stdout(json_file):
