@@ -88,11 +88,14 @@ def _compressed(
     factors = np.zeros((joints, size + 1, size + 1))
     for joint in range(joints):
         chosen = rows[:, joint]
-        augmented = np.column_stack([columns[chosen, joint], torque[chosen, joint]])
+        matrix = columns[chosen, joint]
+        # Joint j feels the links j … n only: most columns of a distal joint are zero.
+        used = np.flatnonzero((matrix != 0.0).any(axis=0))
+        augmented = np.column_stack([matrix[:, used], torque[chosen, joint]])
         if scale is not None:
             augmented *= scale[chosen, joint][:, None]
         triangle = np.linalg.qr(augmented, mode="r")
-        factors[joint, : len(triangle)] = triangle
+        factors[joint][: len(triangle), np.append(used, size)] = triangle
     return CompressedObservation(factors, True, rows.sum(axis=0).astype(np.int64), names)
 
 

@@ -30,7 +30,7 @@ LARGEST_SHARE_OF_BAD_ROWS = 0.2
 GAP_FACTOR = 1.5
 JITTER_SHARE = 0.05
 # An isolated value is garbled when it leaves the median of its five neighbours by more than this many times the largest
-# ordinary step of its channel (99th percentile of the sample-to-sample change) and of its ordinary scatter.
+# ordinary step of its channel (99th percentile of the change of that median) and of its ordinary scatter.
 SPIKE_STEPS = 10.0
 SPIKE_SCATTER = 15.0
 
@@ -215,8 +215,10 @@ def _spikes(values: FloatArray) -> BoolArray:
     """Rows that leave the running median of five by far more than the channel's ordinary steps and scatter."""
     if values.shape[0] < 5:
         return np.zeros(values.shape[0], dtype=np.bool_)
-    deviation = np.abs(values - _median_of_five(values))
-    step = np.percentile(np.abs(np.diff(values, axis=0)), 99.0, axis=0)
+    middle = _median_of_five(values)
+    deviation = np.abs(values - middle)
+    # Steps of the median, so that the garbled values themselves do not widen the limit.
+    step = np.percentile(np.abs(np.diff(middle, axis=0)), 99.0, axis=0)
     scatter = 1.4826 * np.median(deviation, axis=0)
     limit = np.maximum(SPIKE_STEPS * step, SPIKE_SCATTER * scatter) + 1e-9
     return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)

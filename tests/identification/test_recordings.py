@@ -1,0 +1,345 @@
+"""Claims about reading recordings: what is refused, what is found and left out, what survives bit by bit.
+
+Truth: files written here with numpy and as plain text.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from identification.errors import RecordingError, RecordingNotFoundError
+from identification.recordings import read_recording, write_recording
+from identification.recordings.labels import label_by_time
+from identification.recordings.reader import robot_of
+
+ROWS, JOINTS, STEP = 600, 3, 0.005
+
+
+def _arrays(seed: int = 0) -> dict[str, Any]:
+    time = np.arange(ROWS) * STEP
+    phase = np.arange(JOINTS)
+    position = np.sin(2.0 * time[:, None] + phase)
+    torque = 5.0 * np.cos(3.0 * time[:, None] + phase)
+    return {"t": time, "q": position, "tau": torque + np.random.default_rng(seed).normal(scale=0.05, size=torque.shape)}
+
+
+def _save(path: Path, **arrays: Any) -> Path:
+    np.savez(path, **arrays)
+    return path
+
+
+def _save_csv(path: Path, arrays: dict[str, Any], head: str = "") -> Path:
+    names = ["t"] + [f"q{j}" for j in range(1, JOINTS + 1)] + [f"tau{j}" for j in range(1, JOINTS + 1)]
+    rows = np.column_stack([arrays["t"], arrays["q"], arrays["tau"]])
+    lines = [",".join(repr(float(value)) for value in row) for row in rows]
+    path.write_text(head + ",".join(names) + "\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def _refused(path: Path, *words: str, exit_code: int = 65) -> RecordingError:
+    with pytest.raises(RecordingError) as caught:
+        read_recording(path)
+    assert caught.value.exit_code == exit_code
+    for word in words:
+        assert word in str(caught.value)
+    assert str(caught.value).count(". ") <= 1, "one sentence, two at most"
+    return caught.value
+
+
+# --- what comes through ------------------------------------------------------------------------------------------
+
+
+def test_npz_arrays_come_through_bit_by_bit(tmp_path: Path) -> None:
+    arrays = _arrays()
+    optional = {name: np.random.default_rng(3).normal(size=(ROWS, JOINTS)) for name in ("dq", "q_cmd", "tau_ext")}
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays, **optional, robot="iiwa14"))
+    np.testing.assert_array_equal(recording.time, arrays["t"])
+    np.testing.assert_array_equal(recording.position, arrays["q"])
+    np.testing.assert_array_equal(recording.torque, arrays["tau"])
+    np.testing.assert_array_equal(recording.velocity, optional["dq"])
+    np.testing.assert_array_equal(recording.command_position, optional["q_cmd"])
+    np.testing.assert_array_equal(recording.external_torque, optional["tau_ext"])
+    assert recording.robot == "iiwa14"
+    assert recording.report.findings == ()
+    assert not recording.is_periodic
+
+
+def test_csv_equals_npz(tmp_path: Path) -> None:
+    arrays = _arrays()
+    from_csv = read_recording(_save_csv(tmp_path / "a.csv", arrays, head="# robot=iiwa7\n# period_s=1.0\n"))
+    from_npz = read_recording(_save(tmp_path / "a.npz", **arrays, robot="iiwa7", period_s=1.0))
+    for name in ("time", "position", "torque", "period_index", "sample_in_period"):
+        np.testing.assert_array_equal(getattr(from_csv, name), getattr(from_npz, name))
+    assert from_csv.robot == from_npz.robot == "iiwa7"
+
+
+def test_period_labels_follow_the_stated_period(tmp_path: Path) -> None:
+    recording = read_recording(_save(tmp_path / "a.npz", **_arrays(), period_s=1.0))
+    assert recording.samples_per_period == 200
+    assert recording.complete_periods == 3
+    np.testing.assert_array_equal(recording.sample_in_period, np.arange(ROWS) % 200)
+
+
+def test_period_of_zero_or_longer_than_the_recording_means_not_periodic(tmp_path: Path) -> None:
+    assert not read_recording(_save(tmp_path / "a.npz", **_arrays(), period_s=0.0)).is_periodic
+    long = read_recording(_save(tmp_path / "b.npz", **_arrays(), period_s=100.0))
+    assert not long.is_periodic
+    assert long.report.of_kind("short_of_a_period")
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(2, 50), st.integers(2, 200), st.floats(0.0, 0.3), st.integers(0, 2**31))
+def test_labels_survive_jitter_below_half_a_step(periods: int, samples: int, jitter: float, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    place = np.arange(periods * samples)
+    time = (place + jitter * generator.uniform(-1.0, 1.0, place.size)) * 0.01
+    time -= time[0]
+    period, sample, per_period = label_by_time(time, samples * 0.01, 0.01)
+    assert per_period == samples
+    if jitter < 0.2:
+        np.testing.assert_array_equal(period, place // samples)
+        np.testing.assert_array_equal(sample, place % samples)
+    labelled = period >= 0
+    pairs = period[labelled] * samples + sample[labelled]
+    assert np.unique(pairs).size == pairs.size
+
+
+# --- what is found and left out ----------------------------------------------------------------------------------
+
+
+def test_non_finite_rows_are_left_out_with_their_place(tmp_path: Path) -> None:
+    arrays = _arrays()
+    arrays["q"][99, 1] = np.nan
+    arrays["tau"][299, 0] = np.inf
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    (finding,) = recording.report.of_kind("garbled_rows")
+    assert (finding.first_row, finding.last_row, finding.count) == (100, 300, 2)
+    assert recording.samples == ROWS - 2
+    assert recording.report.of_kind("gap")[0].count == 2
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sets(st.integers(5, ROWS - 6), min_size=1, max_size=12), st.floats(3.0, 1e6), st.booleans())
+def test_lone_wild_values_are_found_exactly(tmp_path: Path, rows: set[int], size: float, in_torque: bool) -> None:
+    chosen = sorted(rows)
+    lone = [row for index, row in enumerate(chosen) if index == 0 or row - chosen[index - 1] > 5]
+    arrays = _arrays()
+    arrays["tau" if in_torque else "q"][lone, 1] += 10.0 * size if in_torque else size
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    (finding,) = recording.report.of_kind("garbled_rows")
+    assert finding.count == len(lone)
+    assert (finding.first_row, finding.last_row) == (lone[0] + 1, lone[-1] + 1)
+    kept = np.delete(np.arange(ROWS), lone)
+    np.testing.assert_array_equal(recording.time, arrays["t"][kept])
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**31), st.floats(0.0, 2.0))
+def test_clean_noisy_motion_loses_no_row(tmp_path: Path, seed: int, noise: float) -> None:
+    arrays = _arrays()
+    generator = np.random.default_rng(seed)
+    arrays["tau"] = arrays["tau"] + generator.normal(scale=noise, size=arrays["tau"].shape)
+    arrays["tau"] += np.sign(np.cos(2.0 * arrays["t"]))[:, None]
+    arrays["q"] = arrays["q"] + generator.normal(scale=1e-5, size=arrays["q"].shape)
+    assert read_recording(_save(tmp_path / "a.npz", **arrays)).samples == ROWS
+
+
+def test_repeated_stamps_and_steps_back_are_left_out(tmp_path: Path) -> None:
+    arrays = _arrays()
+    arrays["t"][50] = arrays["t"][49]
+    arrays["t"][200] = arrays["t"][190]
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    assert recording.report.of_kind("repeated_rows")[0].first_row == 51
+    assert recording.report.of_kind("time_backwards")[0].first_row == 201
+    assert np.all(np.diff(recording.time) > 0.0)
+
+
+def test_one_wild_stamp_costs_one_row(tmp_path: Path) -> None:
+    arrays = _arrays()
+    arrays["t"][300] = 1e9
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    assert recording.samples == ROWS - 1
+    assert recording.report.of_kind("garbled_rows")[0].first_row == 301
+
+
+def test_held_samples_in_motion_are_left_out_but_rest_is_kept(tmp_path: Path) -> None:
+    arrays = _arrays()
+    for name in ("q", "tau"):
+        arrays[name][101:104] = arrays[name][100]
+        arrays[name][400:] = arrays[name][400]
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    (finding,) = recording.report.of_kind("repeated_rows")
+    assert (finding.first_row, finding.last_row, finding.count) == (102, 104, 3)
+    assert recording.samples == ROWS - 3
+
+
+def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
+    arrays = _arrays()
+    keep = np.ones(ROWS, dtype=np.bool_)
+    keep[100:120] = False
+    arrays = {name: values[keep] for name, values in arrays.items()}
+    arrays["t"] = arrays["t"] + np.random.default_rng(1).uniform(0.0, 0.2 * STEP, arrays["t"].size)
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    (gap,) = recording.report.of_kind("gap")
+    assert (gap.first_row, gap.last_row, gap.count) == (100, 101, 1)
+    assert "20 samples missing" in gap.sentence
+    assert recording.report.of_kind("jitter")
+
+
+def test_second_encoder_of_zeros_is_no_encoder(tmp_path: Path) -> None:
+    arrays = _arrays()
+    link = arrays["q"].copy()
+    link[:, 2] = 0.0
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays, q_link=link))
+    assert recording.link_position is not None
+    assert np.isnan(recording.link_position[:, 2]).all()
+    assert recording.report.of_kind("no_second_encoder")[0].joint == 3
+
+
+def test_last_line_broken_off_costs_one_row(tmp_path: Path) -> None:
+    path = _save_csv(tmp_path / "a.csv", _arrays())
+    path.write_text(path.read_text()[:-30])
+    recording = read_recording(path)
+    assert recording.samples == ROWS - 1
+    assert recording.report.of_kind("truncated_row")
+
+
+# --- what is refused ---------------------------------------------------------------------------------------------
+
+
+def test_missing_file_ends_with_66(tmp_path: Path) -> None:
+    with pytest.raises(RecordingNotFoundError) as caught:
+        read_recording(tmp_path / "none.npz")
+    assert caught.value.exit_code == 66
+
+
+def test_other_suffixes_and_other_contents_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_bytes(b"x")
+    _refused(tmp_path / "a.bag", ".bag", ".npz")
+    for name in ("a.npz", "a.mcap"):
+        (tmp_path / name).write_bytes(b"this is neither")
+        _refused(tmp_path / name, name)
+    (tmp_path / "a.csv").write_bytes(bytes(range(256)))
+    _refused(tmp_path / "a.csv", "a.csv")
+
+
+@pytest.mark.parametrize("name", ["t", "q", "tau"])
+def test_missing_field_is_named(tmp_path: Path, name: str) -> None:
+    arrays = _arrays()
+    del arrays[name]
+    assert _refused(_save(tmp_path / "a.npz", **arrays), f"'{name}'").field == name
+
+
+def test_wrong_shapes_are_named(tmp_path: Path) -> None:
+    arrays = _arrays()
+    _refused(_save(tmp_path / "a.npz", **{**arrays, "q": arrays["q"][:-1]}), "q has shape")
+    _refused(_save(tmp_path / "b.npz", **{**arrays, "tau": arrays["tau"][:, :2]}), "tau has 2")
+    _refused(_save(tmp_path / "c.npz", **{**arrays, "t": arrays["t"][:, None]}), "t has shape")
+    _refused(_save(tmp_path / "d.npz", **{**arrays, "dq": arrays["q"][:, :2]}), "velocity")
+    _refused(_save(tmp_path / "e.npz", **{**arrays, "q": arrays["q"].astype(str)}), "'q'")
+
+
+def test_letters_in_a_csv_are_named_by_line_and_column(tmp_path: Path) -> None:
+    path = _save_csv(tmp_path / "a.csv", _arrays())
+    lines = path.read_text().splitlines()
+    cells = lines[17].split(",")
+    cells[4] = "abc"
+    lines[17] = ",".join(cells)
+    path.write_text("\n".join(lines))
+    assert _refused(path, "line 18", "'tau1'", "'abc'").field == "tau1"
+
+
+def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,q1,q2,tau1\n0,1,2,3\n")
+    assert _refused(path, "'tau2'").joint == 2
+    path.write_text("time_ms,q1,tau1\n0,1,2\n")
+    _refused(path, "'t'")
+    path.write_text("t,q1,tau1\n")
+    _refused(path, "no rows")
+
+
+def test_a_tenth_of_a_second_is_too_short(tmp_path: Path) -> None:
+    arrays = {name: values[:21] for name, values in _arrays().items()}
+    _refused(_save(tmp_path / "a.npz", **arrays), "0.1 s")
+
+
+def test_time_that_stands_still_or_runs_back_is_refused(tmp_path: Path) -> None:
+    arrays = _arrays()
+    _refused(_save(tmp_path / "a.npz", **{**arrays, "t": np.ones(ROWS)}), "stands still")
+    _refused(_save(tmp_path / "b.npz", **{**arrays, "t": arrays["t"][::-1]}), "backwards", "row 2")
+    restart = np.concatenate([arrays["t"][:300], arrays["t"][:300]])
+    _refused(_save(tmp_path / "c.npz", **{**arrays, "t": restart}), "row 301")
+
+
+def test_more_bad_rows_than_a_fifth_are_refused(tmp_path: Path) -> None:
+    arrays = _arrays()
+    arrays["tau"][::4] = np.nan
+    _refused(_save(tmp_path / "a.npz", **arrays), f"150 of {ROWS}", "row 1")
+
+
+def test_unknown_units_and_periods_are_refused(tmp_path: Path) -> None:
+    _refused(_save(tmp_path / "a.npz", **_arrays(), tau_unit="lbf ft"), "lbf ft")
+    _refused(_save(tmp_path / "b.npz", **_arrays(), period_s=-1.0), "-1")
+    _refused(_save(tmp_path / "c.npz", **_arrays(), period_s=np.array([1.0, 2.0])), "period_s")
+
+
+def test_currents_are_read_as_currents(tmp_path: Path) -> None:
+    assert read_recording(_save(tmp_path / "a.npz", **_arrays(), tau_unit="A")).torque_unit == "A"
+
+
+# --- which robot -------------------------------------------------------------------------------------------------
+
+
+def test_robot_is_the_files_unless_the_caller_says_otherwise(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text("<robot/>")
+    path = _save(tmp_path / "a.npz", **_arrays(), robot="arm.urdf")
+    assert read_recording(path).robot == str(tmp_path / "arm.urdf")
+    assert read_recording(path, robot="iiwa14").robot == "iiwa14"
+
+
+def test_no_robot_or_two_robots_are_said(tmp_path: Path) -> None:
+    one = read_recording(_save(tmp_path / "a.npz", **_arrays(), robot="iiwa14"))
+    other = read_recording(_save(tmp_path / "b.npz", **_arrays(), robot="iiwa7"))
+    none = read_recording(_save(tmp_path / "c.npz", **_arrays()))
+    assert robot_of([one]) == "iiwa14"
+    with pytest.raises(RecordingError, match="--robot"):
+        robot_of([none])
+    with pytest.raises(RecordingError, match="iiwa7"):
+        robot_of([one, other])
+
+
+# --- imports as logs ---------------------------------------------------------------------------------------------
+
+
+def test_an_import_is_read_back_bit_by_bit(tmp_path: Path) -> None:
+    arrays = _arrays()
+    arrays["t"] = arrays["t"] - 1.2345678901234
+    arrays["q"][50] = np.nan
+    extra = {"q_link": arrays["q"] + 1e-3, "temperature": 30.0 + arrays["q"], "dq": arrays["q"] * 2.0}
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays, **extra, period_s=1.0, robot="iiwa14"))
+    again = read_recording(write_recording(recording, tmp_path / "a.mcap"))
+    for name in (
+        "time", "position", "torque", "velocity", "link_position", "temperature", "period_index", "sample_in_period",
+    ):  # fmt: skip
+        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
+    assert again.report == recording.report
+    assert again.period_s == recording.period_s
+    assert again.source.sha256 == recording.source.sha256
+    assert again.robot == "iiwa14"
+
+
+def test_an_import_keeps_finding_its_robot_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "data" / "arm.urdf").write_text("<robot name='arm'/>")
+    recording = read_recording(_save(tmp_path / "data" / "a.npz", **_arrays(), robot="arm.urdf"))
+    again = read_recording(write_recording(recording, tmp_path / "logs" / "a.mcap"))
+    assert again.robot is not None
+    assert Path(again.robot).resolve() == (tmp_path / "data" / "arm.urdf").resolve()

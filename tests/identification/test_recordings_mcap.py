@@ -1,0 +1,245 @@
+"""Claims about MCAP recordings: the run's own logs, bags of ROS 2, files that break off.
+
+Truth: messages packed by rosbags from message definitions written here; the reader knows them only from the file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mcap_ros2.reader
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from identification.errors import RecordingError
+from identification.recordings import read_recording, write_recording
+
+ROWS, STEP_NS = 1200, 1_000_000
+FRI_STATE = """
+float64[7] measured_joint_position
+float64[7] measured_torque
+float64[7] commanded_joint_position
+float64[7] external_torque
+float64[7] ipo_joint_position
+uint32 sequence_counter
+uint32 robot_time_sec
+uint32 robot_time_nanosec
+uint32 send_period_ms
+int32 motion_phase
+int32 period
+int32 sample_in_period
+bool measured_joint_position_valid
+bool measured_torque_valid
+bool robot_time_valid
+bool duplicate
+bool out_of_order
+float64[] trailing_values
+"""
+STATE_NAME = "iiwa_ident_msgs/msg/FriState"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+def _states(rows: int = ROWS) -> list[dict[str, Any]]:
+    """200 ticks before, 4 periods of 200 samples, 200 ticks after; the vendor's torque sign."""
+    time = np.arange(rows) * 1e-3
+    position = np.sin(3.0 * time[:, None] + np.arange(7))
+    torque = 10.0 * np.cos(3.0 * time[:, None] + np.arange(7)) + np.random.default_rng(0).normal(size=(rows, 7))
+    states = []
+    for row in range(rows):
+        excited = 200 <= row < 1000
+        stamp = 1_700_000_000 * 10**9 + row * STEP_NS
+        states.append(
+            {
+                "measured_joint_position": position[row],
+                "measured_torque": -torque[row],
+                "commanded_joint_position": np.full(7, np.nan),
+                "external_torque": 0.1 * torque[row],
+                "ipo_joint_position": position[row] + 1e-4,
+                "sequence_counter": (2**32 - 100 + row) % 2**32,
+                "robot_time_sec": stamp // 10**9,
+                "robot_time_nanosec": stamp % 10**9,
+                "send_period_ms": 1,
+                "motion_phase": 3 if excited else 1,
+                "period": (row - 200) // 200 if excited else -1,
+                "sample_in_period": (row - 200) % 200 if excited else -1,
+                "measured_joint_position_valid": True,
+                "measured_torque_valid": True,
+                "robot_time_valid": True,
+                "duplicate": False,
+                "out_of_order": False,
+                "trailing_values": np.arange(row % 3, dtype=np.float64),
+            }
+        )
+    return states
+
+
+def _write_log(path: Path, states: list[dict[str, Any]], metadata: dict[str, str] | None = None) -> Path:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(FRI_STATE, STATE_NAME))
+    message = store.types[STATE_NAME]
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=16 * 1024, compression=CompressionType.ZSTD)
+        writer.start("ros2", "test")
+        if metadata is not None:
+            writer.add_metadata("iiwa_ident", metadata)
+        schema = writer.register_schema(STATE_NAME, "ros2msg", FRI_STATE.encode())
+        channel = writer.register_channel("/fri/state", "cdr", schema)
+        for row, state in enumerate(states):
+            writer.add_message(
+                channel, row * STEP_NS, bytes(store.serialize_cdr(message(**state), STATE_NAME)), row * STEP_NS
+            )
+        writer.finish()
+    return path
+
+
+METADATA = {"robot": "iiwa14", "period_s": "0.2", "samples_per_period": "200"}
+
+
+def test_own_log_gets_the_inverse_dynamics_sign_and_the_labels_of_the_run(tmp_path: Path) -> None:
+    states = _states()
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    np.testing.assert_array_equal(recording.torque, [-state["measured_torque"] for state in states])
+    np.testing.assert_array_equal(recording.position, [state["measured_joint_position"] for state in states])
+    np.testing.assert_array_equal(recording.period_index, [state["period"] for state in states])
+    np.testing.assert_array_equal(recording.sample_in_period, [state["sample_in_period"] for state in states])
+    np.testing.assert_allclose(recording.time, np.arange(ROWS) * 1e-3, atol=1e-12)
+    assert recording.external_torque is not None
+    np.testing.assert_array_equal(recording.external_torque[5], states[5]["external_torque"])
+    assert (recording.robot, recording.period_s, recording.samples_per_period) == ("iiwa14", 0.2, 200)
+    assert recording.complete_periods == 4
+    assert recording.report.findings == ()
+
+
+def test_lost_messages_are_seen_by_the_sequence_counter(tmp_path: Path) -> None:
+    states = _states()
+    del states[500:507]
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    (lost,) = recording.report.of_kind("lost_samples")
+    assert lost.count == 7
+    assert recording.samples == ROWS - 7
+    assert recording.report.of_kind("gap")[0].count == 1
+
+
+def test_messages_that_came_twice_are_left_out(tmp_path: Path) -> None:
+    states = _states()
+    states.insert(300, {**states[299], "duplicate": True})
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    assert recording.samples == ROWS
+    assert recording.report.of_kind("unusable_message")[0].first_row == 301
+
+
+def test_without_a_robot_clock_time_is_the_sequence_counter(tmp_path: Path) -> None:
+    states = [{**state, "robot_time_valid": False} for state in _states()]
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    np.testing.assert_allclose(recording.time, np.arange(ROWS) * 1e-3)
+    assert recording.report.of_kind("no_robot_clock")
+
+
+def test_a_log_without_metadata_still_knows_its_periods(tmp_path: Path) -> None:
+    recording = read_recording(_write_log(tmp_path / "run.mcap", _states()))
+    assert recording.robot is None
+    assert recording.samples_per_period == 200
+    assert recording.period_s == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.6])
+def test_a_log_that_breaks_off_gives_its_complete_chunks(tmp_path: Path, share: float) -> None:
+    whole = _write_log(tmp_path / "run.mcap", _states(), METADATA)
+    data = whole.read_bytes()
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(data[: int(share * len(data))])
+    recording = read_recording(broken)
+    reference = read_recording(whole)
+    assert 0.3 * ROWS < recording.samples < ROWS
+    np.testing.assert_array_equal(recording.torque, reference.torque[: recording.samples])
+    assert recording.report.of_kind("truncated_file")
+
+
+def test_a_log_broken_off_in_its_first_chunk_is_refused(tmp_path: Path) -> None:
+    data = _write_log(tmp_path / "run.mcap", _states(), METADATA).read_bytes()
+    broken = tmp_path / "broken.mcap"
+    for length in (0, 5, 400):
+        broken.write_bytes(data[:length])
+        with pytest.raises(RecordingError) as caught:
+            read_recording(broken)
+        assert caught.value.exit_code == 65
+
+
+def test_any_cut_gives_rows_of_the_log_or_a_clear_error(tmp_path: Path) -> None:
+    whole = _write_log(tmp_path / "run.mcap", _states(), METADATA)
+    data, reference = whole.read_bytes(), read_recording(whole)
+    broken = tmp_path / "broken.mcap"
+    for length in np.random.default_rng(4).integers(0, len(data), 25):
+        broken.write_bytes(data[: int(length)])
+        try:
+            recording = read_recording(broken)
+        except RecordingError:
+            continue
+        np.testing.assert_array_equal(recording.position, reference.position[: recording.samples])
+
+
+def _write_bag(path: Path, *, names: list[list[str]], effort: bool = True, stamped: bool = True) -> Path:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    definition, _ = store.generate_msgdef(JOINT_STATE, ros_version=2)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", definition.encode())
+        channel = writer.register_channel("/arm/joint_states", "cdr", schema)
+        for row in range(ROWS):
+            time = 7 * 10**9 + row * 2 * STEP_NS
+            order = names[row % len(names)]
+            base = np.array([float(name[-1]) for name in order])
+            position = np.sin(0.002 * row + base)
+            message = types[JOINT_STATE](
+                types["std_msgs/msg/Header"](
+                    types["builtin_interfaces/msg/Time"](
+                        time // 10**9 if stamped else 0, time % 10**9 if stamped else 0
+                    ),
+                    "",
+                ),
+                order,
+                position,
+                np.zeros(0),
+                10.0 * position if effort else np.zeros(0),
+            )
+            writer.add_message(channel, time, bytes(store.serialize_cdr(message, JOINT_STATE)), time)
+        writer.finish()
+    return path
+
+
+def test_joints_of_a_bag_are_matched_by_name(tmp_path: Path) -> None:
+    names = [["a1", "a2", "a3"], ["a3", "a1", "a2"]]
+    recording = read_recording(_write_bag(tmp_path / "bag.mcap", names=names))
+    expected = np.sin(0.002 * np.arange(ROWS)[:, None] + np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(recording.position, expected)
+    np.testing.assert_allclose(recording.torque, 10.0 * expected)
+    assert recording.joint_names == ("a1", "a2", "a3")
+    assert recording.velocity is None
+    np.testing.assert_allclose(recording.time, np.arange(ROWS) * 2e-3, atol=1e-12)
+
+
+def test_a_bag_without_stamps_uses_the_times_of_the_log(tmp_path: Path) -> None:
+    recording = read_recording(_write_bag(tmp_path / "bag.mcap", names=[["a1"]], stamped=False))
+    np.testing.assert_allclose(recording.time, np.arange(ROWS) * 2e-3, atol=1e-12)
+    assert recording.report.of_kind("no_header_stamp")
+
+
+def test_a_bag_without_effort_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="effort"):
+        read_recording(_write_bag(tmp_path / "bag.mcap", names=[["a1"]], effort=False))
+
+
+def test_an_imported_log_opens_in_another_reader(tmp_path: Path) -> None:
+    """mcap_ros2 decodes the embedded schema on its own: four arrays of equal length, the inverse-dynamics sign."""
+    recording = read_recording(_write_bag(tmp_path / "bag.mcap", names=[["a1", "a2"]]))
+    path = write_recording(recording, tmp_path / "import.mcap")
+    messages = [item.ros_msg for item in mcap_ros2.reader.read_ros2_messages(path, topics=["/joint_states"])]
+    assert len(messages) == ROWS
+    for message in messages[:3]:
+        assert len(message.name) == len(message.position) == len(message.velocity) == len(message.effort) == 2
+    np.testing.assert_array_equal([message.effort for message in messages], recording.torque)
