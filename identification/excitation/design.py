@@ -88,6 +88,7 @@ class DesignSettings:
     processes: int = 2
     samples: int = 100
     offset_rad: tuple[float, ...] | None = None
+    stages: tuple[Stage, ...] = STAGES
 
     def __post_init__(self) -> None:
         """Refuse settings nothing can be designed for."""
@@ -162,7 +163,7 @@ class LocalSearch:
                 settings.samples * fineness,
                 SIGN_WIDTH_RAD_S / fineness,
             )
-            for fineness in {stage.samples for stage in STAGES}
+            for fineness in sorted({1} | {stage.samples for stage in settings.stages})
         }
         self._objective = self._objectives[1]
         self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
@@ -243,7 +244,7 @@ def design_excitation(
     history: list[DesignProgress] = []
     candidates: dict[int, tuple[float, FloatArray]] = {}
     with _workers(problem) as run:
-        for number, stage in enumerate(STAGES, start=1):
+        for number, stage in enumerate(settings.stages, start=1):
             count = max(1, round(stage.part * settings.starts))
             order: list[int] = (
                 list(range(count))
@@ -262,7 +263,9 @@ def design_excitation(
                 candidates[outcome.start] = (outcome.value, outcome.coefficients)
                 best = min(value for value, _ in candidates.values())
                 shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
-                event = DesignProgress(number, len(STAGES), done, len(tasks), outcome.start + 1, shown[0], shown[1])
+                event = DesignProgress(
+                    number, len(settings.stages), done, len(tasks), outcome.start + 1, shown[0], shown[1]
+                )
                 history.append(event)
                 if progress is not None:
                     progress(event)
@@ -308,11 +311,8 @@ def _start_worker(problem: _Problem) -> None:
 
 
 def _work(task: _Task, seed: int) -> _Outcome:
-    assert _worker_search is not None, "worker processes begin with _start_worker"
-    return _perform(_worker_search, task, seed)
-
-
-def _perform(search: LocalSearch, task: _Task, seed: int) -> _Outcome:
+    search = _worker_search
+    assert search is not None, "worker processes begin with _start_worker"
     coefficients = task.coefficients
     if coefficients is None:
         coefficients = search.random_start(np.random.default_rng([seed, task.start]))
@@ -322,20 +322,11 @@ def _perform(search: LocalSearch, task: _Task, seed: int) -> _Outcome:
 
 @contextmanager
 def _workers(problem: _Problem) -> Iterator[_Run]:
-    """A function that runs tasks here (one process) or in fresh processes, a few at a time, while it may begin more."""
+    """A function that runs tasks in fresh processes, one each, while it may begin more.
+
+    Also with a single process: with one BLAS thread, results depend on seed and starts and on nothing else.
+    """
     settings = problem.settings
-    if settings.processes == 1:
-        search = LocalSearch(problem)
-
-        def run_here(tasks: Sequence[_Task], may_begin: Callable[[], bool]) -> Iterator[_Outcome]:
-            for index, task in enumerate(tasks):
-                # The first of a stage always runs: there is then a result, however short the budget.
-                if index > 0 and not may_begin():
-                    return
-                yield _perform(search, task, settings.seed)
-
-        yield run_here
-        return
     with (
         _one_blas_thread_each(),
         ProcessPoolExecutor(
@@ -352,6 +343,7 @@ def _workers(problem: _Problem) -> Iterator[_Run]:
             pending: set[Future[_Outcome]] = set()
             first = True
             while waiting or pending:
+                # The first of a stage always runs: there is then a result, however short the budget.
                 while waiting and len(pending) < settings.processes and (first or may_begin()):
                     pending.add(executor.submit(_work, waiting.pop(), settings.seed))
                     first = False

@@ -104,10 +104,10 @@ def test_true_limits_hold_at_every_millisecond_after_repair(seed: int, harmonics
     constraints = TrueConstraints(LIMITS, offset, 0.1, harmonics, 10 * harmonics)
     inside = repaired(_random(seed, harmonics, size=5.0), constraints, rest_null_space(harmonics))
     q, dq, ddq = _trajectory(inside, offset).evaluate(np.arange(10_000) / 1000.0)
-    assert np.all(np.max(np.abs(dq), axis=0) <= LIMITS.velocity * (1 + 1e-4))
-    assert np.all(np.max(np.abs(ddq), axis=0) <= LIMITS.acceleration * (1 + 1e-4))
-    assert np.all(q <= LIMITS.position_upper + 1e-4)
-    assert np.all(q >= LIMITS.position_lower - 1e-4)
+    assert np.all(np.max(np.abs(dq), axis=0) <= LIMITS.velocity)
+    assert np.all(np.max(np.abs(ddq), axis=0) <= LIMITS.acceleration)
+    assert np.all(q <= LIMITS.position_upper)
+    assert np.all(q >= LIMITS.position_lower)
 
 
 def test_verification_finds_a_joint_that_is_too_fast() -> None:

@@ -1,9 +1,10 @@
-"""Claims about the search and what is shipped. The condition number in the claims is numpy's, of the fits' regressor."""
+"""Claims about the search and what is shipped; condition numbers are numpy's, of the regressor that fits use."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,9 +23,11 @@ from identification.excitation import (
     validation_trajectory,
     verify,
 )
+from identification.excitation.design import Stage
 from identification.robots import load_robot
 
-QUICK = DesignSettings(seed=3, starts=2, processes=1, samples=40)
+STAGES = (Stage(1.0, 30, 0.6), Stage(0.5, 15, 0.9, 2))
+QUICK = DesignSettings(seed=3, starts=2, processes=1, samples=40, stages=STAGES)
 
 
 def _condition_number(trajectory: FourierTrajectory) -> float:
@@ -73,7 +76,7 @@ def test_a_search_ends_inside_the_constraints_and_far_better_than_it_began() -> 
     assert result.cond == pytest.approx(_condition_number(result.trajectory), rel=1e-6)
     # Random trajectories of full amplitude lie at 200 to 800.
     assert result.cond < 120.0
-    assert len(events) == len(result.history) == 4
+    assert len(events) == len(result.history) == 3
     assert events[-1].best <= events[0].value
     again = trajectory_from_json(json.loads(json.dumps(result.trajectory.to_json())))
     np.testing.assert_array_equal(again.table(100.0), result.trajectory.table(100.0))
@@ -82,18 +85,18 @@ def test_a_search_ends_inside_the_constraints_and_far_better_than_it_began() -> 
 def test_the_same_seed_gives_the_same_trajectory_whatever_the_number_of_processes() -> None:
     robot = load_robot("iiwa14")
     limits = limits_of_robot(robot)
-    here = design_excitation(robot, limits, DesignSettings(seed=5, starts=2, processes=1, samples=20))
-    spread = design_excitation(robot, limits, DesignSettings(seed=5, starts=2, processes=2, samples=20))
-    np.testing.assert_allclose(here.trajectory.a, spread.trajectory.a, atol=1e-6)
-    np.testing.assert_allclose(here.trajectory.b, spread.trajectory.b, atol=1e-6)
+    one = design_excitation(robot, limits, QUICK)
+    two = design_excitation(robot, limits, replace(QUICK, processes=2))
+    np.testing.assert_array_equal(one.trajectory.a, two.trajectory.a)
+    np.testing.assert_array_equal(one.trajectory.b, two.trajectory.b)
 
 
 def test_a_spent_budget_begins_no_further_search_but_still_answers() -> None:
     robot = load_robot("iiwa14")
     ticks = iter(range(0, 10_000, 100))
-    settings = DesignSettings(seed=1, starts=50, processes=1, samples=20, budget_s=1.0)
+    settings = replace(QUICK, starts=50, budget_s=1.0)
     result = design_excitation(robot, limits_of_robot(robot), settings, clock=lambda: float(next(ticks)))
-    assert [event.stage for event in result.history] == [1, 2, 3]
+    assert [event.stage for event in result.history] == [1, 2]
     assert result.verified["within_paper_limits"]
 
 
@@ -101,7 +104,7 @@ def test_true_limits_allow_a_better_condition_number_and_hold_at_every_milliseco
     robot = load_robot("iiwa14")
     limits = limits_of_robot(robot)
     paper = design_excitation(robot, limits, QUICK)
-    true = design_excitation(robot, limits, DesignSettings(seed=3, starts=2, processes=1, samples=40, limits="true"))
+    true = design_excitation(robot, limits, replace(QUICK, limits="true"))
     assert true.verified["within_limits"]
     assert true.cond < paper.cond
 
@@ -109,7 +112,7 @@ def test_true_limits_allow_a_better_condition_number_and_hold_at_every_milliseco
 def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
     robot = load_robot("iiwa14")
     with pytest.raises(DesignError, match="free of collisions"):
-        design_excitation(robot, limits_of_robot(robot), QUICK, acceptable=lambda trajectory: False)
+        design_excitation(robot, limits_of_robot(robot), QUICK, acceptable=lambda _: False)
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,8 @@ def test_position_is_the_printed_series() -> None:
     time = 1.7
     w = 2.0 * math.pi * 0.1
     printed = 0.7 + sum(
-        a / (w * l) * math.sin(w * l * time) - b / (w * l) * math.cos(w * l * time)
-        for l, a, b in ((1, 0.3, 0.5), (2, -0.2, 0.4))
+        a / (w * k) * math.sin(w * k * time) - b / (w * k) * math.cos(w * k * time)
+        for k, a, b in ((1, 0.3, 0.5), (2, -0.2, 0.4))
     )
     q, _, _ = trajectory.evaluate(time)
     assert q[0, 0] == pytest.approx(printed, abs=1e-15)

@@ -99,7 +99,7 @@ def test_a_seed_fixes_a_reference_and_its_file_brings_it_back(kind: str) -> None
 
 def test_a_judge_that_accepts_nothing_is_told_so() -> None:
     with pytest.raises(DesignError, match="polynomial_10"):
-        reference_trajectory("polynomial_10", LIMITS, acceptable=lambda trajectory: False)
+        reference_trajectory("polynomial_10", LIMITS, acceptable=lambda _: False)
 
 
 def test_a_polynomial_that_does_not_close_is_refused() -> None:
