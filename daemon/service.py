@@ -371,6 +371,8 @@ class _Acquisition:
         else:
             recording, samples, sequence_gaps, handover_gaps = self._join_parts()
             in_periods = sum(end.samples_in_periods for end in ends if end is not None)
+        for part in range(len(self._parts)):
+            (self._parts[part].parent / f"recorder{part}.json").unlink(missing_ok=True)
         exit_code = self._exit_code(report)
         if first is None and not exit_code:
             exit_code = 1
@@ -394,8 +396,6 @@ class _Acquisition:
             started_at=self._started_at,
             finished_at=now_text(),
         )
-        for part in range(len(self._parts)):
-            (self._parts[part].parent / f"recorder{part}.json").unlink(missing_ok=True)
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)
             self._tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")

@@ -104,8 +104,11 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         status.write("failed", f"{error.filename}: {error.strerror}.", 1.0, exit_code=74)
         return 74
     except Exception as error:
-        code = getattr(error, "exit_code", 70)
-        traceback.print_exc()
+        code = getattr(error, "exit_code", None)
+        if code is None:
+            # Nobody expected this one: its place belongs into worker.log.
+            traceback.print_exc()
+            code = DaemonError.exit_code
         status.write("failed", str(error) or type(error).__name__, 1.0, exit_code=int(code))
         return int(code)
     return 0

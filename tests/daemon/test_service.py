@@ -1,0 +1,281 @@
+"""Claims about one acquisition with real processes: supervisor, loop, recorder and the fake robot over loopback.
+
+Truth: the robot's own counters in the recorded messages (consecutive means nothing is missing), what the
+loop counted, and files read back by rosbags. Children are killed for real.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from rosbags.highlevel import AnyReader
+
+from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
+from daemon.errors import ConfigurationError, MissingInputError, PortInUseError
+from daemon.service import run_acquisition
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PERIOD_SAMPLES = 1000
+RUN_CODE = (
+    "import sys; from daemon.api import RunRequest, read_json; from daemon.service import run_acquisition;"
+    "outcome = run_acquisition(read_json(sys.argv[1], RunRequest),"
+    " observe=lambda event: print(event.kind, event.sentence, flush=True));"
+    "sys.exit(outcome.exit_code)"
+)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def gentle_request(folder: Path, port: int, **changes: Any) -> RunRequest:
+    """One second of a small motion beside the pose in which the fake robot begins, so that the start ramp is short."""
+    folder.mkdir(parents=True, exist_ok=True)
+    angle = 2 * np.pi * np.arange(PERIOD_SAMPLES) / PERIOD_SAMPLES
+    np.save(folder / "table.npy", np.array([0.1, 0.4, -0.1, -1.2, 0.1, 0.9, 0.1]) + 0.02 * (1 - np.cos(angle))[:, None])
+    (folder / "trajectory.json").write_text("{}")
+    values: dict[str, Any] = {
+        "run_id": "test",
+        "robot": "iiwa14",
+        "table_file": str(folder / "table.npy"),
+        "trajectory_file": str(folder / "trajectory.json"),
+        "out_dir": str(folder / "run"),
+        "periods": 3,
+        "lead_in_s": 0.2,
+        "bind_port": port,
+        "realtime_priority": 0,
+        "start_timeout_s": 60.0,
+        "fit": False,
+        "simulation": True,
+    }
+    return RunRequest(**{**values, **changes})
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[tuple[int, Path]]:
+    """Port that the fake robot sends to, and the file of its summary."""
+    port, summary = free_port(), tmp_path / "robot.json"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
+            *("--duration", "600", "--seed", "3", "--json", str(summary)),
+        ],
+        cwd=REPOSITORY,
+        stderr=subprocess.DEVNULL,
+    )
+    yield port, summary
+    process.terminate()
+    process.wait(30)
+
+
+def states_of(path: Path) -> list[Any]:
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/fri/state"]
+        return [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+
+
+def events_of(path: Path) -> list[Any]:
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/run/events"]
+        return [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+
+
+def assert_nothing_missing(path: Path) -> None:
+    """The robot's counter has no hole, and every record of the loop stands in the file, as a sample or as an event."""
+    states = states_of(path)
+    assert set(np.diff([state.sequence_counter for state in states])) == {1}
+    samples = [state.sample_index for state in states]
+    assert len(samples) == len(set(samples))
+    indexes = {*samples, *(event.sample_index for event in events_of(path))}
+    assert sorted(indexes) == list(range(max(indexes) + 1))
+
+
+def child_of(process: psutil.Process, module: str) -> psutil.Process:
+    return next(child for child in process.children() if module in " ".join(child.cmdline()))
+
+
+def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folder_and_no_process(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    events: list[RunEvent] = []
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0]), observe=events.append)
+    assert (outcome.exit_code, outcome.outcome) == (0, "completed"), outcome.sentences
+    states = states_of(Path(outcome.recordings[0]))
+    assert_nothing_missing(Path(outcome.recordings[0]))
+    assert outcome.loop is not None
+    assert len(states) == outcome.samples == outcome.loop.received
+    assert (outcome.sequence_gaps, outcome.handover_gaps, outcome.loop.missing) == (0, 0, 0)
+    for period in range(3):
+        labels = [state.sample_in_period for state in states if state.period == period]
+        assert labels == list(range(PERIOD_SAMPLES))
+    assert outcome.samples_in_periods == 3 * PERIOD_SAMPLES
+    assert events[0].kind == "starting"
+    assert events[-1].kind == "finished"
+    assert {event.period for event in events if event.kind == "progress"} >= {0, 1, 2}
+    folder = Path(outcome.out_dir)
+    names = {file.name for file in folder.iterdir()}
+    assert names == {"recording.mcap", "run.json", "request.json", "loop_report.json", "table.npy", "trajectory.json"}
+    assert read_json(folder / "run.json", RunOutcome) == outcome
+    for digest in outcome.files:
+        told = subprocess.run(["sha256sum", str(folder / digest.name)], capture_output=True, text=True, check=True)
+        assert told.stdout.split()[0] == digest.sha256
+        assert (folder / digest.name).stat().st_size == digest.bytes
+    assert {digest.name for digest in outcome.files} == names - {"run.json"}
+    assert not [child for child in psutil.Process().children() if "daemon." in " ".join(child.cmdline())]
+
+
+def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    killed: list[int] = []
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1 and not killed:
+            recorder = child_of(psutil.Process(), "daemon.recorder")
+            killed.append(recorder.pid)
+            recorder.send_signal(signal.SIGKILL)
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=60), observe=observe)
+    assert killed
+    assert (outcome.exit_code, outcome.outcome) == (1, "stopped"), outcome.sentences
+    assert outcome.loop is not None
+    assert outcome.loop.reason == "RECORDER_LOST"
+    assert outcome.loop.standstill_confirmed
+    states = states_of(Path(outcome.recordings[0]))
+    assert Path(outcome.recordings[0]).name == "recording.mcap"
+    assert_nothing_missing(Path(outcome.recordings[0]))
+    assert len(states) == outcome.loop.received
+    assert any("another recorder took over" in sentence for sentence in outcome.sentences)
+    assert "RECORDER_LOST" in {event.name for event in events_of(Path(outcome.recordings[0]))}
+
+
+def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tuple[int, Path], tmp_path: Path) -> None:
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1:
+            child_of(psutil.Process(), "daemon.loop_process").send_signal(signal.SIGKILL)
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=60), observe=observe)
+    assert (outcome.exit_code, outcome.outcome) == (70, "fault")
+    assert "killed by signal 9" in outcome.sentences[0]
+    states = states_of(Path(outcome.recordings[0]))
+    assert_nothing_missing(Path(outcome.recordings[0]))
+    assert outcome.samples == len(states) > PERIOD_SAMPLES
+
+
+def start_run(request: RunRequest) -> subprocess.Popen[str]:
+    file = Path(request.table_file).with_name("input.json")
+    write_json(file, request)
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN_CODE, str(file)], cwd=REPOSITORY, stdout=subprocess.PIPE, text=True
+    )
+
+
+def read_until(process: subprocess.Popen[str], text: str) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if text in line:
+            return
+    raise AssertionError(f"the run ended without saying '{text}'")
+
+
+def wait_gone(processes: list[psutil.Process]) -> None:
+    _, alive = psutil.wait_procs(processes, timeout=60)
+    assert not alive
+
+
+def test_interrupted_by_the_operator_the_arm_ramps_down_and_the_exit_code_is_130(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    process = start_run(gentle_request(tmp_path, robot[0], periods=60))
+    read_until(process, "Period 2")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    outcome = read_json(tmp_path / "run" / "run.json", RunOutcome)
+    assert outcome.outcome == "stopped"
+    assert outcome.loop is not None
+    assert outcome.loop.reason == "OPERATOR_STOP"
+    assert outcome.loop.standstill_confirmed
+    states = states_of(tmp_path / "run" / "recording.mcap")
+    assert_nothing_missing(tmp_path / "run" / "recording.mcap")
+    assert len(states) == outcome.loop.received
+
+
+def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(robot: tuple[int, Path], tmp_path: Path) -> None:
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600))
+    read_until(process, "Period 2")
+    children = psutil.Process(process.pid).children()
+    assert len(children) == 2
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=60)
+    wait_gone(children)
+    report = json.loads((tmp_path / "run" / "loop_report.json").read_text())
+    assert report["reason"] == "SUPERVISOR_LOST"
+    assert report["standstill_confirmed"]
+    states = states_of(tmp_path / "run" / "recording.mcap")
+    assert_nothing_missing(tmp_path / "run" / "recording.mcap")
+    assert len(states) == report["received"]
+
+
+def test_no_robot_is_said_within_the_time_allowed_with_exit_code_69(tmp_path: Path) -> None:
+    port = free_port()
+    outcome = run_acquisition(gentle_request(tmp_path, port, start_timeout_s=0.3), observe=lambda _: None)
+    assert (outcome.exit_code, outcome.outcome) == (69, "no_robot")
+    assert str(port) in " ".join(outcome.sentences) or "0.3" in " ".join(outcome.sentences)
+
+
+def test_another_fri_version_is_a_mismatch_with_exit_code_76(robot: tuple[int, Path], tmp_path: Path) -> None:
+    request = gentle_request(tmp_path, robot[0], fri_version="2.7", start_timeout_s=3.0)
+    outcome = run_acquisition(request, observe=lambda _: None)
+    assert (outcome.exit_code, outcome.outcome) == (76, "version_mismatch")
+    assert "2.7" in outcome.sentences[0]
+
+
+def test_a_port_in_use_is_said_before_any_process_is_started(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(PortInUseError) as caught:
+            run_acquisition(gentle_request(tmp_path, port), observe=lambda _: None)
+    assert caught.value.exit_code == 69
+    assert str(port) in str(caught.value)
+
+
+def test_a_folder_with_a_recording_is_never_written_over(tmp_path: Path) -> None:
+    request = gentle_request(tmp_path, free_port())
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "recording.mcap").write_bytes(b"precious")
+    with pytest.raises(ConfigurationError):
+        run_acquisition(request, observe=lambda _: None)
+    assert (tmp_path / "run" / "recording.mcap").read_bytes() == b"precious"
+
+
+def test_an_absent_table_is_missing_input(tmp_path: Path) -> None:
+    request = gentle_request(tmp_path, free_port())
+    os.remove(request.table_file)
+    with pytest.raises(MissingInputError) as caught:
+        run_acquisition(request, observe=lambda _: None)
+    assert caught.value.exit_code == 66
+
+
+def test_a_table_with_nan_is_refused_before_anything_moves(robot: tuple[int, Path], tmp_path: Path) -> None:
+    request = gentle_request(tmp_path, robot[0])
+    table = np.load(request.table_file)
+    table[5, 2] = np.nan
+    np.save(request.table_file, table)
+    outcome = run_acquisition(request, observe=lambda _: None)
+    assert (outcome.exit_code, outcome.outcome) == (65, "refused")
+    assert "joint 3" in outcome.sentences[0].lower()

@@ -1,0 +1,124 @@
+"""Claims about the detached fit: it outlives whoever started it, and every way it can end stands in its status file.
+
+Truth: processes that are really killed; the recording is made by the recorder from a synthetic ring.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from daemon.api import WorkerJob, WorkerStatus, read_json, write_json
+from daemon.worker import StatusFile, main, run_job
+from daemon.worker_start import launch
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def make_job(folder: Path, recording: str) -> WorkerJob:
+    return WorkerJob(
+        job_id="job",
+        recordings=(recording,),
+        robot="iiwa14",
+        model_file=str(folder / "model.json"),
+        status_file=str(folder / "worker_status.json"),
+    )
+
+
+def wait_for_end(job: WorkerJob) -> WorkerStatus:
+    deadline = time.monotonic() + 90
+    while time.monotonic() < deadline:
+        if Path(job.status_file).exists():
+            status = read_json(job.status_file, WorkerStatus)
+            if status.phase in ("done", "failed"):
+                return status
+        time.sleep(0.05)
+    raise AssertionError("the worker did not end")
+
+
+def test_a_worker_survives_the_kill_of_its_parent_and_of_its_parents_group(tmp_path: Path) -> None:
+    """The parent starts the worker stopped (so that it cannot be done already), and is killed with its whole group."""
+    job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
+    write_json(tmp_path / "input.json", job)
+    code = (
+        "import sys, time; from pathlib import Path; from daemon.api import WorkerJob, read_json;"
+        "from daemon.worker_start import launch; job = read_json(sys.argv[1], WorkerJob);"
+        "print(launch(job, Path(sys.argv[2])), flush=True); time.sleep(600)"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path / "input.json"), str(tmp_path / "worker_job.json")],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert parent.stdout is not None
+    worker = psutil.Process(int(parent.stdout.readline()))
+    worker.suspend()
+    os.killpg(parent.pid, signal.SIGKILL)
+    parent.wait(30)
+    assert worker.is_running()
+    worker.resume()
+    status = wait_for_end(job)
+    assert status.pid == worker.pid
+    assert (status.phase, status.exit_code) == ("failed", 66)
+    assert "absent.mcap" in status.sentence
+
+
+def test_a_worker_is_announced_before_it_has_loaded_anything(tmp_path: Path) -> None:
+    job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
+    pid = launch(job, tmp_path / "worker_job.json")
+    assert read_json(job.status_file, WorkerStatus).phase in ("queued", "loading", "failed")
+    assert wait_for_end(job).pid == pid
+
+
+@pytest.mark.parametrize(
+    ("content", "exit_code"),
+    [(b"not an mcap file at all", 65), (b"", 65), (b"\x89MCAP0\r\n" + bytes(100), 65)],
+)
+def test_a_recording_that_cannot_be_used_ends_in_a_sentence_and_no_model(
+    tmp_path: Path, content: bytes, exit_code: int
+) -> None:
+    recording = tmp_path / "recording.mcap"
+    recording.write_bytes(content)
+    job = make_job(tmp_path, str(recording))
+    assert run_job(job, StatusFile(job, lambda _: None)) == exit_code
+    status = read_json(job.status_file, WorkerStatus)
+    assert (status.phase, status.exit_code) == ("failed", exit_code)
+    assert recording.name in status.sentence
+    assert "Traceback" not in status.sentence
+    assert not Path(job.model_file).exists()
+
+
+def test_a_broken_job_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "job.json"
+    file.write_text(json.dumps({"job_id": 3}))
+    assert main(["--job", str(file)]) == 78
+    assert str(file) in capsys.readouterr().err
+    assert main(["--job", str(tmp_path / "no.json")]) == 66
+
+
+def test_the_status_file_tells_phases_in_order_and_is_never_half_written(tmp_path: Path) -> None:
+    job = make_job(tmp_path, "x")
+    said: list[bytes] = []
+    status = StatusFile(job, said.append)
+    for phase, fraction in (("loading", 0.0), ("averaging", 0.1), ("fitting", 0.5), ("writing", 2.0), ("done", 1.0)):
+        status.write(phase, f"{phase}.", fraction)  # type: ignore[arg-type]
+        now = read_json(job.status_file, WorkerStatus)
+        assert (now.phase, now.pid) == (phase, os.getpid())
+        assert 0.0 <= now.fraction <= 1.0
+    assert len(said) == 5
+    assert read_json(job.status_file, WorkerStatus).model_file == job.model_file
+
+
+def test_a_status_that_cannot_be_written_does_not_stop_the_fit(tmp_path: Path) -> None:
+    job = make_job(tmp_path / "no such folder", "x")
+    assert StatusFile(job, lambda _: None).write("fitting", "…", 0.5).phase == "fitting"
