@@ -10,11 +10,11 @@ from identification.excitation.constraints import verify
 from identification.excitation.design import (
     DesignProgress,
     DesignResult,
-    DesignSettings,
     design_excitation,
 )
 from identification.excitation.fourier import FORMAT, FourierTrajectory, Trajectory
 from identification.excitation.limits import ExcitationLimits, iiwa_limits, limits_of_robot
+from identification.excitation.local_search import DesignSettings, Stage
 from identification.excitation.objective import CRITERIA, achieved_figures
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
@@ -37,6 +37,7 @@ __all__ = [
     "FourierTrajectory",
     "PolynomialTrajectory",
     "SineSeriesTrajectory",
+    "Stage",
     "TableTrajectory",
     "Trajectory",
     "achieved_figures",

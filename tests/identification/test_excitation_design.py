@@ -15,6 +15,7 @@ from identification.excitation import (
     DesignProgress,
     DesignSettings,
     FourierTrajectory,
+    Stage,
     default_trajectory,
     design_excitation,
     iiwa_limits,
@@ -23,8 +24,11 @@ from identification.excitation import (
     validation_trajectory,
     verify,
 )
-from identification.excitation.design import Stage
 from identification.robots import load_robot
+from safety.collision import Workspace
+from safety.geometry import load_geometry
+from safety.limits import limits_for
+from safety.preflight import preflight
 
 STAGES = (Stage(1.0, 30, 0.6), Stage(0.5, 15, 0.9, 2))
 QUICK = DesignSettings(seed=3, starts=2, processes=1, samples=40, stages=STAGES)
@@ -132,3 +136,17 @@ def test_limits_for_another_number_of_joints_are_refused() -> None:
     )
     with pytest.raises(DesignError, match="6 joints"):
         design_excitation(robot, short, QUICK)
+
+
+@pytest.mark.parametrize("shipped", [default_trajectory, validation_trajectory])
+def test_the_preflight_accepts_what_is_shipped(shipped: Callable[[], FourierTrajectory]) -> None:
+    # Limits, stops at any moment, self-collision and floor, by the package that guards the robot.
+    report = preflight(
+        shipped().table(1000.0),
+        0.001,
+        limits_for("iiwa14"),
+        geometry=load_geometry("iiwa14"),
+        workspace=Workspace(),
+        stop_stride=500,
+    )
+    assert report.safe, [check.sentence for check in report.failures]

@@ -1,0 +1,181 @@
+"""One local search for an excitation trajectory: what is asked for, and SLSQP from one start.
+
+Here: the settings, the problem as a worker process receives it, and the descent. Not here: the tournament of many
+starts (`design`, the only caller), the objective and the constraints.
+
+The search runs in the coefficients divided by the joint's velocity limit, in the null space of the corrected (14c).
+What SLSQP leaves slightly outside is repaired exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize
+
+from identification.errors import DesignError
+from identification.excitation.constraints import (
+    Constraints,
+    PaperConstraints,
+    TrueConstraints,
+    repaired,
+    rest_null_space,
+)
+from identification.excitation.limits import ExcitationLimits
+from identification.excitation.objective import CRITERIA, SIGN_WIDTH_RAD_S, BaseMatrix, FourierObjective
+
+FloatArray = npt.NDArray[np.float64]
+
+_HOPELESS = 1.0e3
+"""Value of the objective where the regressor has lost rank; far above any log cond that can be computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One round of the tournament: the part of all starts that takes part, the SLSQP iterations each one gets, and the
+    share of the time budget after which no further search of this round begins.
+
+    samples: how much finer than the settings' samples this round looks; the sign of the velocity is sharpened alike.
+    """
+
+    part: float
+    iterations: int
+    budget_share: float
+    samples: int = 1
+
+
+STAGES = (Stage(1.0, 50, 0.6), Stage(0.25, 100, 0.8, 2), Stage(0.08, 300, 0.95, 4))
+
+
+@dataclass(frozen=True, slots=True)
+class DesignSettings:
+    """What to design.
+
+    objective: "cond", "d" or "a". limits: "paper" = (14c-g), corrected; "true" = |q|, |q̇|, |q̈| along the path.
+    budget_s: no new local search begins after this time (needs a clock); without it all starts run, and the result
+    depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
+    offset_rad: centre of each joint's motion, zero by default.
+    """
+
+    objective: str = "cond"
+    harmonics: int = 5
+    period_s: float = 10.0
+    limits: Literal["paper", "true"] = "paper"
+    seed: int = 0
+    budget_s: float | None = None
+    starts: int = 96
+    processes: int = 2
+    samples: int = 100
+    offset_rad: tuple[float, ...] | None = None
+    stages: tuple[Stage, ...] = STAGES
+
+    def __post_init__(self) -> None:
+        """Refuse settings nothing can be designed for."""
+        if self.objective not in CRITERIA:
+            raise DesignError(f"Unknown objective '{self.objective}'; known are {', '.join(CRITERIA)}.")
+        if self.limits not in ("paper", "true"):
+            raise DesignError(f"Unknown limits '{self.limits}'; known are paper, true.")
+        if not (np.isfinite(self.period_s) and self.period_s > 0.0):
+            raise DesignError(f"The period must be a positive number of seconds, not {self.period_s}.")
+        if self.harmonics < 3 or self.starts < 1 or self.processes < 1:
+            raise DesignError("A design needs at least 3 harmonics, one start and one process.")
+        if self.samples < 4 * self.harmonics:
+            raise DesignError(f"{self.samples} samples cannot resolve {self.harmonics} harmonics; take more.")
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """All a worker process needs, small and picklable."""
+
+    base: BaseMatrix
+    limits: ExcitationLimits
+    settings: DesignSettings
+    offset: FloatArray
+
+    def constraints(self) -> Constraints:
+        """The set (14) or the true limits, for this problem."""
+        frequency, harmonics = 1.0 / self.settings.period_s, self.settings.harmonics
+        if self.settings.limits == "paper":
+            return PaperConstraints(self.limits, self.offset, frequency, harmonics)
+        return TrueConstraints(self.limits, self.offset, frequency, harmonics, 10 * harmonics)
+
+
+class LocalSearch:
+    """SLSQP from one start: `random_start` draws one, `improve` walks downhill; both return (n, 2 L) coefficients."""
+
+    def __init__(self, problem: Problem) -> None:
+        settings = problem.settings
+        self._constraints = problem.constraints()
+        self._basis = rest_null_space(settings.harmonics)
+        self._scale = problem.limits.velocity[:, None]
+        self._offset = problem.offset
+        self._objectives = {
+            fineness: FourierObjective(
+                problem.base,
+                settings.objective,
+                1.0 / settings.period_s,
+                settings.harmonics,
+                settings.samples * fineness,
+                SIGN_WIDTH_RAD_S / fineness,
+            )
+            for fineness in sorted({1} | {stage.samples for stage in settings.stages})
+        }
+        self._objective = self._objectives[1]
+        self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
+        rows = self._constraints.linear_rows() @ self._basis * self._scale[:, :, None]
+        joints, count, width = rows.shape
+        linear = np.zeros((joints, count, joints, width))
+        linear[np.arange(joints), :, np.arange(joints)] = rows
+        self._linear = linear.reshape(joints * count, joints * width)
+        self._shape = (joints, width)
+
+    def random_start(self, generator: np.random.Generator) -> FloatArray:
+        """Random coefficients at rest at the start, each joint using 60 to 100 % of what its limits allow."""
+        coefficients = generator.normal(size=self._spread.shape) * self._spread
+        coefficients = coefficients @ self._basis @ self._basis.T
+        use = generator.uniform(0.6, 1.0, size=len(coefficients)) / self._constraints.excess(coefficients)
+        start: FloatArray = coefficients * use[:, None]
+        return start
+
+    def improve(self, coefficients: FloatArray, iterations: int, fineness: int = 1) -> tuple[float, FloatArray]:
+        """Value and coefficients after at most so many iterations, exactly inside the constraints."""
+        self._objective = self._objectives[fineness]
+        start = (coefficients / self._scale) @ self._basis
+        inequality: Any = {"type": "ineq", "fun": self._inequalities, "jac": self._inequality_slopes}
+        found = minimize(
+            self._value,
+            start.ravel(),
+            jac=True,
+            method="SLSQP",
+            constraints=inequality,
+            options={"maxiter": iterations, "ftol": 1e-6},
+        )
+        inside = repaired(self._coefficients(found.x), self._constraints, self._basis)
+        value = float(self._objective(inside, self._offset)[0])
+        return value, inside
+
+    def _coefficients(self, point: FloatArray) -> FloatArray:
+        coefficients: FloatArray = (point.reshape(self._shape) @ self._basis.T) * self._scale
+        return coefficients
+
+    def _value(self, point: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient, _ = self._objective(self._coefficients(point), self._offset)
+        if not np.isfinite(value):
+            return _HOPELESS, np.zeros_like(point)
+        return value, ((gradient * self._scale) @ self._basis).ravel()
+
+    def _inequalities(self, point: FloatArray) -> FloatArray:
+        values, _ = self._constraints.values(self._coefficients(point))
+        linear = self._linear @ point
+        return np.concatenate([values.ravel(), 1.0 - linear, 1.0 + linear])
+
+    def _inequality_slopes(self, point: FloatArray) -> FloatArray:
+        _, slopes = self._constraints.values(self._coefficients(point))
+        own = (slopes * self._scale[:, None, :]) @ self._basis
+        joints, count, width = own.shape
+        full = np.zeros((joints, count, joints, width))
+        full[np.arange(joints), :, np.arange(joints)] = own
+        return np.concatenate([full.reshape(joints * count, joints * width), -self._linear, self._linear])
