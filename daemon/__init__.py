@@ -1,1 +1,10 @@
-"""daemon."""
+"""The room that ties the others together: processes, ZeroMQ, files. Nothing below imports it.
+
+`api` typed messages · `service` the supervisor of a run · `loop_process` the process around the loop · `recorder` and
+`log` the MCAP file · `worker` the detached fit · `doctor` the examination · `config` the file · `cli` the commands.
+Import the modules; the package itself stays empty, so that a child process loads only what it needs.
+"""
+
+from __future__ import annotations
+
+__all__: list[str] = []
