@@ -38,6 +38,8 @@ _SMALLEST_RELATIVE_COST = 1e-8
 # one leaves it in the basin where it began.
 _CENTRAL_BARRIER = 1e-2
 _LOCAL_BARRIER = 1e-4
+# Per kg, in units of the objective: settles masses that no torque depends on and nothing else.
+_PRICE_OF_MASS = 1e-7
 # Tried in turn, in typical sizes of the entries: how far inside the rules a start is put.
 _DISTANCES_FROM_RULES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
@@ -132,12 +134,13 @@ def solve_constrained(
     relaxation = relax_constrained_program(problem, base, chosen)
     consistent = solve_semidefinite(problem, base, chosen)
     generator = np.random.default_rng(seed)
+    typical = program.variables_of(consistent.full)
     origins: list[tuple[str, FloatArray, float]] = [
         ("convex relaxation", program.inside(relaxation.start), _CENTRAL_BARRIER),
-        ("pseudo-inertia program", program.inside(program.variables_of(consistent.full)), _LOCAL_BARRIER),
+        ("pseudo-inertia program", program.inside(typical), _LOCAL_BARRIER),
     ]
     for number in range(1, starts - 1):
-        point = program.random_point(generator, relaxation.start)
+        point = program.random_point(generator, typical)
         origins.append((f"random {number}, seed {seed}", point, _LOCAL_BARRIER))
     ends = [(origin, program.solve_from(point, barrier)) for origin, point, barrier in origins[: max(starts, 1)]]
     ends.sort(key=lambda end: end[1].value)
@@ -172,10 +175,7 @@ def solve_constrained(
         full=full,
         cost=cost,
         lower_bound=relaxation.lower_bound,
-        starts=tuple(
-            Start(origin, problem.residual_square + program.scale * end.value, end.converged, end.iterations)
-            for origin, end in ends
-        ),
+        starts=tuple(Start(origin, program.cost(end.point), end.converged, end.iterations) for origin, end in ends),
         certificate=certificate,
         rules=chosen,
     )
@@ -190,6 +190,7 @@ class ConstrainedProgram:
     """
 
     def __init__(self, problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules) -> None:
+        self._problem = problem
         self._base = base
         self._rules = rules
         self._links = base.robot.n
@@ -204,6 +205,9 @@ class ConstrainedProgram:
         matrix, bound = linear_inequalities(rules, self._links, base.options.symbols)
         self.matrix = scipy.sparse.csr_array(matrix)
         self.bound = bound - _MARGIN
+        price = np.zeros((self._links, self._stride))
+        price[:, 0] = _PRICE_OF_MASS if rules.lightest else 0.0
+        self._price = price.ravel()
 
     def dynamic_parameters(self, y: FloatArray) -> FloatArray:
         """π(y), eq. (4)."""
@@ -238,10 +242,14 @@ class ConstrainedProgram:
             coulomb=none if coulomb is None else coulomb,
         )
 
+    def cost(self, y: FloatArray) -> float:
+        """Weighted squared residuals, as `ReducedProblem.cost`."""
+        return self._problem.cost(self._base.base_from_full(self.dynamic_parameters(y)))
+
     def excess(self, y: FloatArray) -> float:
-        """(cost − least-squares cost) / scale."""
+        """(cost − least-squares cost) / scale, plus 1e-7 per kg where the lightest set is wanted."""
         residual = self._image @ self.dynamic_parameters(y) - self._target
-        return float(residual @ residual)
+        return float(residual @ residual + self._price @ y)
 
     def derivatives(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (k,) and Hessian (k, k) of `excess`, exact."""
@@ -261,7 +269,7 @@ class ConstrainedProgram:
         for link, curvature in enumerate(_curvatures(table[:, 0], table[:, 1:4], slopes[:, 4:INERTIAL_COUNT])):
             first = link * stride
             hessian[first : first + 4, first : first + 4] += curvature
-        return gradient.ravel(), hessian
+        return gradient.ravel() + self._price, hessian
 
     def inside(self, y: FloatArray) -> FloatArray:
         """The point nearest to y, in typical sizes of its entries, that keeps some distance from every rule.

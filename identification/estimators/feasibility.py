@@ -33,7 +33,9 @@ class FeasibilityRules:
     center_of_mass: largest |coordinate| in the link frame, m. largest_ratio: of two diagonal inertia entries of one
     link. off_diagonal: largest |off-diagonal entry| as a share of the smallest diagonal one. slender_axis: per link the
     axis (0 x, 1 y, 2 z) parallel to the link's length, whose diagonal entry is at most `slender_share` of the others;
-    None for none.
+    None for none. radius_of_gyration: largest √(I_kk/m) of a link, m; inf for no such rule (the paper has none).
+    lightest: whether, of sets that fit equally well, the lightest is wanted; where the bounds on mass are wide, a mass
+    that no torque depends on would otherwise end in their middle.
     """
 
     mass: tuple[float, float] = (0.1, 10.0)
@@ -46,6 +48,8 @@ class FeasibilityRules:
     off_diagonal: float = 0.1
     slender_axis: tuple[int | None, ...] = ()
     slender_share: float = 1.0 / 3.0
+    radius_of_gyration: float = np.inf
+    lightest: bool = False
 
     def axis_of(self, link: int) -> int | None:
         """Axis along the link's length (link counted from 0), None without such a rule."""
@@ -66,7 +70,8 @@ def rules_for(robot: RobotModel) -> FeasibilityRules:
     """Default rules of a robot.
 
     An iiwa: those of the paper, links 1, 3, 5 slender along z and 2, 4 along y. Any other: wide bounds that only keep
-    numbers sane (its masses and friction are unknown), no slender axis.
+    numbers sane (its masses and friction are unknown), no slender axis, radii of gyration no longer than the longest
+    link, and the lightest of equally good sets.
     """
     if robot.name in ("iiwa14", "iiwa7"):
         return FeasibilityRules(slender_axis=(2, 1, 2, 1, 2, None, None))
@@ -77,6 +82,8 @@ def rules_for(robot: RobotModel) -> FeasibilityRules:
         diagonal_inertia=(1e-4, 2000.0),
         viscous=(0.0, np.inf),
         coulomb=(0.0, np.inf),
+        radius_of_gyration=max(0.3, reach),
+        lightest=True,
     )
 
 
@@ -109,6 +116,8 @@ def linear_inequalities(rules: FeasibilityRules, links: int, extras: tuple[str, 
             first, second = (other for other in _DIAGONAL if other != entry)
             at_most(link, {entry: -1.0}, -rules.diagonal_inertia[0])
             at_most(link, {entry: 1.0}, rules.diagonal_inertia[1])
+            if np.isfinite(rules.radius_of_gyration):
+                at_most(link, {entry: 1.0, 0: -(rules.radius_of_gyration**2)})
             at_most(link, {entry: 1.0, first: -1.0, second: -1.0})
             for other in (first, second):
                 at_most(link, {entry: 1.0, other: -rules.largest_ratio})
@@ -149,6 +158,7 @@ def violations(
         smallest, largest = float(diagonal.min()), float(diagonal.max())
         off_diagonal = float(np.abs(inertia[np.triu_indices(3, 1)]).max())
         judge("(10b) inertia, upper", link, largest, rules.diagonal_inertia[1])
+        judge("(10b) radius of gyration", link, largest, rules.radius_of_gyration**2 * mass)
         judge("(10c) positive mass", link, -mass, -np.finfo(np.float64).tiny)
         judge("(10c) positive inertia", link, -float(np.linalg.eigvalsh(inertia)[0]), -np.finfo(np.float64).tiny)
         for axis in range(3):

@@ -21,6 +21,8 @@ Derivatives = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _FRACTION_TO_BOUNDARY = 0.99
 _ARMIJO = 1e-4
+# Iterations over which a value that stands still ends the search (flat valleys: what moves there costs nothing)
+_WINDOW = 15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +31,7 @@ class InteriorPointResult:
 
     stationarity: largest entry of the Lagrangian's gradient in the scale of the variables. complementarity: mean of
     slack times multiplier, an estimate of what the value could still fall by per inequality. converged: both are below
-    the tolerance.
+    the tolerance, or the latter is and the value has stood still for 15 iterations.
     """
 
     point: FloatArray
@@ -69,6 +71,7 @@ def minimise_inside(
     iterations = 0
     stationarity = complementarity = np.inf
     converged = False
+    values: list[float] = []
     while iterations < maximum_iterations:
         iterations += 1
         gradient, hessian = derivatives(point)
@@ -76,7 +79,11 @@ def minimise_inside(
         scale = np.maximum(np.abs(point), 1e-3)
         stationarity = float(np.abs(lagrangian * scale).max())
         complementarity = float(slack @ multiplier) / len(slack)
-        if stationarity < tolerance * 100 and complementarity < tolerance:
+        values.append(value)
+        standing = len(values) > _WINDOW and abs(values[-1 - _WINDOW] - value) < 100.0 * tolerance
+        if (stationarity < tolerance * 100 and complementarity < tolerance) or (
+            standing and complementarity < 10.0 * tolerance
+        ):
             converged = True
             break
         if stationarity < 10.0 * barrier and np.abs(slack * multiplier - barrier).max() < 10.0 * barrier:

@@ -10,7 +10,7 @@ Both are centred at the least-squares solution, so that the objective is the exc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
@@ -31,6 +31,7 @@ _UPPER_4 = (*_UPPER_3, (0, 3), (1, 3), (2, 3), (3, 3))
 # Position of XX … ZZ among a link's ten entries, and of H's six entries among themselves
 _TENSOR = {(0, 0): 4, (0, 1): 5, (0, 2): 6, (1, 1): 7, (1, 2): 8, (2, 2): 9}
 _SMALLEST_RELATIVE_COST = 1e-8
+_SETTLING_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +78,9 @@ def solve_semidefinite(
 
     Asked for per link: pseudo-inertia [[Σ, h], [hᵀ, m]] ⪰ 0 with Σ reduced by inertia_margin (kg m², so that the
     result is consistent with something to spare), mass and centre of mass within (10b), friction within its bounds.
-    The rules (10d) beyond these are not asked for. Source: Wensing, Kim, Slotine, IEEE RA-L 2018; Sousa and Cortesão,
-    IJRR 2014. Raises SolverError if Clarabel finds no solution.
+    The rules (10d) beyond these are not asked for. Where the rules want the lightest set, it is the lightest whose cost
+    is within 1e-6 of the smallest, in units of the least-squares cost. Source: Wensing, Kim, Slotine, IEEE RA-L 2018;
+    Sousa and Cortesão, IJRR 2014. Raises SolverError if Clarabel finds no solution.
     """
     chosen = rules if rules is not None else rules_for(base.robot)
     links, symbols = base.robot.n, base.options.symbols
@@ -91,7 +93,13 @@ def solve_semidefinite(
     program.nonnegative(matrix[about_others], bound[about_others])
     for link in range(links):
         program.positive_semidefinite(*_pseudo_inertia_rows(link, stride, links * stride, inertia_margin), 4)
+        if np.isfinite(chosen.radius_of_gyration):
+            program.nonnegative(*_gyration_rows(link, stride, links * stride, chosen))
     solution = program.solve("pseudo-inertia program")
+    if chosen.lightest:
+        masses = np.zeros((links, stride))
+        masses[:, 0] = 1.0
+        solution = program.settle("pseudo-inertia program, lightest set", solution, masses.ravel())
     physical = PhysicalParameters.from_dynamic_parameters(
         solution.variables.reshape(links, stride)[:, :INERTIAL_COUNT],
         base.extra_of(solution.variables, "FV"),
@@ -175,6 +183,15 @@ def _pseudo_inertia_rows(link: int, stride: int, size: int, margin: float) -> tu
     return rows, constants
 
 
+def _gyration_rows(link: int, stride: int, size: int, rules: FeasibilityRules) -> tuple[FloatArray, FloatArray]:
+    """I_kk ≤ m (r² + 2 l²) about the frame's origin: what the rule on the radius of gyration r leaves of it there."""
+    rows = np.zeros((3, size))
+    for axis in range(3):
+        rows[axis, link * stride + _TENSOR[axis, axis]] = 1.0
+        rows[axis, link * stride] = -(rules.radius_of_gyration**2 + 2.0 * rules.center_of_mass**2)
+    return rows, np.zeros(3)
+
+
 def _lifted_rows(link: int, stride: int, links: int) -> tuple[FloatArray, FloatArray]:
     """Rows of the scaled upper triangle of [[H, h], [hᵀ, m]]."""
     size = links * stride
@@ -193,6 +210,7 @@ def _lifted_rows(link: int, stride: int, links: int) -> tuple[FloatArray, FloatA
 @dataclass(frozen=True, slots=True, eq=False)
 class _ConicSolution:
     variables: FloatArray
+    excess: float
     lower_bound: float
     iterations: int
     status: str
@@ -225,24 +243,66 @@ class _ConicProgram:
 
     def solve(self, what: str) -> _ConicSolution:
         """Solve; raises SolverError unless Clarabel reports a solution."""
-        p, size = self._image.shape
+        size, p = len(self._centre), len(self._image)
+        objective = np.concatenate([np.zeros(size), np.full(p, 2.0)])
+        solution = self._run(what, objective, np.zeros(size + p), [], [])
+        bound = max(0.0, min(float(solution.obj_val), float(solution.obj_val_dual)))
+        return _ConicSolution(
+            variables=self._centre + np.array(solution.x[:size]),
+            excess=float(np.square(solution.x[size:]).sum()),
+            lower_bound=self._problem.residual_square + self._scale * bound,
+            iterations=int(solution.iterations),
+            status=str(solution.status),
+        )
+
+    def settle(self, what: str, optimum: _ConicSolution, price: FloatArray) -> _ConicSolution:
+        """Of all points whose cost is within 1e-6 of the optimum's, the one with the smallest price · x."""
+        size, p = len(self._centre), len(self._image)
+        cone_rows = np.vstack([np.zeros(size + p), np.hstack([np.zeros((p, size)), -np.eye(p)])])
+        radius = np.append(np.sqrt(optimum.excess + _SETTLING_TOLERANCE), np.zeros(p))
+        solution = self._run(
+            what,
+            np.zeros(size + p),
+            np.concatenate([price, np.zeros(p)]),
+            [(cone_rows, radius)],
+            [clarabel.SecondOrderConeT(p + 1)],
+        )
+        return replace(
+            optimum,
+            variables=self._centre + np.array(solution.x[:size]),
+            iterations=optimum.iterations + int(solution.iterations),
+        )
+
+    def _run(
+        self,
+        what: str,
+        quadratic: FloatArray,
+        linear: FloatArray,
+        further_rows: list[tuple[FloatArray, FloatArray]],
+        further_cones: list[object],
+    ) -> clarabel.DefaultSolution:
+        """Minimise ½ Σ quadratic_i v_i² + linear · v over v = (δ, z) under all cones; checks the status."""
+        p, _ = self._image.shape
         equality = np.hstack([self._image / np.sqrt(self._scale), -np.eye(p)])
         inequality = np.vstack(self._rows)
-        constraints = scipy.sparse.csc_matrix(
-            np.vstack([equality, np.hstack([inequality, np.zeros((len(inequality), p))])])
+        constraints = np.vstack(
+            [
+                equality,
+                np.hstack([inequality, np.zeros((len(inequality), p))]),
+                *(rows for rows, _ in further_rows),
+            ]
         )
-        objective = scipy.sparse.diags_array(np.concatenate([np.zeros(size), np.full(p, 2.0)])).tocsc()
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
         settings.tol_gap_abs = settings.tol_gap_rel = 1e-9
         settings.tol_feas = 1e-9
         solution = clarabel.DefaultSolver(
-            objective,
-            np.zeros(size + p),
-            constraints,
-            np.concatenate([np.zeros(p), *self._bounds]),
-            [clarabel.ZeroConeT(p), *self._cones],
+            scipy.sparse.diags_array(quadratic).tocsc(),
+            linear,
+            scipy.sparse.csc_matrix(constraints),
+            np.concatenate([np.zeros(p), *self._bounds, *(bound for _, bound in further_rows)]),
+            [clarabel.ZeroConeT(p), *self._cones, *further_cones],
             settings,
         ).solve()
         status = str(solution.status)
@@ -252,13 +312,7 @@ class _ConicProgram:
                 solver="Clarabel",
                 status=status,
             )
-        return _ConicSolution(
-            variables=self._centre + np.array(solution.x[:size]),
-            lower_bound=self._problem.residual_square
-            + self._scale * max(0.0, min(float(solution.obj_val), float(solution.obj_val_dual))),
-            iterations=int(solution.iterations),
-            status=status,
-        )
+        return solution
 
     def _add(self, matrix: FloatArray, bound: FloatArray, cone: object) -> None:
         self._rows.append(matrix)
