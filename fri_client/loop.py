@@ -108,6 +108,8 @@ class FriLoop:
         self._prepared_for = (settings.expected_period_s, 1)
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
+        self._next = bytearray(2048)
+        self._next_view = memoryview(self._next)
         self._robot: tuple[str, int] | None = None
         self._foreign = 0
         self._restarts = 0
@@ -198,7 +200,7 @@ class FriLoop:
         if self._robot is None:
             self._robot = address
         disposition = session.judge(message, receive_ns)
-        if disposition != _FRESH:
+        if disposition != _FRESH and not session.answer_due:
             self._not_fresh(disposition, message, datagram, receive_ns)
             return
         journal.tick += 1
@@ -206,12 +208,13 @@ class FriLoop:
             self._drop()
         interval = receive_ns - self._last_receive_ns
         self._last_receive_ns = receive_ns
-        queued = session.answer_due and self._is_queued(interval)
+        queued = session.answer_due and self._is_queued(interval, message.header.sequence_counter)
+        usable = disposition == _FRESH
         command: bytes | None = None
         send_ns = 0
         counter = message.header.sequence_counter
         if session.answer_due:
-            position = session.answer_position(message, self._decide(message, queued))
+            position = session.answer_position(message, self._decide(message, queued, usable))
             if position is not None:
                 command = self._codec.encode_position_command(session.own_counter, counter, position)
             else:
@@ -229,22 +232,25 @@ class FriLoop:
         # From here on the robot has its answer.
         motion = self.motion
         phase, period, sample = motion.phase, motion.period, motion.sample_in_period
-        if queued:
+        if queued or not usable:
             period = sample = -1
+        if not usable:
+            journal.event(EventCode.REFUSED, session.refusal_joint, session.refusal_value)
+            self._judge_silence(receive_ns)
         if session.counts.restarts != self._restarts:
             self._restarts = session.counts.restarts
             self.statistics.restart()
         self.statistics.observe(counter, receive_ns, send_ns, session.send_period_ms)
         journal.note_session(session)
         journal.note_motion(motion, phase, period)
-        journal.record(receive_ns, send_ns, phase, period, sample, datagram, command, _FRESH)
-        if phase >= _HOLD and message.monitor_data is not None:
+        journal.record(receive_ns, send_ns, phase, period, sample, datagram, command, disposition)
+        if usable and phase >= _HOLD and message.monitor_data is not None:
             motion.observe(message.monitor_data.measured_joint_position or ())
         self._publish(receive_ns)
         if self._settings.simulated_time:
             self._wait_for_consumer()
 
-    def _decide(self, message: MonitoringMessage, queued: bool) -> Sequence[float] | None:
+    def _decide(self, message: MonitoringMessage, queued: bool, usable: bool) -> Sequence[float] | None:
         """The position the motion wants to send; None: what the session mirrors."""
         session, monitor = self.session, message.monitor_data
         if monitor is None or monitor.measured_joint_position is None:
@@ -252,7 +258,7 @@ class FriLoop:
         measured = monitor.measured_joint_position
         phase = self.motion.phase
         if phase == _WAITING:
-            if not self._begin(message, measured, queued):
+            if not self._begin(message, measured, may_move=usable and not queued):
                 return None
         elif session.state != _ACTIVE:
             return None
@@ -261,10 +267,10 @@ class FriLoop:
             return self._last_position
         elif queued or phase == _DONE:
             return self._last_position
-        self._last_position = self.motion.tick(measured, monitor.external_torque)
+        self._last_position = self.motion.tick(measured, monitor.external_torque if usable else None)
         return self._last_position
 
-    def _begin(self, message: MonitoringMessage, measured: Sequence[float], queued: bool) -> bool:
+    def _begin(self, message: MonitoringMessage, measured: Sequence[float], *, may_move: bool) -> bool:
         """Prepare the motion in COMMANDING_WAIT and begin it in COMMANDING_ACTIVE; True where it has begun."""
         session, ipo = self.session, message.ipo_data
         try:
@@ -272,7 +278,7 @@ class FriLoop:
             if session.state < _COMMANDING_WAIT or ipo is None or ipo.joint_position is None:
                 return False
             self.motion.prepare(ipo.joint_position)
-            if session.state != _ACTIVE or queued:
+            if session.state != _ACTIVE or not may_move:
                 return False
             self._hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo.joint_position)
             if self._hindrance:
@@ -301,10 +307,25 @@ class FriLoop:
                 return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"
         return ""
 
-    def _is_queued(self, interval: int) -> bool:
-        """True when another datagram waits already, so that this one is late. Asked after an uneven interval only."""
+    def _is_queued(self, interval: int, counter: int) -> bool:
+        """True when a newer message waits already, so that this one is late. Asked after an uneven interval only.
+
+        Looked at is the next datagram alone: a duplicate or an older message behind this one does not make it late.
+        """
         period = (self.session.send_period_ms or 1) * 1_000_000
         if 6 * period < 10 * interval < 15 * period or not self._poll.poll(0):
+            return False
+        try:
+            size, address = self._channel.recvfrom_into(self._next, 0, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:  # it had a wrong UDP checksum, which the kernel notices only now
+            return False
+        if address != self._robot:
+            return False
+        try:
+            waiting = self._codec.decode_monitoring(self._next_view[:size]).header.sequence_counter
+        except CodecError:
+            return False
+        if not 0 < (waiting - counter & 0xFFFFFFFF) < 1 << 31:
             return False
         self._repeated += 1
         return True

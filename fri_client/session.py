@@ -8,9 +8,10 @@ is due.
 Which messages are answered. Every fresh message of a living session is (at a receive multiplier of N every N-th,
 PROTOCOL section 7). Duplicates and stale messages are not: the robot has the answer to the duplicate, and an answer
 to an old message would reach it after the answer to a newer one. The vendor's client answers both and lets old
-values overwrite new ones (PROTOCOL section 6); a motion that advances one step per answer must not. Refused
-messages are not answered either, because nothing in them can be trusted; if they go on for the time-out, that is
-silence.
+values overwrite new ones (PROTOCOL section 6); a motion that advances one step per answer must not. A message
+that is refused for a torque that is no number is answered, since positions, state and quality are sound and an arm in
+motion should not feel a sensor's hiccup; its sample is refused all the same. Any other refused message is not
+answered, because nothing in it can be trusted. If refusals go on for the time-out, that is silence.
 
 The latch. Once a motion was begun, anything but an undisturbed COMMANDING_ACTIVE drops the session for good. From
 then on the only position that `answer` puts into a command is the mirrored IPO position, with one exception: as
@@ -38,6 +39,7 @@ from fri_client.messages import (
     FriVersion,
     IpoData,
     MessageHeader,
+    MonitorData,
     MonitoringMessage,
     RobotInfo,
     SafetyState,
@@ -168,12 +170,6 @@ class Session:
         raw_state = info.session_state
         state = raw_state if 0 <= raw_state <= _COMMANDING_ACTIVE else _IDLE
         total = sum(monitor.measured_joint_position)
-        if monitor.measured_torque is not None:
-            total += sum(monitor.measured_torque)
-        if monitor.external_torque is not None:
-            total += sum(monitor.external_torque)
-        if monitor.commanded_torque is not None:
-            total += sum(monitor.commanded_torque)
         if monitor.commanded_joint_position is not None:
             total += sum(monitor.commanded_joint_position)
         if ipo is not None and ipo.joint_position is not None:
@@ -181,16 +177,25 @@ class Session:
         elif state >= _COMMANDING_WAIT:
             return self._refuse(f"the message lacks the IPO position in {name_of(SessionState, state)}")
         # A sum of finite numbers may overflow, so the sum only raises the suspicion.
-        if not isfinite(total) and self._find_not_finite(message):
+        if not isfinite(total) and self._find_not_finite(_positions(monitor, ipo)):
             return int(Disposition.REFUSED)
         robot = message.robot_info
         if robot is not None and robot.number_of_joints is not None and robot.number_of_joints != JOINT_COUNT:
             return self._refuse(f"the robot reports {robot.number_of_joints} joints instead of 7")
-
-        counts.fresh += 1
-        self.last_fresh_ns = receive_ns
-        if not self.first_fresh_ns:
-            self.first_fresh_ns = receive_ns
+        total = 0.0
+        if monitor.measured_torque is not None:
+            total = sum(monitor.measured_torque)
+        if monitor.external_torque is not None:
+            total += sum(monitor.external_torque)
+        if monitor.commanded_torque is not None:
+            total += sum(monitor.commanded_torque)
+        if not isfinite(total) and self._find_not_finite(_torques(monitor)):
+            disposition = int(Disposition.REFUSED)
+        else:
+            counts.fresh += 1
+            self.last_fresh_ns = receive_ns
+            if not self.first_fresh_ns:
+                self.first_fresh_ns = receive_ns
         self.previous_state = self.state
         self.state_changed = state != self.state
         self.state = state
@@ -208,12 +213,12 @@ class Session:
         if self._begun and self.drop is None:
             self._watch(message, info, robot)
         if state == _IDLE:
-            return _FRESH
+            return disposition
         self._since_answer += 1
         if self._since_answer >= multiplier:
             self._since_answer = 0
             self.answer_due = True
-        return _FRESH
+        return disposition
 
     def begin_motion(self, message: MonitoringMessage) -> None:
         """From here on the session is watched: call it with the COMMANDING_ACTIVE message the motion starts from.
@@ -320,7 +325,6 @@ class Session:
         self._probe_counter = counter
         if self._probe_run >= RESTART_RUN:
             counts.restarts += 1
-            self._stint_broken = True
             self._latch(DropReason.COUNTER_RESTART, self.state, counter, self._last_counter + 1 & _WRAP)
             return self._start_counting(counter)
         back = -step & _WRAP
@@ -350,18 +354,8 @@ class Session:
         self.refusal, self.refusal_joint, self.refusal_value = why, joint, value
         return int(Disposition.REFUSED)
 
-    def _find_not_finite(self, message: MonitoringMessage) -> bool:
-        monitor = message.monitor_data
-        ipo = message.ipo_data or _NO_IPO
-        assert monitor is not None
-        for name, values in (
-            ("measured joint position", monitor.measured_joint_position),
-            ("measured torque", monitor.measured_torque),
-            ("external torque", monitor.external_torque),
-            ("commanded torque", monitor.commanded_torque),
-            ("commanded joint position", monitor.commanded_joint_position),
-            ("IPO position", ipo.joint_position),
-        ):
+    def _find_not_finite(self, arrays: tuple[tuple[str, tuple[float, ...] | None], ...]) -> bool:
+        for name, values in arrays:
             for joint, value in enumerate(values or (), start=1):
                 if not isfinite(value):
                     self._refuse(f"the {name} of joint {joint} is {value}", joint, value)
@@ -383,11 +377,9 @@ class Session:
             return  # nothing changed, which is what nearly every tick finds
         now, then = robot or _NO_ROBOT_INFO, self._robot_info_at_begin
         joint = _joint_not_driven(now)
-        # Causes before consequences: a safety stop also takes the state away.
+        # Causes before consequences: a safety stop takes the state away, and leaving takes the drives away.
         if now.safety_state not in (None, SafetyState.NORMAL_OPERATION):
             self._latch(DropReason.SAFETY_STOP, state, now.safety_state, SafetyState.NORMAL_OPERATION)
-        elif joint:
-            self._latch(DropReason.DRIVES_OFF, state, now.drive_state[joint - 1], DriveState.ACTIVE, joint)
         elif _changed(now.operation_mode, then.operation_mode):
             self._latch(DropReason.OPERATION_MODE, state, now.operation_mode, then.operation_mode)
         elif not _is_good(info.quality):
@@ -396,6 +388,8 @@ class Session:
             self._latch(DropReason.SESSION_CLOSED, state, state, _COMMANDING_ACTIVE)
         elif state != _COMMANDING_ACTIVE:
             self._latch(DropReason.LEFT_COMMANDING_ACTIVE, state, state, _COMMANDING_ACTIVE)
+        elif joint:
+            self._latch(DropReason.DRIVES_OFF, state, now.drive_state[joint - 1], DriveState.ACTIVE, joint)
         elif _changed(mode, self._command_mode):
             self._latch(DropReason.COMMAND_MODE, state, mode, self._command_mode)
         elif _changed(now.control_mode, then.control_mode):
@@ -417,7 +411,24 @@ class Session:
             value=float(-1 if value is None else value),
             limit=float(-1 if limit is None else limit),
             joint=joint,
+            quality=self.quality,
         )
+
+
+def _positions(monitor: MonitorData, ipo: IpoData | None) -> tuple[tuple[str, tuple[float, ...] | None], ...]:
+    return (
+        ("measured joint position", monitor.measured_joint_position),
+        ("commanded joint position", monitor.commanded_joint_position),
+        ("IPO position", None if ipo is None else ipo.joint_position),
+    )
+
+
+def _torques(monitor: MonitorData) -> tuple[tuple[str, tuple[float, ...] | None], ...]:
+    return (
+        ("measured torque", monitor.measured_torque),
+        ("external torque", monitor.external_torque),
+        ("commanded torque", monitor.commanded_torque),
+    )
 
 
 def _is_good(quality: int) -> bool:

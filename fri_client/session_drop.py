@@ -41,10 +41,10 @@ class DropReason(IntEnum):
 class SessionDrop:
     """The moment a motion's session was lost; states and numbers as the robot reported them.
 
-    cycle: fresh messages since the session began, counted from 1. value and limit by reason: state now and state
-    needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1) and ACTIVE; mode
-    now and mode at the start; counter and the counter expected; silence in s and the time-out in s; command period
-    in ms now and before.
+    cycle: fresh messages since the session began, counted from 1; quality: of the connection then. value and limit
+    by reason: state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of
+    `joint`, from 1) and ACTIVE; mode now and mode at the start; counter and the counter expected; silence in s and
+    the time-out in s; command period in ms now and before.
     """
 
     reason: DropReason
@@ -54,6 +54,7 @@ class SessionDrop:
     value: float
     limit: float
     joint: int = 0
+    quality: int | None = None
 
     def sentence(self) -> str:
         """Why the session dropped, in one sentence with the numbers."""
@@ -62,7 +63,7 @@ class SessionDrop:
         states = f"{before} -> {after}" if before != after else f"still in {after}"
         match self.reason:
             case DropReason.LEFT_COMMANDING_ACTIVE:
-                what = f"the robot left {before} for {after}"
+                what = f"the robot left {before} for {after} at quality {name_of(ConnectionQuality, self.quality)}"
                 states = ""
             case DropReason.SESSION_CLOSED:
                 what = f"the robot closed the session ({before} -> {after})"

@@ -171,12 +171,15 @@ def test_neither_duplicate_nor_stale_is_answered() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("field", ["measured", "torque", "external", "commanded", "ipo"])
-def test_no_number_that_is_not_finite_gets_past(field: str, value: float) -> None:
+@pytest.mark.parametrize(
+    ("field", "answered"),
+    [("measured", False), ("commanded", False), ("ipo", False), ("torque", True), ("external", True)],
+)
+def test_no_number_that_is_not_finite_gets_past(field: str, answered: bool, value: float) -> None:
     session = begun()
     bad = tuple(value if joint == 4 else 0.0 for joint in range(7))
     assert session.judge(message(11, **{field: bad}), 5) == REFUSED
-    assert (session.refusal_joint, session.counts.refused, session.answer_due) == (5, 1, False)
+    assert (session.refusal_joint, session.counts.refused, session.answer_due) == (5, 1, answered)
     assert "joint 5" in session.refusal
     # It cost this one message; the next good one is judged as if nothing had been.
     assert session.judge(message(12), 6) == FRESH
@@ -221,6 +224,10 @@ def test_a_counter_that_begins_anew_is_believed_after_a_run_and_drops_a_motion(s
     assert judged[fresh:] == [FRESH] * (len(judged) - fresh)
     assert session.drop is not None
     assert session.drop.reason == DropReason.COUNTER_RESTART
+    # The arm has stood at its last command meanwhile, so that may be held; once the robot has left, only the mirror.
+    assert session.may_ramp_down
+    session.judge(message(start + RESTART_RUN + 2, READY), 6)
+    session.judge(message(start + RESTART_RUN + 3), 7)
     assert position_of(session.answer(message(start), WANTED)) == IPO
 
 
@@ -242,6 +249,8 @@ DROPS = [
     ({"operation": 0}, DropReason.OPERATION_MODE, "from AUTOMATIC_MODE to TEST_MODE_1"),
     ({"period": 2}, DropReason.PERIOD_CHANGE, "from 1 ms to 2 ms"),
     ({"safety": 1, "state": READY, "quality": 0}, DropReason.SAFETY_STOP, "SAFETY_STOP"),
+    ({"drives": (0,) * 7, "state": IDLE}, DropReason.SESSION_CLOSED, "closed the session"),
+    ({"drives": (0,) * 7, "state": READY, "quality": 2}, DropReason.LEFT_COMMANDING_ACTIVE, "at quality GOOD"),
 ]
 
 
