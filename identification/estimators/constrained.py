@@ -39,7 +39,7 @@ _SMALLEST_RELATIVE_COST = 1e-8
 _CENTRAL_BARRIER = 1e-2
 _LOCAL_BARRIER = 1e-4
 # Per kg, in units of the objective: settles masses that no torque depends on and nothing else.
-_PRICE_OF_MASS = 1e-7
+_PRICE_OF_MASS = 1e-6
 # Tried in turn, in typical sizes of the entries: how far inside the rules a start is put.
 _DISTANCES_FROM_RULES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
@@ -247,7 +247,7 @@ class ConstrainedProgram:
         return self._problem.cost(self._base.base_from_full(self.dynamic_parameters(y)))
 
     def excess(self, y: FloatArray) -> float:
-        """(cost − least-squares cost) / scale, plus 1e-7 per kg where the lightest set is wanted."""
+        """(cost − least-squares cost) / scale, plus 1e-6 per kg where the lightest set is wanted."""
         residual = self._image @ self.dynamic_parameters(y) - self._target
         return float(residual @ residual + self._price @ y)
 
