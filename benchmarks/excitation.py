@@ -1,6 +1,6 @@
 """What the excitation designer achieves, and what its gradient costs.
 
-Reproduce: `python benchmarks/excitation.py [--seed 1] [--starts 24] [--limits paper|true] [--harmonics 5] [--budget S]`.
+Reproduce: `python benchmarks/excitation.py --seed 1 --starts 24`; see `--help` for limits, harmonics, objective, budget.
 Prints cond(Y_b) against time while the design runs, the verified result, and one objective with gradient beside the
 same computed by central differences and beside a Pinocchio loop over the samples for the values alone.
 """
