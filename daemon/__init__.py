@@ -7,4 +7,10 @@ Import the modules; the package itself stays empty, so that a child process load
 
 from __future__ import annotations
 
+import os
+
+# Matrices here are small: a second BLAS thread gains nothing, and its spinning steals the core that the 1 kHz loop or the
+# robot's answer needs. It counts only when set before numpy is loaded, hence here; a user's own setting is kept.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 __all__: list[str] = []
