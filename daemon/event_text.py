@@ -8,7 +8,7 @@ from fri_client.handover import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState
 from fri_client.motion import MotionPhase
 
-__all__ = ["event_sentence"]
+__all__ = ["event_name", "event_sentence", "phase_name"]
 
 
 def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
@@ -35,12 +35,22 @@ def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
         return f"Standstill is NOT confirmed: positions spread over {value:.2e} rad (limit {limit:.2e} rad)."
     if loop_reason:
         return loop_reason
-    try:
-        name = EventCode(code).name
-    except ValueError:
-        name = f"event {code}"
+    name = event_name(code)
     joint = f", joint {record.event_joint}" if record.event_joint else ""
     return f"{name}{joint}: value {value:g}, limit {limit:g}."
+
+
+def event_name(code: int) -> str:
+    """Name of an EventCode; EVENT_n for a number that has none."""
+    try:
+        return EventCode(code).name
+    except ValueError:
+        return f"EVENT_{code}"
+
+
+def phase_name(phase: int) -> str:
+    """Name of a MotionPhase; the number as text where it has none."""
+    return _name(MotionPhase, phase)
 
 
 def _name(kind: type[IntEnum], value: float) -> str:

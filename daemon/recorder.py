@@ -25,8 +25,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
 import zmq
 
 from daemon.api import (
@@ -41,18 +39,17 @@ from daemon.api import (
     read_json,
 )
 from daemon.errors import DaemonError, LogIOError
-from daemon.event_text import event_sentence
-from daemon.host import host_report
+from daemon.event_text import event_name, event_sentence, phase_name
 from daemon.log.cdr import DiagnosticStatus, SampleLabels
 from daemon.log.stream import DiskReserve, is_full
 from daemon.log.writer import Attachment, LogWriter
+from daemon.log_inputs import attachments_of, metadata_of
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.handover import Disposition, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
-from fri_client.motion import MotionPhase
 
-__all__ = ["Recorder", "attachments_of", "main", "metadata_of"]
+__all__ = ["Recorder", "main"]
 
 BATCH = 512
 IDLE_SLEEP_S = 0.002
@@ -70,42 +67,6 @@ DISK_TROUBLE = 1002
 RECORDING_ENDED = 1003
 
 _COUNTER_MODULUS = 2**32
-
-
-def metadata_of(job: RecorderJob) -> dict[str, str]:
-    """The metadata record of a run; send period and samples per period are added with the first sample."""
-    request = job.request
-    samples = np.load(request.table_file, mmap_mode="r").shape[0] if Path(request.table_file).is_file() else 0
-    return {
-        "run_id": request.run_id,
-        "robot": request.robot,
-        "fri_version": request.fri_version,
-        "period_s": repr(samples * request.table_period_s),
-        "periods": str(request.periods),
-        "samples_per_period": str(samples),
-        "lead_in_s": repr(request.lead_in_s),
-        "amplitude": repr(request.amplitude),
-        "tool": request.tool,
-        "seed": "" if request.seed is None else str(request.seed),
-        "part": str(job.part),
-    }
-
-
-def attachments_of(job: RecorderJob) -> list[Attachment]:
-    """Resolved request, trajectory, table, URDF and host report, as far as they exist."""
-    request = job.request
-    found = [
-        Attachment("request.json", "application/json", msgspec.json.encode(request)),
-        Attachment("host_report.json", "application/json", msgspec.json.encode(host_report())),
-    ]
-    for file, media_type in (
-        (request.trajectory_file, "application/json"),
-        (request.table_file, "application/octet-stream"),
-        (request.urdf_file, "application/xml"),
-    ):
-        if file and Path(file).is_file():
-            found.append(Attachment(Path(file).name, media_type, Path(file).read_bytes()))
-    return found
 
 
 class Recorder:
@@ -220,7 +181,7 @@ class Recorder:
     def _write_event(self, record: HandoverRecord, time_ns: int) -> None:
         self._writer.write_event(
             record.event_code,
-            _event_name(record.event_code),
+            event_name(record.event_code),
             event_sentence(record, self._ring.reason),
             host_time_ns=time_ns,
             sample_index=record.index,
@@ -303,7 +264,7 @@ class Recorder:
             DiagnosticStatus(
                 int(status.late + status.missing > 0),
                 "FRI link",
-                f"{_phase_name(status.phase)}, {status.missing} missing, {status.late} late",
+                f"{phase_name(status.phase)}, {status.missing} missing, {status.late} late",
                 tuple(link.items()),
             ),
             DiagnosticStatus(
@@ -398,20 +359,6 @@ def _has_non_finite(message: MonitoringMessage) -> bool:
         return False
     total = sum(monitor.measured_joint_position or ()) + sum(monitor.measured_torque or ())
     return not math.isfinite(total)
-
-
-def _event_name(code: int) -> str:
-    try:
-        return EventCode(code).name
-    except ValueError:
-        return f"EVENT_{code}"
-
-
-def _phase_name(phase: int) -> str:
-    try:
-        return MotionPhase(phase).name
-    except ValueError:
-        return f"phase {phase}"
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -15,19 +15,14 @@ What happens when a child dies:
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
-import shutil
 import signal
-import socket
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-
-import msgspec
 
 from daemon.api import (
     LoopReport,
@@ -48,15 +43,14 @@ from daemon.control import ControlInbox
 from daemon.errors import (
     BadLogError,
     ChildProcessFailedError,
-    ConfigurationError,
     DaemonError,
     LogIOError,
     MissingInputError,
-    PortInUseError,
 )
 from daemon.host import software_versions
 from daemon.log.recover import merge_logs
 from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
+from daemon.run_folder import RECORDING_NAME, prepare_folder
 from daemon.times import now_text
 from daemon.worker_start import start_worker
 from fri_client.handover import EventCode, HandoverRing
@@ -65,7 +59,6 @@ from fri_client.motion import MotionPhase
 
 __all__ = ["run_acquisition"]
 
-RECORDING_NAME = "recording.mcap"
 RECORDER_START_S = 60.0
 RECORDER_SILENCE_S = 120.0
 MAXIMUM_PARTS = 4
@@ -82,48 +75,7 @@ def run_acquisition(request: RunRequest, *, observe: Observer) -> RunOutcome:
     moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
     LogIOError, ChildProcessFailedError. A run that was stopped, dropped or never began is an outcome, not an error.
     """
-    return _Acquisition(_prepare_folder(request), observe).run()
-
-
-def _prepare_folder(request: RunRequest) -> RunRequest:
-    """Copy the inputs into the run's folder, make all paths absolute, write request.json."""
-    folder = Path(request.out_dir).absolute()
-    for name in (RECORDING_NAME, "run.json"):
-        if (folder / name).exists():
-            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
-    changes: dict[str, str] = {"out_dir": str(folder)}
-    sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
-    if request.urdf_file is not None:
-        sources["urdf_file"] = request.urdf_file
-    for field, file in sources.items():
-        source = Path(file).absolute()
-        if not source.is_file():
-            raise MissingInputError(str(source), field.removesuffix("_file"))
-        changes[field] = str(folder / source.name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for field, file in sources.items():
-            if Path(file).absolute() != Path(changes[field]):
-                shutil.copyfile(file, changes[field])
-        resolved = msgspec.structs.replace(request, **changes)
-        write_json(folder / "request.json", resolved)
-    except OSError as error:
-        raise LogIOError(str(folder), error) from error
-    _check_port(request)
-    return resolved
-
-
-def _check_port(request: RunRequest) -> None:
-    """Find out before any process is started whether the port is free. Raises PortInUseError, ConfigurationError."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((request.bind_host, request.bind_port))
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                raise PortInUseError(request.bind_host, request.bind_port) from error
-            raise ConfigurationError(
-                f"UDP {request.bind_host}:{request.bind_port} cannot be bound: {error.strerror}.", field="bind_host"
-            ) from error
+    return _Acquisition(prepare_folder(request), observe).run()
 
 
 class _Acquisition:

@@ -215,7 +215,7 @@ def test_interrupted_by_the_operator_the_arm_ramps_down_and_the_exit_code_is_130
 
 
 def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(robot: tuple[int, Path], tmp_path: Path) -> None:
-    process = start_run(gentle_request(tmp_path, robot[0], periods=600))
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=1.0))
     read_until(process, "Period 2")
     children = psutil.Process(process.pid).children()
     assert len(children) == 2

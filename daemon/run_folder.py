@@ -1,0 +1,62 @@
+"""The folder of a run before anything is started: inputs copied, paths absolute, port free. The supervisor calls it."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+import socket
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import RunRequest, write_json
+from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+
+__all__ = ["RECORDING_NAME", "prepare_folder"]
+
+RECORDING_NAME = "recording.mcap"
+
+
+def prepare_folder(request: RunRequest) -> RunRequest:
+    """Copy the inputs into the run's folder, make all paths absolute, write request.json; the resolved request.
+
+    Raises ConfigurationError (also for a folder that holds a run already), MissingInputError, PortInUseError,
+    LogIOError.
+    """
+    folder = Path(request.out_dir).absolute()
+    for name in (RECORDING_NAME, "run.json"):
+        if (folder / name).exists():
+            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
+    changes: dict[str, str] = {"out_dir": str(folder)}
+    sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
+    if request.urdf_file is not None:
+        sources["urdf_file"] = request.urdf_file
+    for field, file in sources.items():
+        source = Path(file).absolute()
+        if not source.is_file():
+            raise MissingInputError(str(source), field.removesuffix("_file"))
+        changes[field] = str(folder / source.name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for field, file in sources.items():
+            if Path(file).absolute() != Path(changes[field]):
+                shutil.copyfile(file, changes[field])
+        resolved = msgspec.structs.replace(request, **changes)
+        write_json(folder / "request.json", resolved)
+    except OSError as error:
+        raise LogIOError(str(folder), error) from error
+    _check_port(request)
+    return resolved
+
+
+def _check_port(request: RunRequest) -> None:
+    """Find out before any process is started whether the port is free. Raises PortInUseError, ConfigurationError."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((request.bind_host, request.bind_port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUseError(request.bind_host, request.bind_port) from error
+            raise ConfigurationError(
+                f"UDP {request.bind_host}:{request.bind_port} cannot be bound: {error.strerror}.", field="bind_host"
+            ) from error
