@@ -37,7 +37,6 @@ from fri_client.messages import (
 )
 from fri_client.motion import MotionPhase, MotionProgram, StopReason
 from fri_client.session import Session
-from fri_client.session_drop import DropReason
 from fri_client.stop_watch import StopWatch
 from safety.errors import SafetyError
 
@@ -51,6 +50,9 @@ _POLL_S = 0.05
 
 _DRAIN_S = 1.0
 """After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
+
+_HELD_S = 0.1
+"""Without an answer for so long, the robot has brought the arm to rest at its last command."""
 
 _CONSUMER_PATIENCE_S = 0.3
 
@@ -114,7 +116,7 @@ class FriLoop:
         self._foreign = 0
         self._restarts = 0
         self._repeated = 0
-        self._last_receive_ns = 0
+        self._last_answer_ns = 0
         self._last_position: Sequence[float] | None = None
         self._silence_told = False
         self._hindrance = ""
@@ -177,7 +179,7 @@ class FriLoop:
                 return "completed"
             return "fault" if self._faults else "stopped"
         standstill = motion.standstill
-        silent = now - self.session.last_fresh_ns > _DRAIN_S * 1e9
+        silent = now - max(self.session.last_fresh_ns, self._last_answer_ns) > _DRAIN_S * 1e9
         return "dropped" if standstill.confirmed or standstill.gave_up or silent else None
 
     # One tick.
@@ -206,9 +208,7 @@ class FriLoop:
         journal.tick += 1
         if session.drop is not None and self.motion.phase < _LATCHED:
             self._drop()
-        interval = receive_ns - self._last_receive_ns
-        self._last_receive_ns = receive_ns
-        queued = session.answer_due and self._is_queued(interval, message.header.sequence_counter)
+        queued = session.answer_due and self._is_queued(message.header.sequence_counter)
         usable = disposition == _FRESH
         command: bytes | None = None
         send_ns = 0
@@ -225,7 +225,7 @@ class FriLoop:
             except OSError:
                 command = None  # the network refused this one; for robot and log alike it is a command that never was
             else:
-                send_ns = time.monotonic_ns()
+                send_ns = self._last_answer_ns = time.monotonic_ns()
                 session.sent()
         else:
             self.motion.skip()
@@ -244,7 +244,7 @@ class FriLoop:
         journal.note_session(session)
         journal.note_motion(motion, phase, period)
         journal.record(receive_ns, send_ns, phase, period, sample, datagram, command, disposition)
-        if usable and phase >= _HOLD and message.monitor_data is not None:
+        if phase >= _HOLD and message.monitor_data is not None:
             motion.observe(message.monitor_data.measured_joint_position or ())
         self._publish(receive_ns)
         if self._settings.simulated_time:
@@ -307,13 +307,12 @@ class FriLoop:
                 return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"
         return ""
 
-    def _is_queued(self, interval: int, counter: int) -> bool:
-        """True when a newer message waits already, so that this one is late. Asked after an uneven interval only.
+    def _is_queued(self, counter: int) -> bool:
+        """True when a newer message waits already, so that this one is late; one system call of 1 µs where none does.
 
         Looked at is the next datagram alone: a duplicate or an older message behind this one does not make it late.
         """
-        period = (self.session.send_period_ms or 1) * 1_000_000
-        if 6 * period < 10 * interval < 15 * period or not self._poll.poll(0):
+        if not self._poll.poll(0):
             return False
         try:
             size, address = self._channel.recvfrom_into(self._next, 0, socket.MSG_PEEK | socket.MSG_DONTWAIT)
@@ -335,7 +334,8 @@ class FriLoop:
     def _drop(self) -> None:
         drop = self.session.drop
         assert drop is not None
-        self.motion.latch(at_rest=drop.reason in (DropReason.SILENCE, DropReason.COUNTER_RESTART))
+        # A robot without answers holds the last command; one that has just had its answer is still moving.
+        self.motion.latch(at_rest=time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9)
         self._journal.event(EventCode.SESSION_DROP, drop.joint, drop.reason, drop.state_after)
         self._journal.stopped(drop.sentence())
 

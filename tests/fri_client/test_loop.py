@@ -60,7 +60,7 @@ class Robot:
     def message(self, state: int, **changes: Any) -> MonitoringMessage:
         monitor = MonitorData(
             measured_joint_position=changes.get("measured", self.position),
-            measured_torque=(0.0,) * 7,
+            measured_torque=changes.get("torque", (0.0,) * 7),
             commanded_joint_position=self.position if self.version.major == 1 else None,
             external_torque=changes.get("external", (0.0,) * 7),
         )
@@ -337,6 +337,48 @@ def test_duplicates_stale_ones_garbage_and_numbers_that_are_none_do_not_move_the
     labels = [(r.period, r.sample_in_period) for r in records if r.period >= 0]
     assert labels == [(period, sample) for period in range(2) for sample in range(400)]
     robot.assert_gentle()
+
+
+def test_a_torque_that_is_no_number_costs_its_samples_and_not_the_motion() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.exchange(ACTIVE, 5, torque=(math.nan,) * 7)
+        robot.until_done(client)
+        result = client.finish()
+        records = client.records()
+    assert result.outcome == "completed"
+    refused = [record for record in records if record.disposition == Disposition.REFUSED]
+    assert [(record.sample_in_period, record.command is not None) for record in refused] == [(-1, True)] * 5
+    assert len([record for record in records if record.period >= 0]) == 2 * 400 - 5
+    robot.assert_gentle()
+
+
+def test_torques_that_stay_no_numbers_end_in_a_ramp_and_not_in_a_cut() -> None:
+    with running(settings=LoopSettings(receive_timeout_s=0.1), periods=20) as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.until_done(client, torque=(math.nan,) * 7)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SILENCE", True)
+    robot.assert_gentle()
+
+
+def test_a_counter_that_begins_anew_while_the_robot_commands_is_answered_by_a_ramp() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        count = len(robot.received)
+        robot.counter = 5
+        for _ in range(9):
+            robot.send(ACTIVE)
+        robot.until_done(client)
+        result = client.finish()
+        after = [command.command_data for command in robot.received[count - 1 :]]
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "COUNTER_RESTART", True)
+    largest = np.abs(np.diff(short_table(), axis=0)).max()
+    positions = np.array([data.joint_position for data in after if data is not None])
+    assert np.abs(np.diff(positions, axis=0)).max() <= largest * 1.01
 
 
 def test_a_stranger_is_neither_answered_nor_recorded() -> None:
