@@ -22,7 +22,6 @@ from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
-from identification.estimators.observation import CompressedObservation
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
 from identification.fitting.blocks import Block, build_block, observation, rms_over, whiten
 from identification.fitting.drives import choose_drive_parameters
@@ -40,8 +39,6 @@ FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the whole that is done, 0 to 1."""
 
-# Steps of the joint weights, and the change of their logarithm at which they stand.
-MOST_WEIGHT_STEPS, WEIGHTS_STAND = 20, 1e-3
 LIBRARIES = ("iiwa-ident", "numpy", "scipy", "pin", "clarabel")
 
 
@@ -160,29 +157,13 @@ def _least_squares(
         weighting = "none" if pipelines == {"paper"} else "spectral" if "periodic" in pipelines else "per_joint"
     if weighting == "none":
         return equation_15, equation_15, blocks
-    estimate = _weighted_per_joint(plain)
+    estimate = solve_least_squares(plain, weighting="per_joint")
     if weighting == "spectral" and "periodic" in pipelines:
         blocks = whiten(_scaled_per_joint(blocks, estimate.weights), estimate.values)
-        estimate = _weighted_per_joint(observation(blocks, regressor.names))
+        estimate = solve_least_squares(observation(blocks, regressor.names), weighting="per_joint")
     # Of the rows as they were measured, not as they were weighted.
     rms = rms_over([block.evaluation for block in blocks if block.fitted.any()], estimate.values)
     return replace(estimate, rms_nm=rms, condition_number=equation_15.condition_number), equation_15, blocks
-
-
-def _weighted_per_joint(compressed: CompressedObservation) -> LeastSquaresResult:
-    """Least squares with each joint divided by its own residual variance, repeated until the variances stand.
-
-    One step is not enough where a joint's first residual is mostly another joint's error. compressed must be factored.
-    """
-    weights = np.ones(compressed.counts.size)
-    present = compressed.counts > 0
-    for _ in range(MOST_WEIGHT_STEPS):
-        scaled = replace(compressed, blocks=compressed.blocks * np.sqrt(weights)[:, None, None])
-        result = solve_least_squares(scaled, weighting="per_joint")
-        weights = np.where(present, weights * result.weights, 1.0)
-        if np.abs(np.log(result.weights[present])).max() < WEIGHTS_STAND:
-            break
-    return replace(result, weights=weights)
 
 
 def _scaled_per_joint(blocks: list[Block], weights: FloatArray) -> list[Block]:

@@ -82,7 +82,7 @@ class FitSettings:
     pipeline: Pipeline = "auto"
     low_pass_hz: float | None = None
     motion_bandwidth_hz: float = 20.0
-    torque_bandwidth_hz: float = 60.0
+    torque_bandwidth_hz: float = 10.0
     split: str | None = None
     weighting: Weighting = "auto"
     rotor_inertia: Choice = "auto"

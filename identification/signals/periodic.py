@@ -25,14 +25,20 @@ MOTION_OVER_NOISE = 12.0
 SMALLEST_AMPLITUDE = 1e-9
 # Share of the largest velocity below which a velocity is rounding of zero.
 ROUNDING = 1e-12
+FEWEST_LINES = 30
 
 
 @dataclass(frozen=True, slots=True)
 class PeriodicSettings:
-    """Bandwidths in Hz. motion: cap of the position's harmonics; torque: lines compared on both sides of τ = Y π."""
+    """Bandwidths in Hz. motion: cap of the position's harmonics; torque: lines compared on both sides of τ = Y π.
+
+    The torque band is half the motion band: its upper lines already mix (through products and signs) what the motion
+    has above them. On a simulated arm with 16 periods, lines up to 60 Hz biased friction by 5 σ while they lowered σ
+    by no more than 1 %; up to 10 Hz the errors are those of the noise. A short period keeps at least 30 lines.
+    """
 
     motion_bandwidth_hz: float = 20.0
-    torque_bandwidth_hz: float = 60.0
+    torque_bandwidth_hz: float = 10.0
 
 
 def process_periodic(recording: Recording, settings: PeriodicSettings | None = None) -> ProcessedSignals:
@@ -46,7 +52,8 @@ def process_periodic(recording: Recording, settings: PeriodicSettings | None = N
     samples = average.position.shape[0]
     harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
     position, velocity, acceleration = differentiate_harmonics(average.position, average.period_s, harmonics)
-    lines = min(int(settings.torque_bandwidth_hz * average.period_s), (samples - 1) // 2)
+    wanted = max(FEWEST_LINES, int(settings.torque_bandwidth_hz * average.period_s))
+    lines = min(wanted, (samples - 1) // 2)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
     noise = None
