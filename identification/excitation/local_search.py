@@ -47,7 +47,7 @@ class Stage:
     samples: int = 1
 
 
-STAGES = (Stage(1.0, 50, 0.6), Stage(0.25, 100, 0.8, 2), Stage(0.08, 300, 0.95, 4))
+STAGES = (Stage(1.0, 50, 0.55), Stage(0.25, 100, 0.75, 2), Stage(0.08, 150, 0.85, 4), Stage(0.04, 150, 0.9, 4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class DesignSettings:
     budget_s: float | None = None
     starts: int = 96
     processes: int = 2
-    samples: int = 100
+    samples: int = 64
     offset_rad: tuple[float, ...] | None = None
     stages: tuple[Stage, ...] = STAGES
 

@@ -251,7 +251,8 @@ class ChainRegressor:
         symmetric = first_moment_force + first_moment_force.transpose(0, 1, 3, 2)
         trace = np.trace(first_moment_force, axis1=-2, axis2=-1)
         own = _inertia_columns(w)
-        gyroscopic = np.sum(_cross(own.swapaxes(-1, -2), inertia_moment.swapaxes(-1, -2)), axis=-2)
+        # Σ_c a_c × b_c over columns is the skew part of A Bᵀ, a matrix product where crosses would fill memory.
+        gyroscopic = -_skew_adjoint(own @ inertia_moment.swapaxes(-1, -2))
         by_w = (
             _rotate(symmetric, w)
             - 2.0 * trace[..., None] * w
@@ -264,11 +265,16 @@ class ChainRegressor:
             rotation, origin, _cross(by_classical, w), by_w + _cross(link_velocity, by_classical)
         )
         acceleration_weight = _world_force(rotation, origin, by_classical, by_wd)
-        columns, wrenches = dual.swapaxes(-1, -2), motion.wrench_columns.swapaxes(-1, -2)
-        shift = -(
-            np.sum(_force_cross(columns, wrenches), axis=-2)
-            + _force_cross(motion.velocity, velocity_weight)
-            + _force_cross(motion.acceleration, acceleration_weight)
+        products = dual @ motion.wrench_columns.swapaxes(-1, -2)
+        by_columns = np.concatenate(
+            [
+                _skew_adjoint(products[..., 3:, :3]),
+                _skew_adjoint(products[..., 3:, 3:] + products[..., :3, :3]),
+            ],
+            axis=-1,
+        )
+        shift = by_columns - (
+            _force_cross(motion.velocity, velocity_weight) + _force_cross(motion.acceleration, acceleration_weight)
         )
         return shift, velocity_weight, acceleration_weight
 
