@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import select
 import socket
-import struct
 import time
 from collections.abc import Callable, Sequence
 
+from fri_client.channel import open_socket
 from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError, FriError
 from fri_client.handover import Disposition, EventCode, HandoverRing
@@ -37,16 +37,10 @@ from fri_client.messages import (
 )
 from fri_client.motion import MotionPhase, MotionProgram, StopReason
 from fri_client.session import Session
-from fri_client.stop_watch import StopWatch
+from fri_client.stop_watch import RecorderPatience, StopWatch
 from safety.errors import SafetyError
 
 __all__ = ["FriLoop", "open_socket"]
-
-RECEIVE_BUFFER_BYTES = 64 * 1024
-"""Of the socket: some 50 messages, 50 ms at 1 kHz. More would only keep what is too old to be worth an answer."""
-
-_POLL_S = 0.05
-"""Longest single wait in the receive, so that signals and requests are seen while the robot is silent."""
 
 _DRAIN_S = 1.0
 """After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
@@ -54,31 +48,12 @@ _DRAIN_S = 1.0
 _HELD_S = 0.1
 """Without an answer for so long, the robot has brought the arm to rest at its last command."""
 
-_CONSUMER_PATIENCE_S = 0.3
-
 _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
 _ENDINGS = (_WAITING, _LATCHED, _DONE)
 _FRESH, _UNDECODABLE = int(Disposition.FRESH), int(Disposition.UNDECODABLE)
 _ACTIVE = int(SessionState.COMMANDING_ACTIVE)
 _COMMANDING_WAIT = int(SessionState.COMMANDING_WAIT)
-
-
-def open_socket(host: str, port: int) -> socket.socket:
-    """A bound UDP socket for the loop. Raises OSError (EADDRINUSE when another program holds the port)."""
-    channel = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        # The kernel's own time-out leaves the socket blocking: one system call per receive instead of poll and receive.
-        seconds, fraction = divmod(_POLL_S, 1.0)
-        channel.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", int(seconds), int(fraction * 1_000_000))
-        )
-        channel.bind((host, port))
-    except BaseException:
-        channel.close()
-        raise
-    return channel
 
 
 class FriLoop:
@@ -126,7 +101,7 @@ class FriLoop:
         self._faults = 0
         self._poll = select.poll()
         self._poll.register(channel, select.POLLIN)
-        self._stuck_at = -1
+        self._recorder_patience = RecorderPatience(ring)
 
     def stop_from_signal(self, signal_number: int, frame: object = None) -> None:
         """A signal handler that asks for the stop ramp and returns."""
@@ -248,7 +223,7 @@ class FriLoop:
             motion.observe(message.monitor_data.measured_joint_position or ())
         self._publish(receive_ns)
         if self._settings.simulated_time:
-            self._wait_for_consumer()
+            self._recorder_patience.wait()
 
     def _decide(self, message: MonitoringMessage, queued: bool, usable: bool) -> Sequence[float] | None:
         """The position the motion wants to send; None: what the session mirrors."""
@@ -399,24 +374,6 @@ class FriLoop:
     def _publish(self, now: int) -> None:
         late = self.statistics.late + self._repeated
         self._journal.publish(now, self.session, self.motion, self.statistics, late, self._foreign)
-
-    def _wait_for_consumer(self) -> None:
-        """In simulated time only: let a recorder catch up when the ring is half full, unless it does not move at all.
-
-        The robot's next message waits meanwhile; one wait is short enough that the robot does not give it up.
-        """
-        ring = self._ring
-        half = ring.slots // 2
-        if ring.backlog <= half:
-            return
-        consumed = ring.produced - ring.backlog
-        if consumed == self._stuck_at:
-            return
-        deadline = time.monotonic() + _CONSUMER_PATIENCE_S
-        while ring.backlog > half and time.monotonic() < deadline:
-            time.sleep(0.001)
-        if ring.produced - ring.backlog == consumed:
-            self._stuck_at = consumed
 
     # The end.
 

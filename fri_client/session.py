@@ -45,18 +45,11 @@ from fri_client.messages import (
     SafetyState,
     SessionState,
 )
+from fri_client.robot_counter import Order, RobotCounter
 from fri_client.session_drop import DropReason, SessionDrop, name_of
 
 __all__ = ["DropReason", "Session", "SessionCounts", "SessionDrop"]
 
-COUNTER_WINDOW = 1000
-"""A sequence counter further away than this from the last one (1 s at 1 kHz) is not believed from one message alone."""
-
-RESTART_RUN = 10
-"""So many messages in a row, each one counter after the other but none of them fresh, prove a restarted counter."""
-
-_HISTORY = 64
-_HISTORY_MASK = (1 << _HISTORY) - 1
 _WRAP = 0xFFFFFFFF
 _IDLE = int(SessionState.IDLE)
 _COMMANDING_WAIT = int(SessionState.COMMANDING_WAIT)
@@ -97,12 +90,8 @@ class Session:
         "_begun",
         "_command_mode",
         "_connection_at_begin",
-        "_last_counter",
-        "_probe_counter",
-        "_probe_run",
-        "_resynchronise",
+        "_counter",
         "_robot_info_at_begin",
-        "_seen",
         "_since_answer",
         "_stint_broken",
         "_version_1",
@@ -129,11 +118,7 @@ class Session:
     def __init__(self, version: FriVersion) -> None:
         self._version_1 = version.major == 1
         self.own_counter = 0
-        self._last_counter = 0
-        self._seen = 0
-        self._resynchronise = True
-        self._probe_counter = -1
-        self._probe_run = 0
+        self._counter = RobotCounter()
         self._since_answer = 0
         self._begun = False
         self._stint_broken = False
@@ -297,55 +282,28 @@ class Session:
 
     def note_silence(self, silence_s: float, timeout_s: float) -> None:
         """No usable message came for the time-out. After it any counter is taken as the robot's new one."""
-        self._resynchronise = True
+        self._counter.resynchronise()
         self._latch(DropReason.SILENCE, self.state, silence_s, timeout_s)
 
-    # The robot's counter.
-
     def _judge_counter(self, counter: int) -> int:
-        step = (counter - self._last_counter) & _WRAP
-        if step == 1 and not self._resynchronise:
-            self._last_counter = counter
-            self._seen = (self._seen << 1 | 1) & _HISTORY_MASK
-            self.gap = 0
-            self._probe_run = 0
+        order, robot, counts = self._counter.judge(counter), self._counter, self.counts
+        self.gap = robot.gap
+        if order == Order.NEXT:
+            counts.missing += robot.gap
             return _FRESH
-        if self._resynchronise:
-            return self._start_counting(counter)
-        counts = self.counts
-        if 1 < step <= COUNTER_WINDOW:
-            self.gap = step - 1
-            counts.missing += step - 1
-            self._last_counter = counter
-            self._seen = (self._seen << step | 1) & _HISTORY_MASK if step < _HISTORY else 1
-            self._probe_run = 0
-            return _FRESH
-        # Not fresh, unless a run of such messages shows that the robot counts anew.
-        self._probe_run = self._probe_run + 1 if counter == self._probe_counter + 1 & _WRAP else 1
-        self._probe_counter = counter
-        if self._probe_run >= RESTART_RUN:
+        if order == Order.RESTARTED:
             counts.restarts += 1
-            self._latch(DropReason.COUNTER_RESTART, self.state, counter, self._last_counter + 1 & _WRAP)
-            return self._start_counting(counter)
-        back = -step & _WRAP
-        if back > COUNTER_WINDOW:
-            return self._refuse(f"its sequence counter {counter} is far from the last one, {self._last_counter}")
-        if back < _HISTORY:
-            if self._seen >> back & 1:
-                counts.duplicates += 1
-                return int(Disposition.DUPLICATE)
-            self._seen |= 1 << back
-            counts.missing = max(0, counts.missing - 1)
+            self._latch(DropReason.COUNTER_RESTART, self.state, counter, robot.expected_before_restart)
+            return _FRESH
+        if order == Order.REPEATED:
+            counts.duplicates += 1
+            return int(Disposition.DUPLICATE)
+        if order == Order.DOUBTFUL:
+            return self._refuse(f"its sequence counter {counter} is far from the last one, {robot.last}")
         counts.stale += 1
+        if order == Order.BELATED:
+            counts.missing = max(0, counts.missing - 1)
         return int(Disposition.STALE)
-
-    def _start_counting(self, counter: int) -> int:
-        self._resynchronise = False
-        self._last_counter = counter
-        self._seen = _HISTORY_MASK
-        self._probe_run = 0
-        self.gap = 0
-        return _FRESH
 
     # What is refused.
 

@@ -6,10 +6,14 @@ here waits.
 
 from __future__ import annotations
 
+import time
+
 from fri_client.handover import EventCode, HandoverRing
 from fri_client.motion import StopReason
 
-__all__ = ["StopWatch"]
+__all__ = ["RecorderPatience", "StopWatch"]
+
+_PATIENCE_S = 0.3
 
 _SENTENCES = {
     EventCode.OPERATOR_STOP: "The operator asked for a stop.",
@@ -58,3 +62,31 @@ def _requested(request: int) -> StopReason:
     if not code.is_stop_reason:
         code = EventCode.OPERATOR_STOP
     return StopReason(code, _SENTENCES.get(code, f"A stop was asked for ({code.name})."))
+
+
+class RecorderPatience:
+    """In simulated time only: lets a recorder catch up when the ring is half full, unless it does not move at all.
+
+    The robot's next message waits meanwhile; one wait is short enough that the robot does not give it up.
+    """
+
+    __slots__ = ("_ring", "_stuck_at")
+
+    def __init__(self, ring: HandoverRing) -> None:
+        self._ring = ring
+        self._stuck_at = -1
+
+    def wait(self) -> None:
+        """Return at once, or when the ring is half empty, or after _PATIENCE_S."""
+        ring = self._ring
+        half = ring.slots // 2
+        if ring.backlog <= half:
+            return
+        consumed = ring.produced - ring.backlog
+        if consumed == self._stuck_at:
+            return
+        deadline = time.monotonic() + _PATIENCE_S
+        while ring.backlog > half and time.monotonic() < deadline:
+            time.sleep(0.001)
+        if ring.produced - ring.backlog == consumed:
+            self._stuck_at = consumed

@@ -22,7 +22,8 @@ from fri_client.messages import (
     MonitoringMessage,
     RobotInfo,
 )
-from fri_client.session import COUNTER_WINDOW, RESTART_RUN, Session
+from fri_client.robot_counter import COUNTER_WINDOW, RESTART_RUN
+from fri_client.session import Session
 from fri_client.session_drop import DropReason
 
 IDLE, WAIT, READY, COMMANDING_WAIT, ACTIVE = range(5)

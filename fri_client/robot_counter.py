@@ -1,0 +1,92 @@
+"""The order of the robot's messages by their sequence counter alone (uint32, wraps; PROTOCOL section 6).
+
+Start value and reset rules of the robot's counter are not published, so a counter that begins anew is believed only
+when several messages in a row say so: one flipped bit must not look like a restarted controller. Called by `session`.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+__all__ = ["COUNTER_WINDOW", "RESTART_RUN", "Order", "RobotCounter"]
+
+COUNTER_WINDOW = 1000
+"""A sequence counter further away than this from the last one (1 s at 1 kHz) is not believed from one message alone."""
+
+RESTART_RUN = 10
+"""So many messages in a row, each one counter after the other but none of them next, prove a restarted counter."""
+
+_HISTORY = 64
+_HISTORY_MASK = (1 << _HISTORY) - 1
+_WRAP = 0xFFFFFFFF
+
+
+class Order(IntEnum):
+    """Where a message stands among those seen."""
+
+    NEXT = 0
+    """Newer than all; `gap` messages are missing before it."""
+    REPEATED = 1
+    """Seen before."""
+    BELATED = 2
+    """Older than the newest, and counted as missing until now."""
+    OLD = 3
+    """Older than the counters remembered."""
+    DOUBTFUL = 4
+    """Too far away to be believed."""
+    RESTARTED = 5
+    """The robot counts anew from here."""
+
+
+class RobotCounter:
+    """`judge` each counter; `last` is the newest, `gap` what is missing before it."""
+
+    __slots__ = ("_probe", "_probe_run", "_seen", "_synchronised", "expected_before_restart", "gap", "last")
+
+    def __init__(self) -> None:
+        self.last = 0
+        self.gap = 0
+        self.expected_before_restart = 0
+        self._seen = 0  # bit k: the counter last - k was seen
+        self._synchronised = False
+        self._probe = -1
+        self._probe_run = 0
+
+    def resynchronise(self) -> None:
+        """Take the next counter as it comes."""
+        self._synchronised = False
+
+    def judge(self, counter: int) -> Order:
+        """The order of one message."""
+        step = (counter - self.last) & _WRAP
+        if not self._synchronised:
+            return self._start(counter, Order.NEXT)
+        if 0 < step <= COUNTER_WINDOW:
+            self.gap = step - 1
+            self.last = counter
+            self._seen = (self._seen << step | 1) & _HISTORY_MASK if step < _HISTORY else 1
+            self._probe_run = 0
+            return Order.NEXT
+        self.gap = 0
+        self._probe_run = self._probe_run + 1 if counter == (self._probe + 1) & _WRAP else 1
+        self._probe = counter
+        if self._probe_run >= RESTART_RUN:
+            self.expected_before_restart = (self.last + 1) & _WRAP
+            return self._start(counter, Order.RESTARTED)
+        back = -step & _WRAP
+        if back > COUNTER_WINDOW:
+            return Order.DOUBTFUL
+        if back >= _HISTORY:
+            return Order.OLD
+        if self._seen >> back & 1:
+            return Order.REPEATED
+        self._seen |= 1 << back
+        return Order.BELATED
+
+    def _start(self, counter: int, order: Order) -> Order:
+        self._synchronised = True
+        self.last = counter
+        self.gap = 0
+        self._seen = _HISTORY_MASK  # what came before the first was never missing
+        self._probe_run = 0
+        return order
