@@ -2,8 +2,9 @@
 
 Where torque is measured at the motor side it holds the rotor's inertia, and often an offset. The rule for "auto": five
 folds of contiguous rows; a parameter set is taken over the next smaller one when it lowers the held-out sum of
-weighted squares by more than 1 %. Candidates: neither, offset, rotor inertia, both. Called by the fit for robots that
-are not built in.
+weighted squares by more than 1 %. Candidates: neither, offset, rotor inertia, both. Rotor inertias of which most come
+out negative are none (behind a gear's torque sensor they only absorb what else the model lacks): such a candidate is
+not taken. Called by the fit for robots that are not built in.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ def choose_drive_parameters(
     scores = {candidate: _held_out_cost(folds, _columns(regressor, *candidate)) for candidate in candidates}
     best = candidates[0]
     for candidate in candidates[1:]:
+        if rotor_inertia is None and candidate[0] and not _rotors_are_positive(folds, regressor, candidate):
+            continue
         if scores[candidate] < (1.0 - REQUIRED_GAIN) * scores[best]:
             best = candidate
     names = {
@@ -56,6 +59,16 @@ def choose_drive_parameters(
     }  # fmt: skip
     reference = max(scores[candidates[0]], 1e-300)
     return DriveChoice(*best, {names[candidate]: scores[candidate] / reference for candidate in candidates})
+
+
+def _rotors_are_positive(folds: list[FloatArray], regressor: BaseRegressor, candidate: tuple[bool, bool]) -> bool:
+    """Whether at least half of the rotor inertias that have a column of their own come out positive."""
+    columns = _columns(regressor, *candidate)
+    total = np.sum(folds, axis=0)
+    values = _solve(total, _joint_weights(total, columns), columns)
+    names = [regressor.full_names[regressor.kept[column]] for column in columns]
+    rotors = np.array([value for name, value in zip(names, values, strict=True) if name.startswith("IA_")])
+    return rotors.size == 0 or float(np.mean(rotors > 0.0)) >= 0.5
 
 
 def _columns(regressor: BaseRegressor, rotor_inertia: bool, offset: bool) -> IntArray:
@@ -102,13 +115,19 @@ def _squares(products: FloatArray, columns: IntArray, values: FloatArray) -> Flo
     return np.asarray(np.maximum(np.einsum("i,nij,j->n", direction, products, direction), 0.0), dtype=np.float64)
 
 
+def _joint_weights(products: FloatArray, columns: IntArray) -> FloatArray:
+    """(n,) one over each joint's residual squares, after three rounds."""
+    weights = np.ones(products.shape[0])
+    for _ in range(3):
+        squares = _squares(products, columns, _solve(products, weights, columns))
+        weights = 1.0 / np.maximum(squares, 1e-12 * products[:, -1, -1] + 1e-300)
+    return np.asarray(weights, dtype=np.float64)
+
+
 def _held_out_cost(folds: list[FloatArray], columns: IntArray) -> float:
     """Mean over the joints of log squares held out, as a plain number: the geometric mean of the joints' squares."""
     total = np.sum(folds, axis=0)
-    weights = np.ones(total.shape[0])
-    for _ in range(3):
-        squares = _squares(total, columns, _solve(total, weights, columns))
-        weights = 1.0 / np.maximum(squares, 1e-12 * total[:, -1, -1] + 1e-300)
+    weights = _joint_weights(total, columns)
     held_out = np.zeros(total.shape[0])
     for fold in folds:
         held_out += _squares(fold, columns, _solve(total - fold, weights, columns))

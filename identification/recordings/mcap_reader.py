@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -97,7 +97,7 @@ def _contents(path: Path) -> _Contents:
                 elif isinstance(record, Footer):
                     contents.complete = True
     except Exception as error:  # the library leaks struct.error, zstd and lz4 errors besides its own
-        contents.error = f"{type(error).__name__}: {error}" if not isinstance(error, McapError) else str(error)
+        contents.error = _cause(error)
         if not any(contents.messages.values()) and contents.archive is None:
             raise RecordingError(
                 f"{path.name}: no complete chunk of an MCAP log could be read ({contents.error})", file=path
@@ -105,6 +105,13 @@ def _contents(path: Path) -> _Contents:
     if not contents.complete and not contents.error:
         contents.error = "the footer is missing"
     return contents
+
+
+def _cause(error: Exception) -> str:
+    """What ended the reading, in words: the library's end-of-file error has none of its own."""
+    if isinstance(error, EndOfFile):
+        return "the file ends in the middle of a record"
+    return str(error) if isinstance(error, McapError) and str(error) else f"{type(error).__name__}: {error}"
 
 
 def _decode(path: Path, contents: _Contents, topic: str) -> list[Any]:

@@ -166,6 +166,7 @@ def test_a_log_broken_off_in_its_first_chunk_is_refused(tmp_path: Path) -> None:
         with pytest.raises(RecordingError) as caught:
             read_recording(broken)
         assert caught.value.exit_code == 65
+        assert "()" not in str(caught.value), "the cause is said"
 
 
 def test_any_cut_gives_rows_of_the_log_or_a_clear_error(tmp_path: Path) -> None:
