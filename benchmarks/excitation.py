@@ -106,7 +106,8 @@ def achieved_against_time(robot: RobotModel, arguments: argparse.Namespace) -> N
     workers = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(f"cond(Y_b) {result.cond:.2f} (1000 samples, true sign; the paper: 65), log det {result.log_det:.1f}")
     print(
-        f"  {len(result.history)} searches, {elapsed:.0f} s, CPU of the workers {workers.ru_utime + workers.ru_stime:.0f} s"
+        f"  {len(result.history)} searches, {elapsed:.0f} s, "
+        f"CPU of the workers {workers.ru_utime + workers.ru_stime:.0f} s"
     )
     report = verify(result.trajectory, limits)
     for name in ("position", "velocity", "acceleration", "paper"):
