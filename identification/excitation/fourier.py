@@ -214,6 +214,16 @@ def number(document: Mapping[str, Any], name: str, file: str) -> float:
     return float(value)
 
 
+_AXES = {
+    "q": ("row", "joint"),
+    "position": ("row", "joint"),
+    "a": ("joint", "harmonic"),
+    "b": ("joint", "harmonic"),
+    "offset": ("joint",),
+    "t": ("row",),
+}  # what the axes of a field are called in sentences
+
+
 def number_table(document: Mapping[str, Any], name: str, file: str, *, dimensions: int = 2) -> FloatArray:
     """The field as a finite array of the wanted dimensions; raises TrajectoryError naming field and place."""
     if name not in document:
@@ -232,6 +242,7 @@ def number_table(document: Mapping[str, Any], name: str, file: str, *, dimension
         )
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        place = ", ".join(str(int(i) + 1) for i in bad[0])
-        raise trajectory_error(f"the field '{name}' holds a number that is not finite at place ({place})", name, file)
+        axes = _AXES.get(name, ("place",) * dimensions)
+        place = ", ".join(f"{axis} {int(i) + 1}" for axis, i in zip(axes, bad[0], strict=True))
+        raise trajectory_error(f"the field '{name}' holds a number that is not finite at {place}", name, file)
     return array
