@@ -90,6 +90,8 @@ def record(
         fit=fit,
         seed=seed,
         simulation=True,
+        # In lockstep the robot waits for us; on a starved machine that may take a while without being a lost session.
+        receive_timeout_s=0.5 if realtime else 5.0,
     )
     with fake_robot(port, folder / "fake_robot.json", seed=seed, realtime=realtime, fri_version=fri_version):
         return run_acquisition(request, observe=observe)

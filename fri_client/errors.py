@@ -20,6 +20,8 @@
     │   ├── TextTooLong                 a name of more than 63 bytes
     │   └── MessageTooLong              more than the 1500 bytes the vendor's buffers hold
     ├── JsonFormError               65  a JSON object that is no message
+    ├── MotionError                 65  a table that cannot be driven as asked (in motion.py)
+    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover.py)
     └── SessionError                76  the exchange with the robot
         ├── RobotSilent             69  no monitoring message came
         └── SessionDropped           1  the robot left the commanding states; what was recorded is kept
@@ -27,9 +29,6 @@
 Here: the classes and their sentences. Not here: what anyone does about them. Everyone in and above this package
 may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
 """
-
-# The names say what happened, as the project style asks; they do not end in "Error".
-# ruff: noqa: N818
 
 from __future__ import annotations
 

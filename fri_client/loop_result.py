@@ -97,7 +97,9 @@ def explain(
     """
     reason, drop = motion.stop_reason, session.drop
     if outcome == "completed":
-        sentence = f"All {motion.periods_completed} periods were driven; the arm was stopped by ramp."
+        driven = motion.periods_completed
+        what = "The one period was" if driven == 1 else f"All {driven} periods were"
+        sentence = f"{what} driven; the arm was stopped by ramp."
         return LoopResult(outcome, outcome, sentence)
     if outcome == "dropped" and drop is not None:
         return LoopResult(outcome, drop.reason.name, drop.sentence(), drop.joint or None, drop.value, drop.limit)

@@ -1,0 +1,161 @@
+"""The whole chain with real processes over loopback: robot, loop, recorder, supervisor, detached worker.
+
+What the log holds is read back with readers that share no code with the writer.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mcap_ros2.decoder
+import numpy as np
+import psutil
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from identification.excitation import FourierTrajectory, default_trajectory
+from tests.end_to_end.processes import fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+
+PERIOD_S = 2.0
+SAMPLES = 2000
+
+
+@pytest.fixture(scope="module")
+def short_trajectory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A gentle motion of 2 s a period, so that a test needs thousands of messages and not ten thousands."""
+    shipped = default_trajectory()
+    short = FourierTrajectory(1.0 / PERIOD_S, 0.2 * shipped.a, 0.2 * shipped.b, shipped.offset, shipped.robot)
+    file = tmp_path_factory.mktemp("trajectory") / "short.json"
+    file.write_text(json.dumps(short.to_json()))
+    return file
+
+
+def messages(log: Path, topic: str) -> Iterator[Any]:
+    """Decoded messages of one topic, by the ROS 2 decoder of the MCAP project."""
+    with log.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[mcap_ros2.decoder.DecoderFactory()])
+        for _, _, _, message in reader.iter_decoded_messages(topics=[topic]):
+            yield message
+
+
+def wait_until(condition: Any, allowance_s: float = 60.0) -> None:
+    """Poll until the condition holds; fails the test when it never does."""
+    for _ in range(int(allowance_s / 0.05)):
+        if condition():
+            return
+        time.sleep(0.05)
+    pytest.fail("what was waited for did not happen")
+
+
+@pytest.mark.parametrize("version", ["1.15", "2.5", "2.7"])
+def test_every_message_of_a_run_is_answered_and_in_the_log(
+    version: str, tmp_path: Path, short_trajectory: Path
+) -> None:
+    port = free_udp_port()
+    with fake_robot(port, tmp_path / "robot.json", "--fri-version", version, "--lockstep", "--seed", 3):
+        result = iiwa_ident(
+            "run", short_trajectory, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--fri-version", version,
+            "--out", tmp_path / "run", "--no-fit", "--json", "-",
+        )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    outcome = json.loads(result.stdout)
+    loop = outcome["loop"]
+    assert loop["missing"] == 0
+    assert loop["lost_in_handover"] == 0
+    assert loop["received"] == loop["answered"]
+    assert loop["standstill_confirmed"]
+
+    log = tmp_path / "run" / "recording.mcap"
+    states = list(messages(log, "/fri/state"))
+    assert len(states) == outcome["samples"] == loop["received"]
+    counters = np.array([state.sequence_counter for state in states])
+    assert np.all(np.diff(counters) == 1)
+    labels = np.array([(state.period, state.sample_in_period) for state in states])
+    for period in (0, 1):
+        assert np.array_equal(labels[labels[:, 0] == period, 1], np.arange(SAMPLES))
+
+    with AnyReader([log]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/joint_states"]
+        decoded = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=connections)]
+    assert len(decoded) == len(states)
+    for joint_state, state in zip(decoded[:50], states[:50], strict=True):
+        assert {len(joint_state.name), len(joint_state.position), len(joint_state.velocity)} == {7}
+        assert list(joint_state.position) == list(state.measured_joint_position)
+        assert list(joint_state.effort) == [-torque for torque in state.measured_torque]
+
+    robot = json.loads((tmp_path / "robot.json").read_text())
+    assert robot["rejections"] == []
+    assert robot["counts"]["commands_accepted"] > 2 * SAMPLES
+
+
+def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajectory: Path) -> None:
+    port = free_udp_port()
+    folder = tmp_path / "run"
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 4):
+        process = start_iiwa_ident(
+            "run", short_trajectory, "--periods", 3, "--bind", f"127.0.0.1:{port}", "--out", folder
+        )
+        status_file = folder / "worker_status.json"
+        wait_until(status_file.exists, 120)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    wait_until(lambda: json.loads(status_file.read_text())["phase"] in ("done", "failed"), 120)
+    assert json.loads(status_file.read_text())["phase"] == "done", status_file.read_text()
+    model = json.loads((folder / "model.json").read_text())
+    assert len(model["base_parameters"]) == 57
+
+
+def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: Path, short_trajectory: Path) -> None:
+    port = free_udp_port()
+    folder = tmp_path / "run"
+    with fake_robot(port, tmp_path / "robot.json", "--seed", 5):  # by the clock: there is time to interrupt
+        process = start_iiwa_ident(
+            "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
+        )
+        lines: list[str] = []
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.append(line)
+            if "excitation" in line:
+                process.send_signal(signal.SIGINT)
+                break
+        lines += process.stdout.read().splitlines()
+        assert process.wait(60) in (1, 130), lines
+    outcome = json.loads((folder / "run.json").read_text())
+    assert outcome["outcome"] == "stopped"
+    assert outcome["loop"]["standstill_confirmed"]
+    states = list(messages(folder / "recording.mcap", "/fri/state"))
+    assert len(states) == outcome["samples"]
+    still = np.array([state.measured_joint_position for state in states[-100:]])
+    assert np.ptp(still, axis=0).max() < 5e-4
+    assert json.loads((tmp_path / "robot.json").read_text())["rejections"] == []
+
+
+def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Path, short_trajectory: Path) -> None:
+    port = free_udp_port()
+    folder = tmp_path / "run"
+    with fake_robot(port, tmp_path / "robot.json", "--seed", 6):
+        process = start_iiwa_ident(
+            "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "excitation" in line:
+                break
+        children = psutil.Process(process.pid).children(recursive=True)
+        recorder = next(child for child in children if "daemon.recorder" in " ".join(child.cmdline()))
+        recorder.kill()
+        process.stdout.read()
+        assert process.wait(90) == 1
+    outcome = json.loads((folder / "run.json").read_text())
+    assert outcome["loop"]["standstill_confirmed"]
+    counters = [state.sequence_counter for state in messages(folder / "recording.mcap", "/fri/state")]
+    assert np.all(np.diff(counters) == 1)
+    assert len(counters) == outcome["loop"]["received"]
