@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 
-# Matrices here are small: a second BLAS thread gains nothing, and its spinning steals the core that the 1 kHz loop or the
-# robot's answer needs. It counts only when set before numpy is loaded, hence here; a user's own setting is kept.
+# Matrices here are small: a second BLAS thread gains nothing, and its spinning steals the core that the 1 kHz loop
+# needs. It counts only when set before numpy is loaded, hence here; a user's own setting is kept.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 __all__: list[str] = []
