@@ -1,13 +1,12 @@
 """Bias of the paper's filter chain and of the periodic pipeline on noise-free data, side by side, in σ of Table 2.
 
-Run: python benchmarks/pipelines.py FOLDER, which holds table2_base_parameters.csv and table3_physical_parameters.csv.
+Run: python benchmarks/pipelines.py. The paper's Tables 2 and 3 come from the tests' data.
 The data: Table 3 through Pinocchio's inverse dynamics plus friction at 1 kHz, on the shipped excitation and on a random
 Fourier motion.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import sys
 from pathlib import Path
@@ -27,9 +26,7 @@ SEED = 7
 
 def main() -> int:
     """Print median and worst bias of each pipeline."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
+    folder = Path(__file__).resolve().parents[1] / "tests" / "identification" / "data"
     robot = load_robot("iiwa14")
     plant = _table_three(folder / "table3_physical_parameters.csv")
     sigma = _table_two(folder / "table2_base_parameters.csv")

@@ -72,11 +72,14 @@ def demo(
     truth = demonstration.true_base_parameters(out / "excitation" / "fake_robot.json", regressor)
     show_comparison(document["base_parameters"], truth)
 
-    data("5. RMS of measured minus modelled torque per joint, Nm (the motion used for the fit, then the unused one)")
+    data("5. RMS of measured minus modelled torque per joint, Nm, of the base and of the feasible parameters")
     model = read_model(model_file)
-    recordings = [read_recording(folder / "recording.mcap") for folder in (out / "excitation", out / "unused")]
-    for recording in recordings:
-        data(validate_model(model, [recording]).text())
+    for what, folder, averaged in (("fitted", "excitation", periods), ("unused", "unused", PERIODS_UNUSED)):
+        recording = read_recording(out / folder / "recording.mcap")
+        table = validate_model(model, [recording])
+        data(f"   {what} motion, mean of {averaged} period(s); the noise alone would give:")
+        data(f"   {'':24s}" + "".join(f"{floor:8.3f}" for floor in table.rows[0].noise_floor_nm))
+        data(table.text())
     show_certificate(document["certificate"])
     show_files(out)
 

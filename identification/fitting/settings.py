@@ -90,7 +90,7 @@ class FitSettings:
     flip_torque: bool = False
     check_torque_sign: bool = True
     physical: bool = True
-    starts: int = 5
+    starts: int = 16
     seed: int = 20240607
 
     def __post_init__(self) -> None:
