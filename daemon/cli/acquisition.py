@@ -150,8 +150,7 @@ def run(
         simulation=ipaddress.ip_address(host).is_loopback,
     )
     outcome = run_acquisition(request, observe=show_event)
-    if outcome.worker_status_file is not None:
-        wait_for_worker(Path(outcome.worker_status_file))
+    fit = wait_for_worker(Path(outcome.worker_status_file)) if outcome.worker_status_file is not None else None
     if json_file is not None:
         import msgspec
 
@@ -162,6 +161,8 @@ def run(
         data(f"Everything is in {outcome.out_dir}")
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)
+    if fit is not None and fit.phase == "failed":
+        raise typer.Exit(fit.exit_code or 1)
 
 
 @app.command()
