@@ -51,6 +51,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
     maximum_distance_to_measured: rad, guard on |command − measured position|.
     robot_host: only datagrams of this address are taken; None = the first sender is taken and kept.
     supervisor_timeout_s: the loop stops by ramp when the supervisor's heartbeat is older, s; 0 = not watched.
+    workspace_file: YAML with floor, walls, boxes, tool and margins; None = a floor at the mounting face alone.
+    ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
+    tell arms apart; skip_ladder: an amplitude may be skipped, which the log then says.
     """
 
     run_id: str
@@ -81,6 +84,10 @@ class RunRequest(Message, frozen=True, kw_only=True):
     realtime_priority: int = 80
     loop_cpu: int | None = None
     simulation: bool = False
+    workspace_file: str | None = None
+    ladder_file: str | None = None
+    skip_ladder: bool = False
+    serial: str | None = None
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""
@@ -211,12 +218,14 @@ class RunOutcome(Message, frozen=True, kw_only=True):
     finished_at: str = ""
     worker_pid: int | None = None
     worker_status_file: str | None = None
+    commissioning: dict[str, str] = {}
 
 
 class RunEvent(Message, frozen=True, kw_only=True):
     """One thing worth telling the operator while the run goes on.
 
-    kind: "starting", "waiting", "session", "phase", "progress", "warning", "stopping", "finished", "worker".
+    kind: "starting", "waiting", "preflight", "session", "phase", "progress", "warning", "stopping", "finished" or
+    "worker".
     period and periods are filled for "progress" and "phase"; rate in samples/s; missing counts sequence gaps so far.
     """
 

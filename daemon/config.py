@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import ipaddress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -31,9 +31,11 @@ from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
 
-__all__ = ["DaemonConfig", "FriSettings", "RealtimeChoice", "RunSettings", "load_config"]
+__all__ = ["DaemonConfig", "FriSettings", "RealtimeChoice", "RunSettings", "load_config", "read_settings"]
 
 MAXIMUM_BYTES = 1_000_000
+
+_Settings = TypeVar("_Settings", bound=msgspec.Struct)
 
 
 class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -110,24 +112,29 @@ def load_config(path: str | Path) -> DaemonConfig:
     Raises MissingInputError (66), or ConfigurationError (78) naming file and field: no YAML, an unknown key, a value of
     the wrong kind or out of range.
     """
+    config = read_settings(path, DaemonConfig, "the configuration")
+    _check(config, str(path))
+    return config
+
+
+def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Settings:
+    """A YAML file as a structure that knows all its keys; an empty file gives the defaults. Raises as load_config."""
     file = Path(path)
     try:
         data = file.read_bytes()
     except FileNotFoundError as error:
-        raise MissingInputError(str(file), "the configuration") from error
+        raise MissingInputError(str(file), purpose) from error
     except OSError as error:
         raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
     if len(data) > MAXIMUM_BYTES:
         raise ConfigurationError(f"has {len(data)} bytes; that is no configuration file.", file=str(file))
     try:
-        config = msgspec.yaml.decode(data, type=DaemonConfig) if data.strip() else DaemonConfig()
+        return msgspec.yaml.decode(data, type=kind) if data.strip() else kind()
     except msgspec.ValidationError as error:
         text, _, place = str(error).partition(" - at `$")
         raise ConfigurationError(f"{text}.", file=str(file), field=place.strip(".`") or _key_in(text)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(f"is no YAML: {' '.join(str(error).split())}.", file=str(file)) from error
-    _check(config, str(file))
-    return config
 
 
 def _key_in(text: str) -> str | None:
