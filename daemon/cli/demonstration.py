@@ -13,7 +13,7 @@ from rich.table import Table
 from daemon.cli.acquisition import show_event, show_preflight
 from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
-from daemon.cli.output import data, message, show_table
+from daemon.cli.output import JsonOption, data, show_table, write_json
 from daemon.cli.worker_view import wait_for_worker
 from daemon.preparation import PreparedMotion, prepare_motion
 
@@ -26,6 +26,7 @@ def demo(
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
     realtime: Annotated[bool, typer.Option("--realtime", help="1 kHz by the clock instead of lockstep.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of the fake robot's noise.")] = 1,
+    json_file: JsonOption = None,
 ) -> None:
     """The whole chain without a robot: check, record over FRI, fit, compare with the truth and on other data.
 
@@ -74,14 +75,19 @@ def demo(
 
     data("5. RMS of measured minus modelled torque per joint, Nm, of the base and of the feasible parameters")
     model = read_model(model_file)
+    tables = {}
     for what, folder, averaged in (("fitted", "excitation", periods), ("unused", "unused", PERIODS_UNUSED)):
         recording = read_recording(out / folder / "recording.mcap")
         table = validate_model(model, [recording])
         data(f"   {what} motion, mean of {averaged} period(s); the noise alone would give:")
         data(f"   {'':24s}" + "".join(f"{floor:8.3f}" for floor in table.rows[0].noise_floor_nm))
         data(table.text())
+        tables[what] = table.to_json()
     show_certificate(document["certificate"])
-    show_files(out)
+    files = show_files(out)
+    if json_file is not None:
+        parameters = [{**p, "true": float(t)} for p, t in zip(document["base_parameters"], truth, strict=True)]
+        write_json(json_file, {"base_parameters": parameters, "rms": tables, "files": files, "seed": seed})
 
 
 def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
@@ -109,9 +115,10 @@ def show_comparison(parameters: list[dict[str, Any]], truth: np.ndarray[Any, Any
     data(f"{within} of the {determined} parameters whose σ is below 5 % of their value are within 3 σ of the truth.")
 
 
-def show_files(out: Path) -> None:
-    """Where everything is."""
-    message("")
+def show_files(out: Path) -> list[str]:
+    """Print where everything is, and return it."""
+    files = sorted(path for path in out.rglob("*") if path.is_file() and not path.name.startswith("."))
     data("Files:")
-    for file in sorted(path for path in out.rglob("*") if path.is_file() and not path.name.startswith(".")):
+    for file in files:
         data(f"  {file}  ({file.stat().st_size / 1e6:.2f} MB)")
+    return [str(file) for file in files]
