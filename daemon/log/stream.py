@@ -6,13 +6,15 @@ MCAP, messages. The writer uses it.
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import fcntl
 import os
 from pathlib import Path
 
 from daemon.errors import LogIOError
 
-__all__ = ["DiskReserve", "PatientFile", "is_full"]
+__all__ = ["DiskReserve", "PatientFile", "is_being_written", "is_full"]
 
 
 class PatientFile:
@@ -21,6 +23,7 @@ class PatientFile:
     `write` collects in memory; `flush` hands everything to the operating system. When that fails (disk full), the file
     is cut back to the end of the last whole flush, nothing collected is forgotten, LogIOError is raised and a later
     `flush` tries again. Kept without fsync: what `flush` handed over survives any kill -9, not a power cut.
+    While it is open it is locked (flock): others can tell a recording that goes on from one that was broken off.
     """
 
     def __init__(self, path: Path) -> None:
@@ -30,6 +33,9 @@ class PatientFile:
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise LogIOError(str(path), error) from error
+        # A file system without locks is no reason not to record.
+        with contextlib.suppress(OSError):
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._committed = 0
         self._pending = bytearray()
 
@@ -83,30 +89,54 @@ class PatientFile:
 
 
 class DiskReserve:
-    """A file of `size` bytes beside the log, really allocated, given back when the disk is full.
+    """`size` bytes on the disk of a folder, really allocated, given back when the disk is full.
 
-    It buys the room for the stop ramp, the last samples and the closing of the file.
+    It buys the room for the stop ramp, the last samples and the closing of the file. The file has no name: it is gone
+    with the process, however that ends.
     """
 
     def __init__(self, folder: Path, name: str, size: int) -> None:
-        """Allocate. Raises LogIOError when the room is not there now: then the run should not begin."""
-        self._path = folder / name
+        """Allocate; `name` is seen for an instant only. Raises LogIOError when the room is not there now: then the run
+        should not begin.
+        """
+        path = folder / name
+        self._descriptor = -1
         try:
-            descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            try:
-                os.posix_fallocate(descriptor, 0, size)
-            finally:
-                os.close(descriptor)
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            path.unlink()
+            os.posix_fallocate(self._descriptor, 0, size)
         except OSError as error:
-            self._path.unlink(missing_ok=True)
+            self.give_back()
             raise LogIOError(str(folder), error) from error
-        self._held = True
+
+    @property
+    def bytes_held(self) -> int:
+        """Bytes that nobody else can take."""
+        return os.fstat(self._descriptor).st_blocks * 512 if self._descriptor >= 0 else 0
 
     def give_back(self) -> bool:
         """Free the room; False when that was done before."""
-        held, self._held = self._held, False
-        self._path.unlink(missing_ok=True)
-        return held
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+        return descriptor >= 0
+
+
+def is_being_written(path: Path) -> bool:
+    """True when a living process has this file open as its PatientFile."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def is_full(error: LogIOError) -> bool:

@@ -5,13 +5,16 @@ Truth comes from the vendor's golden datagrams (`fields` in vectors.json), decod
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import small_mcap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -32,7 +35,7 @@ from daemon.log.cdr import (
     pack_string,
     state_counters,
 )
-from daemon.log.stream import DiskReserve, PatientFile
+from daemon.log.stream import DiskReserve, PatientFile, is_being_written
 from daemon.log.writer import Attachment, LogWriter
 from fri_client.codec import Codec
 from fri_client.errors import FriError
@@ -371,14 +374,73 @@ def test_a_log_opens_with_every_library_and_holds_each_sample_once(tmp_path: Pat
     assert np.allclose(velocities[1:], 1.0)
 
 
-def test_no_chunk_is_longer_than_the_loss_we_allow(tmp_path: Path) -> None:
+def test_no_chunk_holds_more_than_the_time_we_may_lose_and_none_is_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that advances 1 ms per sample: the chunks' own first and last times tell how much one flush holds."""
+    ticks = itertools.count()
+    monkeypatch.setattr("daemon.log.writer.time.monotonic", lambda: next(ticks) * 0.001)
     path = tmp_path / "recording.mcap"
-    write_log(path, 1000).finish({})
+    write_log(path, 3000).finish({})
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) > 5
-    assert all(index.uncompressed_size < 70_000 for index in summary.chunk_indexes)
+    assert all(index.uncompressed_size < 600_000 for index in summary.chunk_indexes)
+    spans = [index.message_end_time - index.message_start_time for index in summary.chunk_indexes[1:]]
+    # write_log's samples are 0.5 ms apart on the host's clock.
+    assert max(spans) <= 0.25e9 / 2 + 1e6
+
+
+def test_half_an_hour_of_chunks_costs_the_writer_less_than_two_megabytes(tmp_path: Path) -> None:
+    """7200 flushes are 30 minutes at one each quarter of a second; counted by Python's own allocator."""
+    writer = LogWriter(tmp_path / "recording.mcap", metadata={})
+    tracemalloc.start()
+    try:
+        for index in range(7200):
+            writer.write_sample(monitoring(index), None, LABELS)
+            writer.flush()
+            if index == 100:
+                begin = tracemalloc.get_traced_memory()[0]
+        grown = tracemalloc.get_traced_memory()[0] - begin
+    finally:
+        tracemalloc.stop()
+    assert grown < 2_000_000
+    assert writer.finish({}) == 7200
+    with (tmp_path / "recording.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 7201
+
+
+def test_a_reader_that_shares_no_code_with_the_writer_finds_every_message_through_the_index(tmp_path: Path) -> None:
+    """small-mcap reads container, checksums, summary and message indexes by code of its own."""
+    path = tmp_path / "recording.mcap"
+    write_log(path, 700).finish({})
+    with path.open("rb") as stream:
+        summary = small_mcap.get_summary(stream)
+        assert summary is not None
+        assert small_mcap.get_header(stream).profile == "ros2"
+        found: dict[str, list[int]] = {}
+        for _, channel, message in small_mcap.read_message(stream, validate_crc=True):
+            found.setdefault(channel.topic, []).append(message.sequence)
+        middle = 1_700_000_000_000_000_000 + 350 * 500_000
+        late = [
+            message.sequence
+            for _, channel, message in small_mcap.read_message(stream, start_time_ns=middle)
+            if channel.topic == "/fri/state"
+        ]
+        assert {each.name for each in summary.metadata_indexes} == {"iiwa_ident", "iiwa_ident_end"}
+        stream.seek(0)
+        rebuilt = small_mcap.rebuild_summary(
+            stream, validate_crc=True, calculate_channel_sizes=False, exact_sizes=False
+        )
+    assert found["/fri/state"] == found["/joint_states"] == found["/fri/command"] == list(range(700))
+    assert late == list(range(350, 700))
+    assert summary.statistics is not None
+    assert rebuilt.summary.statistics.message_count == summary.statistics.message_count
+    assert rebuilt.summary.chunk_indexes == summary.chunk_indexes
 
 
 def test_a_robot_clock_gone_mad_does_not_break_the_log(tmp_path: Path) -> None:
@@ -430,9 +492,18 @@ def test_a_log_never_overwrites_another(tmp_path: Path) -> None:
     assert path.read_bytes() == b"precious"
 
 
-def test_the_reserve_is_really_allocated_and_given_back(tmp_path: Path) -> None:
+def test_the_reserve_is_really_allocated_and_gone_with_its_process(tmp_path: Path) -> None:
     reserve = DiskReserve(tmp_path, ".reserve", 65536)
-    assert (tmp_path / ".reserve").stat().st_blocks * 512 >= 65536
+    assert reserve.bytes_held >= 65536
+    assert list(tmp_path.iterdir()) == []
     assert reserve.give_back()
     assert not reserve.give_back()
-    assert list(tmp_path.iterdir()) == []
+    assert reserve.bytes_held == 0
+
+
+def test_a_file_that_is_being_written_is_told_from_one_that_was_left(tmp_path: Path) -> None:
+    stream = PatientFile(tmp_path / "a")
+    assert is_being_written(tmp_path / "a")
+    stream.close()
+    assert not is_being_written(tmp_path / "a")
+    assert not is_being_written(tmp_path / "no such file")

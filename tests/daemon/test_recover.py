@@ -46,7 +46,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     producer.push(SAMPLES // 2, skip=3)
     ring.finish()
     job = make_job(folder)
-    assert Recorder(job, HandoverRing.attach(ring.fd), [].append).run() == 0
+    with pytest.MonkeyPatch.context() as patch:
+        # Chunks of 64 KiB, so that 400 samples fill several.
+        patch.setattr("daemon.log.writer.CHUNK_BYTES", 65536)
+        assert Recorder(job, HandoverRing.attach(ring.fd), [].append).run() == 0
     ring.close()
     return Log(Path(job.path).read_bytes())
 
