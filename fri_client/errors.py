@@ -20,7 +20,7 @@
     │   ├── TextTooLong                 a name of more than 63 bytes
     │   └── MessageTooLong              more than the 1500 bytes the vendor's buffers hold
     ├── JsonFormError               65  a JSON object that is no message
-    ├── MotionError                 65  a table that cannot be driven as asked (in motion.py)
+    ├── MotionError                 65  a table that cannot be driven as asked (in motion_table.py)
     ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover.py)
     └── SessionError                76  the exchange with the robot
         ├── RobotSilent             69  no monitoring message came

@@ -1,12 +1,16 @@
 """The motion of one acquisition as a state machine that is driven by ticks and knows neither sockets nor clocks.
 
 Here: the order of the phases, the label of each sample, the stop from any tick, and when the arm counts as standing
-still. Not here: the shape of ramps and the judgement of commands (`safety`), the session (`session`), who calls
-(`loop`).
+still. Not here: the shape of ramps and stops and the judgement of commands (`safety`), the session (`session`), who
+calls (`loop`).
 
     WAITING -> START_RAMP -> LEAD_IN -> EXCITATION x periods -> STOP_RAMP -> HOLD -> DONE
                    any stop reason at any tick ------------------> STOP_RAMP
                    a drop of the session at any tick ------------> LATCHED
+
+A stop keeps to the verified path where it can: on the table, with a reason that leaves the table above suspicion, and
+with room for it in the limits. Else each joint stops on its own: on the start ramp, after a verdict on the table's own
+command, after an internal error.
 
 One call of `tick` is one command: the path advances by one step per answered fresh message and never by more, so a lost
 or late message delays the path and cannot make a step larger than planned.
@@ -15,25 +19,27 @@ or late message delays the path and cannot make a step larger than planned.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fri_client.errors import FriError
 from fri_client.handover import EventCode
+from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
 from fri_client.standstill import Standstill
+from fri_client.stop_reason import StopKind, StopReason, too_much_torque
 from safety.errors import RampError
-from safety.guard import CommandGuard, GuardVerdict
+from safety.guard import CommandGuard
 from safety.limits import JointLimits
+from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
-__all__ = ["MotionError", "MotionPhase", "MotionProgram", "StopReason", "command_stride"]
+__all__ = ["MotionError", "MotionPhase", "MotionProgram", "StopKind", "StopReason", "command_stride"]
 
 FloatArray = NDArray[np.float64]
 
-_RELATIVE_GRID_TOLERANCE = 1e-6
+_ROWS_BEFORE_PATH_STOP = 3
+"""Commands on the table before a stop may keep to it: its first differences reach back so far."""
 
 
 class MotionPhase(IntEnum):
@@ -50,48 +56,6 @@ class MotionPhase(IntEnum):
 
 
 _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
-
-
-class MotionError(FriError):
-    """The table cannot be driven as asked: shape, a value that is not finite, or a period off the command grid."""
-
-    exit_code = 65
-
-
-@dataclass(frozen=True, slots=True)
-class StopReason:
-    """Why the motion stops or stopped early: code of EventCode, one sentence, joint (from 1, 0: none) and numbers."""
-
-    code: EventCode
-    sentence: str
-    joint: int = 0
-    value: float = 0.0
-    limit: float = 0.0
-
-    @classmethod
-    def from_verdict(cls, verdict: GuardVerdict) -> StopReason:
-        """The guard refused a command."""
-        return cls(EventCode.GUARD, verdict.sentence(), verdict.joint, verdict.value, verdict.limit)
-
-
-def command_stride(rows: int, table_period_s: float, command_period_s: float) -> int:
-    """Rows of the table per command: command_period_s / table_period_s.
-
-    Raises MotionError unless that is a whole number and the table's period a whole number of commands.
-    """
-    ratio = command_period_s / table_period_s
-    stride = round(ratio)
-    if stride < 1 or abs(ratio - stride) > _RELATIVE_GRID_TOLERANCE * ratio:
-        raise MotionError(
-            f"The robot takes a command every {command_period_s * 1e3:g} ms, which is no whole multiple of the table's "
-            f"{table_period_s * 1e3:g} ms grid: choose another send period or receive multiplier."
-        )
-    if rows % stride:
-        raise MotionError(
-            f"The trajectory's period of {rows * table_period_s:g} s is no whole number of command periods of "
-            f"{command_period_s * 1e3:g} ms: choose another send period or another trajectory."
-        )
-    return stride
 
 
 class MotionProgram:
@@ -119,7 +83,7 @@ class MotionProgram:
         maximum_distance_to_measured: FloatArray | float = 0.1,
         external_torque_limit: Sequence[float] | None = None,
     ) -> None:
-        table = _checked_table(table, limits.joint_count)
+        table = checked_table(table, limits.joint_count)
         stride = command_stride(len(table), table_period_s, command_period_s)
         self._limits = limits
         self.command_period_s = command_period_s
@@ -131,15 +95,18 @@ class MotionProgram:
         self._path: list[tuple[float, ...]] = list(map(tuple, table[::stride].tolist()))
         self._lead_in = round(lead_in_s / command_period_s)
         first = -self._lead_in * stride % len(table)
-        self._start_state = _state_of_row(table, first, table_period_s)
-        self._end_ramp = plan_stop_ramp(*_state_of_row(table, len(table) - stride, table_period_s), limits)
+        self._start_state = state_of_row(table, first, table_period_s)
+        self._stride = stride
+        self._path_stops = PathStops(table, table_period_s, stride, limits)
+        self._path_stop_tried = False
+        self._end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
         self._first = first // stride
         self._step = 0  # steps done within the current phase
         self._total = periods * len(self._path)
         self._start_ramp: Ramp | None = None
         self._start_position: tuple[float, ...] = ()
         self._start_ticks = 0
-        self._stop_ramp: Ramp | None = None
+        self._stop_ramp: Ramp | PathStop | None = None
         self._last: Sequence[float] = ()
         self._start_done = 0
         self._on_path = 0
@@ -150,6 +117,7 @@ class MotionProgram:
         self.period = -1
         self.sample_in_period = -1
         self.stop_reason: StopReason | None = None
+        self.stop_kind: StopKind | None = None
         self.overruled = 0
         self.standstill = Standstill(command_period_s / samples_per_command)
 
@@ -219,7 +187,7 @@ class MotionProgram:
             if limits is not None and external_torque is not None and self._stop_asked is None:
                 for joint, value in enumerate(external_torque):
                     if not -limits[joint] <= value <= limits[joint]:
-                        self.stop(_too_much_torque(joint + 1, value, limits[joint]))
+                        self.stop(too_much_torque(joint + 1, value, limits[joint]))
                         break
             if self._stop_asked is None:
                 command = self._next_on_path()
@@ -279,7 +247,9 @@ class MotionProgram:
         rows: list[Sequence[float]] = [self._start_position] * 3
         if self._start_ramp is not None:
             rows += [self._start_ramp.position_at(k * period) for k in range(self._start_done)]
-        count = min(self._on_path, self._lead_in + 2 * len(self._path))
+        # Whole periods are left out, so that the stop follows on the row it was planned from.
+        beyond = max(0, self._on_path - self._lead_in - 2 * len(self._path))
+        count = self._on_path + -beyond // len(self._path) * len(self._path)
         rows += [self._path[(self._first + k) % len(self._path)] for k in range(count)]
         if self._stop_ramp is not None:
             rows += [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
@@ -320,16 +290,26 @@ class MotionProgram:
 
     # The stop.
 
+    @property
+    def stop_duration_s(self) -> float:
+        """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
+        return 0.0 if self._stop_ramp is None else self._stop_ramp.duration_s
+
     def _begin_stop(self) -> None:
-        if self._stop_asked is None:
-            self._stop_ramp = self._end_ramp
-        else:
-            self._plan_stop()
+        self._plan_stop()
         self.phase = _STOP_RAMP
         self.period = self.sample_in_period = -1
         self._step = 0
 
     def _plan_stop(self) -> None:
+        reason = self._stop_asked
+        self._stop_ramp = self._plan_stop_on_path()
+        self.stop_kind = "path" if self._stop_ramp is not None else "joint_space"
+        if self._stop_ramp is not None:
+            return
+        if reason is None and self.phase == _EXCITATION and self._on_path == self._lead_in + self._total:
+            self._stop_ramp = self._end_ramp
+            return
         guard = self._guard
         try:
             self._stop_ramp = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, self._limits)
@@ -340,6 +320,14 @@ class MotionProgram:
                 self.stop_reason = StopReason(
                     EventCode.RAMP_ERROR, str(error), error.joint or 0, error.value, error.limit
                 )
+
+    def _plan_stop_on_path(self) -> PathStop | None:
+        """The stop that keeps to the table's path, or None; tried once: a fault in it costs a tick and not the stop."""
+        reason = self._stop_asked
+        if self._path_stop_tried or self._on_path < _ROWS_BEFORE_PATH_STOP or (reason and not reason.path_is_good):
+            return None
+        self._path_stop_tried = True
+        return self._path_stops.plan((self._first + self._on_path - 1) * self._stride)
 
     def _next_of_stop(self, measured_position: Sequence[float]) -> Sequence[float]:
         ramp = self._stop_ramp
@@ -366,30 +354,3 @@ class MotionProgram:
     def _hold(self) -> None:
         self.phase = _HOLD
         self.standstill.reset()
-
-
-def _checked_table(table: FloatArray, joints: int) -> FloatArray:
-    array = np.asarray(table, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != joints or len(array) < 3:
-        raise MotionError(f"The table has shape {array.shape}; at least 3 rows of {joints} joint positions are needed.")
-    wrong = np.argwhere(~np.isfinite(array))
-    if len(wrong):
-        row, joint = (int(place) for place in wrong[0])
-        raise MotionError(f"The table holds {array[row, joint]} at row {row}, joint {joint + 1}; nothing was moved.")
-    return array
-
-
-def _state_of_row(table: FloatArray, row: int, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position rad, velocity rad/s and acceleration rad/s² at one row, by central differences of the periodic table."""
-    before, here, after = table[row - 1], table[row], table[(row + 1) % len(table)]
-    return here.copy(), (after - before) / (2.0 * period_s), (after - 2.0 * here + before) / period_s**2
-
-
-def _too_much_torque(joint: int, value: float, limit: float) -> StopReason:
-    return StopReason(
-        EventCode.EXTERNAL_TORQUE,
-        f"The external torque of joint {joint} is {value:.1f} Nm, beyond the limit of {limit:.1f} Nm.",
-        joint,
-        value,
-        limit,
-    )
