@@ -69,15 +69,17 @@ class LogIOError(DaemonError):
 
 
 class PortInUseError(DaemonError):
-    """Another program holds the UDP port. Carries host and port."""
+    """Another program holds the UDP port. Carries host, port and, where it is one of ours, the holder's process id."""
 
     exit_code = 69
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, *, holder_pid: int | None = None) -> None:
         self.host = host
         self.port = port
+        self.holder_pid = holder_pid
+        holder = "another program" if holder_pid is None else f"another iiwa-ident (process {holder_pid})"
         super().__init__(
-            f"UDP port {port} on {host} is in use by another program: stop that program or choose another port "
+            f"UDP port {port} on {host} is in use by {holder}: stop that program or choose another port "
             "(--bind), and set the same port in the robot's FRI configuration."
         )
 

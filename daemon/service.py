@@ -16,13 +16,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 from daemon.api import (
     LoopReport,
@@ -51,6 +48,9 @@ from daemon.host import software_versions
 from daemon.log.recover import merge_logs
 from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
 from daemon.run_folder import RECORDING_NAME, prepare_folder
+from daemon.runtime_folder import lock_port
+from daemon.start_check import StartCheck
+from daemon.stop_handle import StopHandle
 from daemon.times import now_text
 from daemon.worker_start import start_worker
 from fri_client.handover import EventCode, HandoverRing
@@ -68,25 +68,29 @@ PROGRESS_S = 10.0
 Observer = Callable[[RunEvent], None]
 
 
-def run_acquisition(request: RunRequest, *, observe: Observer) -> RunOutcome:
-    """Run one acquisition in the foreground and return how it ended; everything is in `request.out_dir`.
+def run_acquisition(
+    request: RunRequest, *, observe: Observer, stop: StopHandle | None = None, port_is_locked: bool = False
+) -> RunOutcome:
+    """Run one acquisition in the calling thread and return how it ended; everything is in `request.out_dir`.
 
-    SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for. Raises, before anything
+    SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
+    thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
     moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
     LogIOError, ChildProcessFailedError. A run that was stopped, dropped or never began is an outcome, not an error.
     """
-    return _Acquisition(prepare_folder(request), observe).run()
+    with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
+        return _Acquisition(prepare_folder(request), observe, stop or StopHandle()).run()
 
 
 class _Acquisition:
     """One run, from the ring to run.json; `run` is called once."""
 
-    def __init__(self, request: RunRequest, observe: Observer) -> None:
+    def __init__(self, request: RunRequest, observe: Observer, stop: StopHandle) -> None:
         self._request = request
         self._folder = Path(request.out_dir)
         self._observe = observe
         self._started_at = now_text()
-        self._interrupted: int | None = None
+        self._stop = stop
         self._parts: list[Path] = []
         self._finished: dict[int, RecorderFinished] = {}
         self._disk_failed = False
@@ -108,7 +112,9 @@ class _Acquisition:
             stack.callback(self._ring.close)
             # Beaten before the loop starts: a supervisor that never beat is not watched.
             self._ring.beat()
-            stack.enter_context(self._signals())
+            self._start_check = StartCheck(self._request, self._ring.gate)
+            stack.enter_context(self._stop.attached(self._ring))
+            stack.enter_context(self._stop.on_signals())
             self._tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
             self._start_recorder()
             self._wait_ready()
@@ -161,10 +167,14 @@ class _Acquisition:
         self._tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
         try:
             while loop.alive:
-                self._ring.beat()
+                # Where the operator's stop would not be heard any more, the loop is to stop by itself.
+                if self._stop.alive:
+                    self._ring.beat()
                 self._listen(POLL_S)
                 self._watch_recorder()
                 self._follow_loop()
+                if sentence := self._start_check.poll():
+                    self._tell("preflight", sentence)
         finally:
             loop.close()
         # A killed loop cannot say that no record will follow.
@@ -290,27 +300,6 @@ class _Acquisition:
             self._remarks.append(sentence)
             self._tell("warning", sentence)
 
-    # ---- signals
-
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM become a stop request; nothing is killed, a moving arm needs its ramp."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def stop(number: int, frame: FrameType | None) -> None:
-            del frame
-            self._interrupted = number
-            self._request_stop(EventCode.OPERATOR_STOP if number == signal.SIGINT else EventCode.SIGNAL_STOP)
-
-        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
     # ---- the end
 
     def _close_books(self, report: LoopReport) -> RunOutcome:
@@ -375,7 +364,7 @@ class _Acquisition:
 
     def _exit_code(self, report: LoopReport) -> int:
         code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]
-        if self._interrupted is not None and report.outcome in ("stopped", "not_started", "no_robot"):
+        if self._stop.signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
             return 130
         return code
 

@@ -1,0 +1,90 @@
+"""The private folder for sockets and locks, one per user: where it is, what may stand in it, and the locks themselves.
+
+Here: `runtime_folder`, `default_endpoint` and the lock that keeps one UDP port for one supervisor. Used by the service,
+by its clients and by the foreground run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from daemon.errors import ConfigurationError, PortInUseError
+
+__all__ = ["LONGEST_SOCKET_PATH", "default_endpoint", "lock_port", "runtime_folder"]
+
+LONGEST_SOCKET_PATH = 107
+"""Bytes; sun_path of unix(7) less its closing zero."""
+_LONGEST_NAME = len("/daemon-65535")
+
+
+def runtime_folder() -> Path:
+    """The folder, made with mode 0700: in $XDG_RUNTIME_DIR, or one per user in the folder for temporary files.
+
+    Raises ConfigurationError when what stands there is not a private folder of this user: somebody else's sockets must
+    not be taken for the service's.
+    """
+    base = os.environ.get("XDG_RUNTIME_DIR", "")
+    folder = Path(base) / "iiwa-ident"
+    if not os.path.isdir(base) or len(os.fsencode(folder)) + _LONGEST_NAME > LONGEST_SOCKET_PATH:
+        folder = Path(tempfile.gettempdir()) / f"iiwa-ident-{os.getuid()}"
+    if len(os.fsencode(folder)) + _LONGEST_NAME > LONGEST_SOCKET_PATH:
+        # Names of sockets have a limit; the system's own folder is short.
+        folder = Path("/tmp") / f"iiwa-ident-{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+        raise ConfigurationError(
+            f"{folder} must be a folder of user {os.getuid()} that nobody else may enter (mode 0700): remove it or set "
+            "XDG_RUNTIME_DIR."
+        )
+    return folder
+
+
+def default_endpoint(port: int) -> str:
+    """Where the service of one UDP port is reached when nothing else is said: a socket in the private folder."""
+    return f"ipc://{runtime_folder() / f'daemon-{port}'}"
+
+
+@contextlib.contextmanager
+def lock_port(host: str, port: int) -> Iterator[None]:
+    """Hold UDP port `port` of this user for the block; port 0 (the system's choice) needs no lock.
+
+    The kernel gives the lock back when its holder ends, however it ends. Raises PortInUseError naming the holder.
+    """
+    if port == 0:
+        yield
+        return
+    path = runtime_folder() / f"port-{port}.lock"
+    descriptor = _locked(path, host, port)
+    try:
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        # Removed while it is held, so nobody can hold a file that is about to go.
+        path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _locked(path: Path, host: str, port: int) -> int:
+    """Descriptor of the locked file that stands at `path` now."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
+            os.close(descriptor)
+            raise PortInUseError(host, port, holder_pid=int(holder) if holder.isdigit() else None) from error
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                return descriptor
+        # Its last holder removed it between our opening and locking it.
+        os.close(descriptor)
