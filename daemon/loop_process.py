@@ -36,7 +36,7 @@ from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for
 
-__all__ = ["EXIT_CODES", "REPORT_NAME", "main", "run_loop"]
+__all__ = ["EXIT_CODES", "REPORT_NAME", "load_table", "main", "motion_of", "run_loop"]
 
 REPORT_NAME = "loop_report.json"
 
@@ -141,6 +141,27 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
+def motion_of(
+    request: RunRequest,
+    table: NDArray[np.float64],
+    limits: JointLimits,
+    command_period_s: float,
+    samples_per_command: int,
+) -> MotionProgram:
+    """The motion of a request for the robot's command period; the check of the start drives the very same one."""
+    return MotionProgram(
+        table,
+        limits,
+        command_period_s=command_period_s,
+        samples_per_command=samples_per_command,
+        periods=request.periods,
+        lead_in_s=request.lead_in_s,
+        table_period_s=request.table_period_s,
+        maximum_distance_to_measured=request.maximum_distance_to_measured,
+        external_torque_limit=request.external_torque_limit,
+    )
+
+
 def _make_loop(
     request: RunRequest,
     channel: socket.socket,
@@ -150,17 +171,7 @@ def _make_loop(
     ring: HandoverRing,
 ) -> FriLoop:
     def make_motion(command_period_s: float, samples_per_command: int) -> MotionProgram:
-        return MotionProgram(
-            table,
-            limits,
-            command_period_s=command_period_s,
-            samples_per_command=samples_per_command,
-            periods=request.periods,
-            lead_in_s=request.lead_in_s,
-            table_period_s=request.table_period_s,
-            maximum_distance_to_measured=request.maximum_distance_to_measured,
-            external_torque_limit=request.external_torque_limit,
-        )
+        return motion_of(request, table, limits, command_period_s, samples_per_command)
 
     settings = LoopSettings(
         receive_timeout_s=request.receive_timeout_s,

@@ -24,6 +24,7 @@ express; `create` refuses to run there.
     256    stop request (EventCode), heartbeat ns        supervisor
     320    monotonic -> epoch offset ns                  create
     384    closed flag, LoopStatus                       loop
+    576    may the motion begin: see `start_gate`        loop, supervisor
     1024   reason: length, UTF-8                         loop
     4096   slot 0, slot 1, ...
 """
@@ -39,6 +40,7 @@ import time
 
 from fri_client.errors import FriError
 from fri_client.handover_record import Disposition, EventCode, HandoverRecord, LoopStatus
+from fri_client.start_gate import StartGate
 
 __all__ = [
     "COMMAND_CAPACITY",
@@ -116,6 +118,7 @@ class HandoverRing:
         ):
             self.close()
             raise HandoverError(f"descriptor {fd} is no hand-over ring of layout version {_LAYOUT_VERSION}")
+        self.gate = StartGate(words, self._bytes)
         self._slots = slots
         self._stop_level = slots * 8 // 10
         self._produced = words[_W_PRODUCED]

@@ -253,9 +253,12 @@ class FriLoop:
             if session.state < _COMMANDING_WAIT or ipo is None or ipo.joint_position is None:
                 return False
             self.motion.prepare(ipo.joint_position)
+            cleared = self._ring.gate.passes(ipo.joint_position, *self._prepared_for)
             if session.state != _ACTIVE or not may_move:
                 return False
             self._hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo.joint_position)
+            if not cleared and not self._hindrance:
+                self._hindrance = "nobody has said yet that the start ramp is clear"
             if self._hindrance:
                 return False
             session.begin_motion(message)

@@ -1,0 +1,119 @@
+"""Claims about the gate before the first command: who opens it, what stays shut, and what the arm is told.
+
+Truth: the robot process's own account of the commands it got, and distances at poses chosen so that they are known.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.errors import ConfigurationError
+from daemon.start_check import StartCheck
+from fri_client.handover import HandoverRing
+from fri_client.start_gate import SAME_POSITION_RAD, StartRefused
+
+from .producer import make_request
+
+REST = (0.0, 0.3, 0.0, -1.2, 0.0, 0.8, 0.0)
+
+
+def gentle_table(folder: Path) -> None:
+    angle = 2 * np.pi * np.arange(2000) / 2000
+    np.save(folder / "table.npy", np.array(REST) + 0.05 * (1 - np.cos(angle))[:, None])
+
+
+@pytest.fixture
+def ring() -> HandoverRing:
+    return HandoverRing.create(8)
+
+
+def test_without_a_supervisor_every_start_passes(ring: HandoverRing) -> None:
+    assert ring.gate.passes(REST, 0.001, 1)
+    assert ring.gate.question is None
+
+
+def test_a_closed_gate_opens_by_an_answer_to_this_very_position(ring: HandoverRing) -> None:
+    loop, supervisor = HandoverRing.attach(ring.fd).gate, ring.gate
+    supervisor.close()
+    assert not loop.passes(REST, 0.002, 2)
+    question = supervisor.question
+    assert question is not None
+    assert question.position == REST
+    assert (question.command_period_s, question.samples_per_command) == (0.002, 2)
+    assert not loop.passes(REST, 0.002, 2)
+    supervisor.answer(question.number)
+    assert supervisor.question is None
+    assert loop.passes(REST, 0.002, 2)
+    assert loop.passes(tuple(q + 0.9 * SAME_POSITION_RAD for q in REST), 0.002, 2)
+
+
+def test_a_moved_arm_is_asked_about_anew_and_an_answer_to_the_old_question_opens_nothing(ring: HandoverRing) -> None:
+    gate = ring.gate
+    gate.close()
+    gate.passes(REST, 0.001, 1)
+    first = gate.question
+    assert first is not None
+    moved = (0.1, *REST[1:])
+    assert not gate.passes(moved, 0.001, 1)
+    gate.answer(first.number)
+    assert not gate.passes(moved, 0.001, 1)
+    second = gate.question
+    assert second is not None
+    assert second.position == moved
+
+
+def test_no_is_raised_with_its_reason(ring: HandoverRing) -> None:
+    gate = ring.gate
+    gate.close()
+    gate.passes(REST, 0.001, 1)
+    assert gate.question is not None
+    gate.answer(gate.question.number, "Link 7 would touch the müll bin.")
+    with pytest.raises(StartRefused, match="müll bin") as caught:
+        gate.passes(REST, 0.001, 1)
+    assert caught.value.exit_code == 1
+
+
+def test_the_supervisor_clears_a_start_beside_the_motion(ring: HandoverRing, tmp_path: Path) -> None:
+    request = make_request(tmp_path, lead_in_s=0.2)
+    gentle_table(tmp_path)
+    check = StartCheck(request, ring.gate)
+    assert check.poll() == ""
+    assert not ring.gate.passes(REST, 0.001, 1)
+    assert "clear" in check.poll()
+    assert ring.gate.passes(REST, 0.001, 1)
+
+
+def test_a_box_between_the_arm_and_the_motion_keeps_the_gate_shut(ring: HandoverRing, tmp_path: Path) -> None:
+    """Turned by 100° about A1 the arm stands left of a post that the motion itself, in front, never comes near to."""
+    request = make_request(tmp_path, lead_in_s=0.2, workspace_file=str(tmp_path / "cell.yaml"))
+    gentle_table(tmp_path)
+    (tmp_path / "cell.yaml").write_text(
+        "boxes:\n- {name: post, center_m: [0.45, 0.55, 0.5], size_m: [0.1, 0.1, 2.0]}\n"
+    )
+    check = StartCheck(request, ring.gate)
+    here = (1.75, *REST[1:])
+    assert not ring.gate.passes(here, 0.001, 1)
+    sentence = check.poll()
+    assert "post" in sentence
+    assert "Nothing was moved" in sentence
+    with pytest.raises(StartRefused, match="post"):
+        ring.gate.passes(here, 0.001, 1)
+
+
+def test_an_arm_beyond_its_limits_is_refused_with_the_joint(ring: HandoverRing, tmp_path: Path) -> None:
+    request = make_request(tmp_path, lead_in_s=0.2)
+    gentle_table(tmp_path)
+    check = StartCheck(request, ring.gate)
+    ring.gate.passes((0.0, 0.3, 0.0, -2.4, 0.0, 0.8, 0.0), 0.001, 1)
+    assert "oint 4" in check.poll()
+    with pytest.raises(StartRefused):
+        ring.gate.passes((0.0, 0.3, 0.0, -2.4, 0.0, 0.8, 0.0), 0.001, 1)
+
+
+def test_a_workspace_file_that_cannot_be_used_ends_the_run_before_it_begins(ring: HandoverRing, tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text("flor_height_m: 1\n")
+    with pytest.raises(ConfigurationError, match="flor_height_m"):
+        StartCheck(make_request(tmp_path, workspace_file=str(tmp_path / "cell.yaml")), ring.gate)
