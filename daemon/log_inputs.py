@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import msgspec
@@ -11,7 +12,10 @@ from daemon.api import RecorderJob
 from daemon.host import host_report
 from daemon.log.writer import Attachment
 
-__all__ = ["attachments_of", "metadata_of"]
+__all__ = ["DESCRIPTION_NAME", "attachments_of", "closing_attachments_of", "description_of", "metadata_of"]
+
+DESCRIPTION_NAME = "robot.urdf"
+"""What the run's folder calls the description of a built-in arm, which has no URDF of its own."""
 
 
 def metadata_of(job: RecorderJob) -> dict[str, str]:
@@ -33,18 +37,45 @@ def metadata_of(job: RecorderJob) -> dict[str, str]:
     }
 
 
+def description_of(job: RecorderJob) -> str:
+    """URDF text for /robot_description: the request's file, else the run's description of a built-in arm, else ""."""
+    file = _urdf_file(job)
+    return "" if file is None else file.read_text(encoding="utf-8")
+
+
 def attachments_of(job: RecorderJob) -> list[Attachment]:
-    """Resolved request, trajectory, table, URDF and host report, as far as they exist."""
+    """Resolved request, host report, trajectory, table and URDF, as far as they exist."""
     request = job.request
     found = [
         Attachment("request.json", "application/json", msgspec.json.encode(request)),
         Attachment("host_report.json", "application/json", msgspec.json.encode(host_report())),
     ]
     for file, media_type in (
-        (request.trajectory_file, "application/json"),
-        (request.table_file, "application/octet-stream"),
-        (request.urdf_file, "application/xml"),
+        (Path(request.trajectory_file), "application/json"),
+        (Path(request.table_file), "application/octet-stream"),
+        (_urdf_file(job), "application/xml"),
     ):
-        if file and Path(file).is_file():
-            found.append(Attachment(Path(file).name, media_type, Path(file).read_bytes()))
+        if file is not None and file.is_file():
+            found.append(Attachment(file.name, media_type, file.read_bytes()))
     return found
+
+
+def closing_attachments_of(job: RecorderJob) -> list[Attachment]:
+    """What the loop left in the run's folder: its report (with what the system gave it of real time) and, after a stop
+    or a drop, the last samples; as far as they exist and can be read.
+    """
+    found = []
+    for file in sorted(Path(job.request.out_dir).glob("*")):
+        if file.name == "loop_report.json" or file.stem == "last_samples":
+            with contextlib.suppress(OSError):
+                media_type = _MEDIA_TYPES.get(file.suffix, "application/octet-stream")
+                found.append(Attachment(file.name, media_type, file.read_bytes()))
+    return found
+
+
+_MEDIA_TYPES = {".json": "application/json", ".csv": "text/csv"}
+
+
+def _urdf_file(job: RecorderJob) -> Path | None:
+    file = Path(job.request.urdf_file or Path(job.request.out_dir) / DESCRIPTION_NAME)
+    return file if file.is_file() else None

@@ -42,8 +42,8 @@ from daemon.errors import DaemonError, LogIOError
 from daemon.event_text import event_name, event_sentence, phase_name
 from daemon.log.cdr import DiagnosticStatus, SampleLabels
 from daemon.log.stream import DiskReserve, is_full
-from daemon.log.writer import Attachment, LogWriter
-from daemon.log_inputs import attachments_of, metadata_of
+from daemon.log.writer import LogWriter
+from daemon.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.handover import Disposition, HandoverRecord, HandoverRing
@@ -80,11 +80,12 @@ class Recorder:
         self._codec = Codec(FriVersion.parse(job.request.fri_version))
         path = Path(job.path)
         self._reserve = DiskReserve(path.parent, f".{path.name}.reserve", RESERVE_BYTES)
-        urdf = job.request.urdf_file
-        description = Path(urdf).read_text(encoding="utf-8") if urdf and Path(urdf).is_file() else ""
         try:
             self._writer = LogWriter(
-                path, metadata=metadata_of(job), attachments=attachments_of(job), robot_description=description
+                path,
+                metadata=metadata_of(job),
+                attachments=attachments_of(job),
+                robot_description=description_of(job),
             )
         except LogIOError:
             self._reserve.give_back()
@@ -290,7 +291,8 @@ class Recorder:
                 "The recording ended because the supervisor and the loop were gone.",
                 host_time_ns=time.time_ns(),
             )
-        self._attach_loop_report()
+        for attachment in closing_attachments_of(self._job):
+            self._writer.add_attachment(attachment)
         self._keep_safe(final=True)
         self._reserve.give_back()
         end = {
@@ -325,11 +327,6 @@ class Recorder:
             )
         )
         return 0
-
-    def _attach_loop_report(self) -> None:
-        file = Path(self._job.request.out_dir) / "loop_report.json"
-        with contextlib.suppress(OSError):
-            self._writer.add_attachment(Attachment(file.name, "application/json", file.read_bytes()))
 
     def _give_up(self, error: LogIOError) -> int:
         self._report(

@@ -11,6 +11,10 @@ import msgspec
 
 from daemon.api import RunRequest, write_json
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+from daemon.log.cdr import JOINT_NAMES
+from daemon.log_inputs import DESCRIPTION_NAME
+from identification.export import kinematic_urdf
+from identification.robots import BUILT_IN_ROBOTS, load_robot
 
 __all__ = ["RECORDING_NAME", "prepare_folder"]
 
@@ -18,7 +22,8 @@ RECORDING_NAME = "recording.mcap"
 
 
 def prepare_folder(request: RunRequest) -> RunRequest:
-    """Copy the inputs into the run's folder, make all paths absolute, write request.json; the resolved request.
+    """Copy the inputs into the run's folder, describe a built-in arm in a URDF, make all paths absolute, write
+    request.json; the resolved request.
 
     Raises ConfigurationError (also for a folder that holds a run already), MissingInputError, PortInUseError,
     LogIOError.
@@ -41,6 +46,9 @@ def prepare_folder(request: RunRequest) -> RunRequest:
         for field, file in sources.items():
             if Path(file).absolute() != Path(changes[field]):
                 shutil.copyfile(file, changes[field])
+        if request.urdf_file is None and request.robot in BUILT_IN_ROBOTS:
+            urdf = kinematic_urdf(load_robot(request.robot), joint_names=JOINT_NAMES)
+            (folder / DESCRIPTION_NAME).write_text(urdf, encoding="utf-8")
         resolved = msgspec.structs.replace(request, **changes)
         write_json(folder / "request.json", resolved)
     except OSError as error:

@@ -114,7 +114,7 @@ def _kinematics(parsed: pinocchio.Model, joint_names: tuple[str, ...], source: s
         rotation[joint] = snap_to_right_angles(placement.rotation)
         translation[joint] = np.where(np.abs(placement.translation) < 1e-9, 0.0, placement.translation)
         model_joint = parsed.joints[joint + 1]
-        jacobian = pinocchio.getJointJacobian(parsed, data, joint + 1, pinocchio.ReferenceFrame.LOCAL)
+        jacobian = pinocchio.getJointJacobian(parsed, data, joint + 1, pinocchio.ReferenceFrame.LOCAL).reshape(6, -1)
         subspace = jacobian[:, model_joint.idx_v : model_joint.idx_v + model_joint.nv]
         revolute[joint], axis[joint] = _joint_type_and_axis(model_joint, subspace, source, joint_names[joint])
     return Kinematics(parent, rotation, translation, axis, revolute)

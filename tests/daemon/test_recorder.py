@@ -5,7 +5,11 @@ Truth: the counters and values this test pushed, read back by rosbags and by the
 
 from __future__ import annotations
 
+import importlib.metadata
+import itertools
+import json
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -133,29 +137,69 @@ def test_the_file_carries_request_table_trajectory_and_host(tmp_path: Path, ring
     urdf = tmp_path / "robot.urdf"
     urdf.write_text("<robot name='iiwa'/>")
     Producer(ring).push(1)
-    record_all(tmp_path, ring, urdf_file=str(urdf), seed=7, tool="none")
+    record_all(tmp_path, ring, urdf_file=str(urdf), seed=7, tool="gripper 1.2 kg")
     with (tmp_path / "recording.mcap").open("rb") as stream:
         reader = make_reader(stream)
-        names = {each.name for each in reader.iter_attachments()}
+        attachments = {each.name: each.data for each in reader.iter_attachments()}
         metadata = {each.name: each.metadata for each in reader.iter_metadata()}["iiwa_ident"]
         topics = {channel.topic for _, channel, _ in reader.iter_messages()}
-    assert names == {"request.json", "host_report.json", "trajectory.json", "table.npy", "robot.urdf"}
-    for key in (
-        "run_id",
-        "robot",
-        "fri_version",
-        "send_period_ms",
-        "period_s",
-        "periods",
-        "samples_per_period",
-        "tool",
-    ):
-        assert metadata[key], key
-    for key in ("software_version", "torque_sign_convention", "schema_version", "seed"):
-        assert metadata[key], key
-    assert metadata["period_s"] == "0.1"
-    assert metadata["samples_per_period"] == "100"
+    assert attachments.keys() == {"request.json", "host_report.json", "trajectory.json", "table.npy", "robot.urdf"}
+    assert json.loads(attachments["request.json"])["seed"] == 7
+    host = json.loads(attachments["host_report.json"])
+    assert host["kernel_version"] == platform.version()
+    assert {"realtime_kernel", "governors", "rtprio_limit", "memlock_limit", "software"} <= host.keys()
+    truth = {
+        "run_id": "test-run",
+        "robot": "iiwa14",
+        "fri_version": "1.15",
+        "send_period_ms": "1",
+        "period_s": "0.1",
+        "periods": "2",
+        "samples_per_period": "100",
+        "tool": "gripper 1.2 kg",
+        "seed": "7",
+    }
+    assert {key: metadata[key] for key in truth} == truth
+    assert metadata["software_version"] == importlib.metadata.version("iiwa-ident")
+    assert "inverse dynamics" in metadata["torque_sign_convention"]
+    assert metadata["schema_version"] == "1"
     assert "/robot_description" in topics
+
+
+def test_what_the_loop_leaves_in_the_folder_travels_in_the_log(tmp_path: Path, ring: HandoverRing) -> None:
+    (tmp_path / "loop_report.json").write_text('{"realtime": {"scheduler": "refused"}}')
+    (tmp_path / "last_samples.csv").write_text("tick,q1\n1,0.1\n")
+    (tmp_path / "other.csv").write_text("not ours")
+    Producer(ring).push(1)
+    record_all(tmp_path, ring)
+    with (tmp_path / "recording.mcap").open("rb") as stream:
+        found = {each.name: (each.media_type, each.data) for each in make_reader(stream).iter_attachments()}
+    assert found["last_samples.csv"] == ("text/csv", b"tick,q1\n1,0.1\n")
+    assert json.loads(found["loop_report.json"][1]) == {"realtime": {"scheduler": "refused"}}
+    assert "other.csv" not in found
+
+
+def test_diagnostics_come_about_once_a_second_and_say_whether_anything_was_lost(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recorder whose clock advances 10 ms at every look, for 10 s of it."""
+    now = itertools.count()
+    recorder = Recorder(make_job(tmp_path), HandoverRing.attach(ring.fd), [].append)
+    begin = time.monotonic()
+    monkeypatch.setattr("daemon.recorder.time.monotonic", lambda: begin + next(now) * 0.01)
+    producer = Producer(ring)
+    for _ in range(1000):
+        producer.push(1)
+        recorder.take(recorder._ring.read_batch(1)[0])
+        recorder._tell()
+    ring.finish()
+    monkeypatch.undo()
+    assert recorder.run() == 0
+    with AnyReader([tmp_path / "recording.mcap"]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/diagnostics"]
+        found: list[Any] = [bag.deserialize(raw, each.msgtype) for each, _, raw in bag.messages(wanted)]
+    assert 8 <= len(found) <= 12
+    assert [status.message for status in found[0].status if status.name == "recorder"] == ["nothing lost"]
 
 
 def start_process(job: Any, ring: HandoverRing) -> subprocess.Popen[bytes]:

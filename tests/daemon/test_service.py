@@ -127,7 +127,8 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
     assert {event.period for event in events if event.kind == "progress"} >= {0, 1, 2}
     folder = Path(outcome.out_dir)
     names = {file.name for file in folder.iterdir()}
-    assert names == {"recording.mcap", "run.json", "request.json", "loop_report.json", "table.npy", "trajectory.json"}
+    inputs = {"request.json", "table.npy", "trajectory.json", "robot.urdf"}
+    assert names == {"recording.mcap", "run.json", "loop_report.json"} | inputs
     assert read_json(folder / "run.json", RunOutcome) == outcome
     for digest in outcome.files:
         told = subprocess.run(["sha256sum", str(folder / digest.name)], capture_output=True, text=True, check=True)
