@@ -29,6 +29,10 @@ def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
         return f"Sample {record.index} was refused: the value {value:g}{joint} cannot be used."
     if code == EventCode.SILENCE:
         return f"No monitoring message came for {value:.3g} s (limit {limit:.3g} s)."
+    if code == EventCode.STOP_ON_PATH:
+        return f"The arm is slowed on its path and comes to rest within {value:.2f} s, {limit:.0f} rows further on."
+    if code == EventCode.STOP_IN_JOINT_SPACE:
+        return f"Each joint is stopped on its own, off the path, within {value:.2f} s."
     if code == EventCode.STANDSTILL_CONFIRMED:
         return f"The arm stands still: positions stayed within {value:.2e} rad (limit {limit:.2e} rad)."
     if code == EventCode.STANDSTILL_NOT_CONFIRMED:

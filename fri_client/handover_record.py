@@ -31,6 +31,9 @@ class EventCode(IntEnum):
     FAULT = 18
     # The session was lost for this run. value: DropReason, limit: session state after.
     SESSION_DROP = 30
+    # How the arm is brought to rest. value: duration in s, limit: rows of the table on the way (0 off the path).
+    STOP_ON_PATH = 35
+    STOP_IN_JOINT_SPACE = 36
     # Ends. value: spread of the last samples in rad, limit: threshold in rad.
     STANDSTILL_CONFIRMED = 40
     STANDSTILL_NOT_CONFIRMED = 41

@@ -6,15 +6,19 @@ tick happens and what is done in it (`loop`), the layout of a record (`handover`
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fri_client.handover import Disposition, EventCode, HandoverRing
+from fri_client.link_memory import LinkMemory
 from fri_client.link_statistics import LinkStatistics
 from fri_client.loop_result import PhaseTicks
-from fri_client.motion import MotionPhase, MotionProgram
-from fri_client.session import Session
+from fri_client.motion import MotionPhase, MotionProgram, StopKind
+from fri_client.session import DropReason, Session
 
 __all__ = ["Journal"]
 
 _EVENT_ONLY = int(Disposition.EVENT_ONLY)
+_WAITING = int(MotionPhase.WAITING)
 
 
 class Journal:
@@ -29,6 +33,9 @@ class Journal:
         self._phase = int(MotionPhase.WAITING)
         self._span = PhaseTicks(-1, -1, 0, 0)
         self._known_reason: object = None
+        self._stop_kind: StopKind | None = None
+        self._memory = LinkMemory()
+        self._gap = 0
         self.spans: list[PhaseTicks] = []
         self.tick = 0
         self.stop_tick: int | None = None
@@ -48,12 +55,28 @@ class Journal:
             self.stop_tick = self.tick
         self._ring.publish_reason(sentence)
 
-    def note_session(self, session: Session) -> None:
+    def dropped(self, session: Session, now_ns: int) -> None:
+        """Note the drop of the session, and put into it what the link did in the second before."""
+        drop = session.drop
+        assert drop is not None
+        gap = 0
+        if drop.reason != DropReason.SILENCE:  # the message that brought the drop is not in the memory yet
+            gap = session.gap
+            if session.quality_changed:
+                self._memory.quality(now_ns, session.previous_quality, session.quality)
+        recent = self._memory.recall(now_ns)
+        drop = session.drop = replace(drop, recent=replace(recent, missing=recent.missing + gap))
+        self.event(EventCode.SESSION_DROP, drop.joint, drop.reason, drop.state_after)
+        self.stopped(drop.sentence())
+
+    def note_session(self, session: Session, receive_ns: int) -> None:
         """Events of a fresh message: changes of state and quality, messages missing before it."""
+        self._gap = session.gap
         if session.state_changed:
             self.event(EventCode.STATE_CHANGE, 0, session.previous_state, session.state)
         if session.quality_changed:
             self.event(EventCode.QUALITY_CHANGE, 0, session.previous_quality, session.quality)
+            self._memory.quality(receive_ns, session.previous_quality, session.quality)
         if session.gap:
             self.event(EventCode.GAP, 0, session.gap)
 
@@ -64,8 +87,14 @@ class Journal:
             self._known_reason = reason
             self.event(reason.code, reason.joint, reason.value, reason.limit)
             self.stopped(reason.sentence)
+        if motion.stop_kind is not self._stop_kind:
+            self._stop_kind = motion.stop_kind
+            code = EventCode.STOP_ON_PATH if motion.stop_kind == "path" else EventCode.STOP_IN_JOINT_SPACE
+            self.event(code, 0, motion.stop_duration_s, motion.stop_rows)
         if phase != self._phase:
             self.event(EventCode.PHASE_CHANGE, 0, self._phase, phase)
+            if self._phase == _WAITING:
+                self._memory.forget_qualities()
             self._phase = phase
         span = self._span
         if phase != span.phase or (period != span.period and period >= 0):
@@ -87,6 +116,8 @@ class Journal:
     ) -> None:
         """Hand one record over; the first event rides in it, further ones follow in records without a datagram."""
         push, events = self._ring.push, self._events
+        self._memory.tick(receive_ns, send_ns, self._gap)
+        self._gap = 0
         if not events:
             push(receive_ns, send_ns, phase, period, sample, datagram, command, 0, 0, 0.0, 0.0, disposition)
             return

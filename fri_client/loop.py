@@ -216,7 +216,7 @@ class FriLoop:
             self._restarts = session.counts.restarts
             self.statistics.restart()
         self.statistics.observe(counter, receive_ns, send_ns, session.send_period_ms)
-        journal.note_session(session)
+        journal.note_session(session, receive_ns)
         journal.note_motion(motion, phase, period)
         journal.record(receive_ns, send_ns, phase, period, sample, datagram, command, disposition)
         if phase >= _HOLD and message.monitor_data is not None:
@@ -310,12 +310,9 @@ class FriLoop:
     # Drops, faults, silence, and what is not fresh.
 
     def _drop(self) -> None:
-        drop = self.session.drop
-        assert drop is not None
         # A robot without answers holds the last command; one that has just had its answer is still moving.
         self.motion.latch(at_rest=time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9)
-        self._journal.event(EventCode.SESSION_DROP, drop.joint, drop.reason, drop.state_after)
-        self._journal.stopped(drop.sentence())
+        self._journal.dropped(self.session, time.monotonic_ns())
 
     def _survive(self, error: Exception) -> None:
         self._faults += 1

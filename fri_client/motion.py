@@ -295,6 +295,11 @@ class MotionProgram:
         """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
         return 0.0 if self._stop_ramp is None else self._stop_ramp.duration_s
 
+    @property
+    def stop_rows(self) -> float:
+        """Rows of the table a stop on the path goes on for; 0 for any other."""
+        return self._stop_ramp.rows if isinstance(self._stop_ramp, PathStop) else 0.0
+
     def _begin_stop(self) -> None:
         self._plan_stop()
         self.phase = _STOP_RAMP

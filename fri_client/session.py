@@ -88,6 +88,7 @@ class Session:
 
     __slots__ = (
         "_begun",
+        "_begun_ns",
         "_command_mode",
         "_connection_at_begin",
         "_counter",
@@ -121,6 +122,7 @@ class Session:
         self._counter = RobotCounter()
         self._since_answer = 0
         self._begun = False
+        self._begun_ns = 0
         self._stint_broken = False
         self._command_mode: int | None = None
         self._connection_at_begin: ConnectionInfo | None = None
@@ -214,6 +216,7 @@ class Session:
         if self.drop is not None or hindrance is not None:
             raise ValueError(hindrance or "the session is latched")
         self._begun = True
+        self._begun_ns = self.last_fresh_ns
         self._stint_broken = False
         self._connection_at_begin = message.connection_info
         self._robot_info_at_begin = message.robot_info or _NO_ROBOT_INFO
@@ -370,6 +373,7 @@ class Session:
             limit=float(-1 if limit is None else limit),
             joint=joint,
             quality=self.quality,
+            motion_s=(self.last_fresh_ns - self._begun_ns) / 1e9,
         )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 from fri_client.messages import (
     ClientCommandMode,
@@ -17,6 +18,9 @@ from fri_client.messages import (
     SafetyState,
     SessionState,
 )
+
+if TYPE_CHECKING:
+    from fri_client.link_memory import RecentLink
 
 __all__ = ["DropReason", "SessionDrop", "name_of"]
 
@@ -41,10 +45,11 @@ class DropReason(IntEnum):
 class SessionDrop:
     """The moment a motion's session was lost; states and numbers as the robot reported them.
 
-    cycle: fresh messages since the session began, counted from 1; quality: of the connection then. value and limit
-    by reason: state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of
-    `joint`, from 1) and ACTIVE; mode now and mode at the start; counter and the counter expected; silence in s and
-    the time-out in s; command period in ms now and before.
+    cycle: fresh messages since the session began, counted from 1; quality: of the connection then; motion_s: time
+    since the motion began; recent: the link in the last second, where somebody watched it. value and limit by reason:
+    state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1)
+    and ACTIVE; mode now and mode at the start; counter and the counter expected; silence in s and the time-out in s;
+    command period in ms now and before.
     """
 
     reason: DropReason
@@ -55,6 +60,8 @@ class SessionDrop:
     limit: float
     joint: int = 0
     quality: int | None = None
+    motion_s: float = 0.0
+    recent: RecentLink | None = None
 
     def sentence(self) -> str:
         """Why the session dropped, in one sentence with the numbers."""
@@ -90,8 +97,10 @@ class SessionDrop:
                 what = f"no usable message came for {value:.3g} s (time-out {limit:g} s)"
             case DropReason.PERIOD_CHANGE:
                 what = f"the command period changed from {limit:g} ms to {value:g} ms"
-        tail = f" ({states})" if states else ""
-        return f"Session dropped at cycle {self.cycle}: {what}{tail}; no command follows by itself."
+        tail = "; ".join(part for part in (states, self.recent.clause() if self.recent is not None else "") if part)
+        tail = f" ({tail})" if tail else ""
+        when = f"at cycle {self.cycle}, {self.motion_s:.2f} s into the motion"
+        return f"Session dropped {when}: {what}{tail}; no command follows by itself."
 
 
 def name_of(kind: type[IntEnum], value: float | None) -> str:

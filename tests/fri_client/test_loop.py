@@ -266,6 +266,32 @@ def test_external_torque_beyond_its_limit_stops_the_motion() -> None:
     robot.assert_gentle()
 
 
+def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 300)
+        robot.exchange(ACTIVE, 40, quality=2)
+        robot.counter += 14
+        robot.exchange(ACTIVE, 1, quality=1)
+        robot.exchange(READY, 5, quality=1)
+        robot.until_done(client)
+        result = client.finish()
+        records = client.records()
+    assert (result.outcome, result.reason) == ("dropped", "QUALITY"), result.sentence
+    told = result.sentence.split(" The stop is NOT confirmed")[0]
+    for words in (
+        "at cycle 352, ",
+        " s into the motion: the connection quality fell to FAIR, below GOOD (still in COMMANDING_ACTIVE; ",
+        "in the last second 14 messages missing and longest turn-around ",
+        "quality EXCELLENT -> GOOD ",
+        " s before -> FAIR 0.00 s before); no command follows by itself.",
+    ):
+        assert words in told, told
+    assert told.count(". ") == 0
+    codes = events(records)
+    assert codes.index(EventCode.SESSION_DROP) < codes.index(EventCode.STOP_ON_PATH)
+
+
 @pytest.mark.parametrize("left", [IDLE, WAIT, READY, COMMANDING_WAIT])
 def test_a_session_that_left_is_over_even_if_the_robot_commands_again(left: int) -> None:
     with running() as (client, robot):

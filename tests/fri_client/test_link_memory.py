@@ -1,0 +1,39 @@
+"""What is remembered of the last second, and the clause an operator reads."""
+
+from __future__ import annotations
+
+from fri_client.link_memory import LinkMemory
+
+MS = 1_000_000
+
+
+def test_only_the_last_second_counts_however_long_the_run_was() -> None:
+    memory = LinkMemory()
+    for k in range(10_000):
+        late = k in (3000, 9500)
+        memory.tick(k * MS, k * MS + (7 * MS if late else MS // 5), 40 if k == 8000 else 2 if k == 9900 else 0)
+    recent = memory.recall(10_000 * MS)
+    assert (recent.missing, recent.answered, recent.turn_around_ms) == (2, 999, 7.0)
+    assert memory.recall(11_500 * MS).answered == 0
+
+
+def test_a_message_without_an_answer_has_no_turn_around() -> None:
+    memory = LinkMemory()
+    memory.tick(5 * MS, 0, 3)
+    recent = memory.recall(6 * MS)
+    assert (recent.missing, recent.answered, recent.turn_around_ms) == (3, 0, None)
+    assert "3 messages missing and no answer" in recent.clause()
+
+
+def test_the_qualities_are_told_in_their_order_with_their_age() -> None:
+    memory = LinkMemory()
+    memory.quality(0, 0, 3)
+    memory.forget_qualities()
+    memory.tick(1, 100_001, 0)
+    assert "quality unchanged in the motion" in memory.recall(2).clause()
+    memory.quality(1000 * MS, 3, 2)
+    memory.quality(3000 * MS, 2, 1)
+    assert memory.recall(3100 * MS).clause().endswith("quality EXCELLENT -> GOOD 2.10 s before -> FAIR 0.10 s before")
+    for k in range(100):
+        memory.quality(k, k % 4, (k + 1) % 4)
+    assert len(memory.recall(100).qualities) == 8
