@@ -31,7 +31,15 @@ from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
 
-__all__ = ["DaemonConfig", "FriSettings", "RealtimeChoice", "RunSettings", "load_config", "read_settings"]
+__all__ = [
+    "ControlSettings",
+    "DaemonConfig",
+    "FriSettings",
+    "RealtimeChoice",
+    "RunSettings",
+    "load_config",
+    "read_settings",
+]
 
 MAXIMUM_BYTES = 1_000_000
 
@@ -79,6 +87,19 @@ class RealtimeChoice(_Section, frozen=True, kw_only=True):
     ring_slots: int = 16384
 
 
+class ControlSettings(_Section, frozen=True, kw_only=True):
+    """Where the long-running service is spoken to, and by whom.
+
+    endpoint: ipc:///PATH or tcp://ADDRESS:PORT; none: a socket in the user's private folder, named after the UDP port.
+    server_key: file of the service's secret key; authorised_clients: folder with the public keys of those it serves.
+    Both or none; needed for every address that other machines can reach.
+    """
+
+    endpoint: str | None = None
+    server_key: str | None = None
+    authorised_clients: str | None = None
+
+
 class DaemonConfig(_Section, frozen=True, kw_only=True):
     """The whole file."""
 
@@ -86,6 +107,7 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
     fri: FriSettings = FriSettings()
     run: RunSettings = RunSettings()
     realtime: RealtimeChoice = RealtimeChoice()
+    control: ControlSettings = ControlSettings()
     output: str = "runs"
 
     def request_fields(self) -> dict[str, Any]:
@@ -164,6 +186,13 @@ def _check(config: DaemonConfig, file: str) -> None:
         value = getattr(fri, name)
         if not 0.0 < value < float("inf"):
             raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
+    if fri.robot_host is None and not ipaddress.IPv4Address(fri.bind_host).is_loopback:
+        raise refuse(
+            "fri.robot_host",
+            f"{fri.bind_host} can be reached from other machines: name the robot's address, the only one listened to.",
+        )
+    if (config.control.server_key is None) != (config.control.authorised_clients is None):
+        raise refuse("control.server_key", "control.server_key and control.authorised_clients belong together.")
     if run.periods < 1:
         raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
     if not 0.0 < run.amplitude <= 1.0:

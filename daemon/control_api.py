@@ -1,0 +1,295 @@
+"""What clients and the long-running service say to each other: one tagged union each way, JSON, checked on both sides.
+
+Here: the structures, their limits and the two decoders. Not here: sockets (`control_socket`) and what is done about a
+request (`server`). Every message names the version of this interface; unknown tags, unknown fields, values out of range
+and anything longer than `MAXIMUM_REQUEST_BYTES` are refused. No request carries a path: what the service reads and
+writes is decided by its configuration alone.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from daemon.api import Message
+from daemon.errors import DaemonError
+
+__all__ = [
+    "API_VERSION",
+    "MAXIMUM_REQUEST_BYTES",
+    "CancelJob",
+    "Cancelled",
+    "ControlReply",
+    "ControlRequest",
+    "ErrorReply",
+    "GetJobs",
+    "GetStatus",
+    "JobKind",
+    "JobPhase",
+    "JobView",
+    "JobsReply",
+    "Ping",
+    "Pong",
+    "RefusedRequestError",
+    "ResumeQueue",
+    "Resumed",
+    "StatusReply",
+    "StopMotion",
+    "Stopped",
+    "SubmitRun",
+    "Submitted",
+    "decode_reply",
+    "decode_request",
+    "encode",
+]
+
+API_VERSION = 1
+MAXIMUM_REQUEST_BYTES = 8 * 1024 * 1024
+"""A table of 10 s at 1 kHz as text is some 1.5 MB."""
+
+JobKind = Literal["run", "fit"]
+JobPhase = Literal[
+    "checking",  # its motion is being checked for the first time
+    "queued",  # waits for its turn
+    "held",  # waits for the operator's `resume`
+    "preparing",  # its motion is checked once more
+    "running",  # acquisition or fit is under way
+    "done",
+    "refused",  # found unsafe or unusable, nothing moved
+    "stopped",  # the motion ended early; the partial recording is kept
+    "failed",
+    "interrupted",  # the service ended during the motion; never resumed
+    "cancelled",
+]
+
+_Name = Annotated[str, Meta(max_length=200)]
+_JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}$")]
+
+
+class _Request(Message, frozen=True, kw_only=True):
+    api: Literal[1] = 1
+
+
+class Ping(_Request, frozen=True, kw_only=True, tag="ping"):
+    """Is anybody there."""
+
+
+class GetStatus(_Request, frozen=True, kw_only=True, tag="status"):
+    """What is going on."""
+
+
+class GetJobs(_Request, frozen=True, kw_only=True, tag="jobs"):
+    """The newest jobs, at most `limit` of them."""
+
+    limit: Annotated[int, Meta(ge=1, le=500)] = 100
+
+
+class SubmitRun(_Request, frozen=True, kw_only=True, tag="submit"):
+    """Queue one run. trajectory: the file's bytes (none: the shipped excitation) with its kind; periods, amplitude,
+    fit: none = as configured.
+
+    confirmed: somebody said that the arm may move when the queue comes to this job, without being asked again.
+    """
+
+    trajectory: Annotated[bytes, Meta(max_length=5 * 1024 * 1024)] | None = None
+    suffix: Literal[".json", ".npz", ".csv"] = ".json"
+    name: _Name = "shipped excitation"
+    periods: Annotated[int, Meta(ge=1, le=10_000)] | None = None
+    amplitude: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    fit: bool | None = None
+    confirmed: bool = False
+
+
+class StopMotion(_Request, frozen=True, kw_only=True, tag="stop"):
+    """Ramp down now; whatever waits is held."""
+
+
+class ResumeQueue(_Request, frozen=True, kw_only=True, tag="resume"):
+    """Let held runs take their turn again. confirmed: as for SubmitRun."""
+
+    confirmed: bool = False
+
+
+class CancelJob(_Request, frozen=True, kw_only=True, tag="cancel"):
+    """Take a job that waits out of the queue."""
+
+    job_id: _JobId
+
+
+ControlRequest: TypeAlias = Ping | GetStatus | GetJobs | SubmitRun | StopMotion | ResumeQueue | CancelJob
+
+
+# ---- replies
+
+
+class JobView(Message, frozen=True, kw_only=True):
+    """One job as clients see it. folder: where its files are; exit_code: of a run or fit that has ended."""
+
+    job_id: str
+    kind: JobKind
+    phase: JobPhase
+    sentence: str
+    name: str
+    folder: str
+    submitted_at: str
+    updated_at: str
+    periods: int | None = None
+    amplitude: float | None = None
+    exit_code: int | None = None
+
+
+class Pong(Message, frozen=True, kw_only=True, tag="pong"):
+    """Here I am."""
+
+    api: int = API_VERSION
+    pid: int
+    software_version: str
+
+
+class StatusReply(Message, frozen=True, kw_only=True, tag="status"):
+    """What the service does, and the link it serves. moves_an_arm: false on a loopback address, which no cabinet can
+    reach; needs_confirmation then says whether submissions have to be confirmed. run, fit: job ids; the numbers belong
+    to the run. malformed: requests that could not be read, so far.
+    """
+
+    api: int = API_VERSION
+    state: str
+    sentence: str
+    pid: int
+    software_version: str
+    started_at: str
+    robot: str
+    bind: str
+    fri_version: str
+    needs_confirmation: bool
+    run: str | None = None
+    fit: str | None = None
+    waiting: int = 0
+    held: int = 0
+    motion_phase: str = ""
+    period: int = -1
+    periods: int = 0
+    samples: int = 0
+    missing: int = 0
+    lost_in_handover: int = 0
+    malformed: int = 0
+    recent: tuple[str, ...] = ()
+
+
+class JobsReply(Message, frozen=True, kw_only=True, tag="jobs"):
+    """The newest jobs, newest first; total: how many there are."""
+
+    api: int = API_VERSION
+    jobs: tuple[JobView, ...]
+    total: int
+
+
+class Submitted(Message, frozen=True, kw_only=True, tag="submitted"):
+    """The job's number; whether its motion is safe is found out next."""
+
+    api: int = API_VERSION
+    job_id: str
+    sentence: str
+
+
+class Stopped(Message, frozen=True, kw_only=True, tag="stopped"):
+    """What the stop did. was_moving: a run was under way; already: it had been asked to stop before."""
+
+    api: int = API_VERSION
+    was_moving: bool
+    already: bool
+    run: str | None
+    held: int
+    sentence: str
+
+
+class Resumed(Message, frozen=True, kw_only=True, tag="resumed"):
+    """How many held runs wait for their turn again."""
+
+    api: int = API_VERSION
+    released: int
+    sentence: str
+
+
+class Cancelled(Message, frozen=True, kw_only=True, tag="cancelled"):
+    """The job is out of the queue."""
+
+    api: int = API_VERSION
+    job_id: str
+    sentence: str
+
+
+class ErrorReply(Message, frozen=True, kw_only=True, tag="error"):
+    """Why a request was not done. code: for programs; exit_code: for the command line (CONTRACT)."""
+
+    api: int = API_VERSION
+    code: str
+    sentence: str
+    exit_code: int
+
+
+ControlReply: TypeAlias = Pong | StatusReply | JobsReply | Submitted | Stopped | Resumed | Cancelled | ErrorReply
+
+
+class RefusedRequestError(DaemonError):
+    """A request that is not done. Carries the reply's code."""
+
+    def __init__(self, code: str, sentence: str, exit_code: int) -> None:
+        self.code = code
+        self.exit_code = exit_code
+        super().__init__(sentence)
+
+
+class _Header(msgspec.Struct):
+    """The part of a message that every version of this interface has."""
+
+    api: int | None = None
+
+
+_encoder = msgspec.json.Encoder()
+_header_decoder = msgspec.json.Decoder(_Header)
+_request_decoder: msgspec.json.Decoder[ControlRequest] = msgspec.json.Decoder(ControlRequest)
+_reply_decoder: msgspec.json.Decoder[ControlReply] = msgspec.json.Decoder(ControlReply)
+_UNREADABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+
+
+def encode(message: ControlRequest | ControlReply) -> bytes:
+    """JSON bytes, with the tag and the version."""
+    return _encoder.encode(message)
+
+
+def decode_request(data: bytes) -> ControlRequest:
+    """The request behind the bytes. Raises RefusedRequestError, whatever the bytes are."""
+    if len(data) > MAXIMUM_REQUEST_BYTES:
+        raise RefusedRequestError(
+            "too_long", f"The request has {len(data)} bytes; at most {MAXIMUM_REQUEST_BYTES} are read.", 65
+        )
+    try:
+        version = _header_decoder.decode(data).api
+        if version != API_VERSION:
+            raise RefusedRequestError(
+                "unsupported_version",
+                f"The request names another version of this interface than {API_VERSION}, which is spoken here.",
+                76,
+            )
+        return _request_decoder.decode(data)
+    except _UNREADABLE as error:
+        raise RefusedRequestError("bad_request", f"The request cannot be read: {_short(error)}.", 65) from error
+
+
+def decode_reply(data: bytes) -> ControlReply:
+    """The service's reply. Raises RefusedRequestError (76) for anything that is none of this version."""
+    try:
+        return _reply_decoder.decode(data)
+    except _UNREADABLE as error:
+        raise RefusedRequestError(
+            "bad_reply", f"What answers there does not speak version {API_VERSION}: {_short(error)}.", 76
+        ) from error
+
+
+def _short(value: object) -> str:
+    """A text that an error may repeat: printable and short, whatever was sent."""
+    text = str(value)
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:120])
