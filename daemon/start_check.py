@@ -16,9 +16,9 @@ from daemon.workspace import load_surroundings
 from fri_client.errors import FriError
 from fri_client.motion import MotionPhase
 from fri_client.start_gate import StartGate, StartQuestion
-from safety.collision import Clearance, self_clearances, workspace_clearances
 from safety.errors import SafetyError
 from safety.limits import limits_for
+from safety.preflight_distance import SampledPath
 
 __all__ = ["StartCheck"]
 
@@ -34,7 +34,7 @@ class StartCheck:
         self._gate = gate
         self._limits = limits_for(request.robot)
         self._table = load_table(request.table_file)
-        self._surroundings = load_surroundings(request.robot, request.workspace_file)
+        self._distances = load_surroundings(request.robot, request.workspace_file).distances(self._limits)
         gate.close()
 
     def poll(self) -> str:
@@ -51,26 +51,17 @@ class StartCheck:
 
     def _judge(self, question: StartQuestion) -> tuple[str, bool]:
         path = self._ramp(question)
-        around, margins = self._surroundings, self._surroundings.margins
-        own = self_clearances(path, around.geometry)
-        outer = workspace_clearances(path, around.geometry, around.workspace)
-        found = [(clearance, margins.self_collision_m) for clearance in own[:1]]
-        found += [(clearance, margins.workspace_m) for clearance in outer[:1]]
-        if not found:
-            return "The start ramp has nothing to keep a distance from.", True
-        nearest, margin = min(found, key=lambda pair: pair[0].guaranteed_m - pair[1])
-        if nearest.guaranteed_m >= margin:
-            seconds = len(path) * question.command_period_s
+        ramp = SampledPath(path, question.command_period_s)
+        checks, _ = self._distances.check([ramp], "start ramp")
+        unsafe = [check.sentence for check in checks if not check.passed]
+        if unsafe:
             return (
-                f"Start ramp from where the arm stands: {seconds:.1f} s, clear ({_distance(nearest)}; "
-                f"{margin * 1e3:.0f} mm are required).",
-                True,
+                f"The arm cannot start from where it stands. {' '.join(unsafe)} Nothing was moved; jog the arm nearer "
+                "to the middle of the motion and start again.",
+                False,
             )
-        return (
-            f"The start ramp from where the arm stands is not clear: {_distance(nearest)}, but {margin * 1e3:.0f} mm "
-            "are required. Nothing was moved; jog the arm nearer to the middle of the motion and start again.",
-            False,
-        )
+        nearest = min(checks, key=lambda check: check.value - check.limit)
+        return f"Start from where the arm stands, {len(path) * ramp.period_s:.1f} s: {nearest.sentence}", True
 
     def _ramp(self, question: StartQuestion) -> np.ndarray:
         """The commands of the start ramp, (N, 7) rad, the arm's position in front."""
@@ -84,9 +75,3 @@ class StartCheck:
         if motion.stop_reason is not None:
             raise FriError(f"The start ramp from where the arm stands is refused: {motion.stop_reason.sentence}")
         return np.array(path)
-
-
-def _distance(clearance: Clearance) -> str:
-    if clearance.distance_m < 0.0:
-        return f"{clearance.first} and {clearance.second} would overlap by {-clearance.distance_m * 1e3:.0f} mm"
-    return f"{clearance.first} and {clearance.second} come as close as {clearance.distance_m * 1e3:.0f} mm"

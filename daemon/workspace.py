@@ -28,7 +28,8 @@ from daemon.errors import ConfigurationError
 from safety.collision import ForbiddenBox, Plane, Workspace
 from safety.errors import GeometryError
 from safety.geometry import RobotGeometry, load_geometry
-from safety.preflight import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M
+from safety.limits import JointLimits
+from safety.preflight_distance import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, Distances
 
 __all__ = ["Surroundings", "WorkspaceFile", "load_surroundings"]
 
@@ -86,6 +87,11 @@ class Surroundings:
     workspace: Workspace
     margins: Margins
     digest: str
+
+    def distances(self, limits: JointLimits) -> Distances:
+        """What the preflight measures with."""
+        margins = self.margins
+        return Distances(self.geometry, self.workspace, limits, margins.self_collision_m, margins.workspace_m)
 
 
 def load_surroundings(robot: str, file: str | Path | None = None) -> Surroundings:

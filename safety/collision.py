@@ -5,9 +5,12 @@ Lives here: the workspace, the pairs that are looked at, and the search for the 
 Lives elsewhere: the arm's shape (geometry.py), what is done about it (preflight.py). Distances of capsules and boxes
 come from coal; distances to planes are one subtraction.
 
-Between two samples no point of a part moves further than s = sum_j reach_j |dq_j|. With distances d_0 and d_1 at the
-ends, the distance in between is therefore at least (d_0 + d_1 - s) / 2. The search leaps over samples only where that
-bound stays above the smallest distance found so far less `resolution_m`, so `guaranteed_m` holds for the whole path.
+Between two samples no point of a part travels further than s = sum_j reach_j (|dq_j| + turn_j). With distances d_0 and
+d_1 at the ends, the distance in between is therefore at least (d_0 + d_1 - s) / 2. turn_j is what joint j may travel
+beyond |dq_j| by turning round between the two samples: at most A_j T^2 / 4 with |acceleration| <= A_j and samples T
+apart, since it stands still where it turns and gets no further from the nearer sample than A_j (T/2)^2 / 2. The
+search leaps over samples only where that bound stays above the smallest distance found so far less `resolution_m`, so
+`guaranteed_m` holds for the whole path.
 """
 
 from __future__ import annotations
@@ -86,7 +89,8 @@ class Clearance:
     """Smallest distance of one pair along a path.
 
     first, second: names of links ("link 6") or obstacles. distance_m: smallest found, at `row` of the path (from 0);
-    negative is penetration. guaranteed_m: lower bound for the whole path, between samples too.
+    negative is penetration. guaranteed_m: lower bound for the whole path, between samples too. margin_m: what is
+    required; along: the path ("motion", "stop", "start ramp"), both filled in by whoever judges.
     """
 
     first: str
@@ -94,11 +98,18 @@ class Clearance:
     distance_m: float
     guaranteed_m: float
     row: int
+    margin_m: float = 0.0
+    along: str = ""
 
     @property
     def pair(self) -> str:
         """Both names, for reports."""
         return f"{self.first} - {self.second}"
+
+    @property
+    def kept(self) -> bool:
+        """Whether the bound keeps the margin."""
+        return self.guaranteed_m >= self.margin_m
 
 
 @dataclass(slots=True)
@@ -136,15 +147,17 @@ def self_clearances(
     positions: FloatArray,
     geometry: RobotGeometry,
     *,
+    turn_rad: FloatArray | float = 0.0,
     resolution_m: float = 0.001,
 ) -> tuple[Clearance, ...]:
     """Smallest distance of each pair of links along a path, (N, n) rad, N >= 1; closest pair first.
 
-    Raises GeometryError for a path of the wrong shape or with values that are not finite.
+    turn_rad: (n,) bound on what a joint travels beyond |dq| between two rows, A T^2 / 4; 0 for a path of straight
+    steps. Raises GeometryError for a path of the wrong shape or with values that are not finite.
     """
     path = _path(positions, geometry)
     parts = _parts(path, geometry)
-    steps = np.abs(np.diff(path, axis=0))
+    steps = np.abs(np.diff(path, axis=0)) + turn_rad
     best: dict[tuple[int, int], Clearance] = {}
     pairs = set(self_collision_pairs(geometry))
     for a, first in enumerate(parts):
@@ -160,12 +173,17 @@ def self_clearances(
 
 
 def workspace_clearances(
-    positions: FloatArray, geometry: RobotGeometry, workspace: Workspace, *, resolution_m: float = 0.001
+    positions: FloatArray,
+    geometry: RobotGeometry,
+    workspace: Workspace,
+    *,
+    turn_rad: FloatArray | float = 0.0,
+    resolution_m: float = 0.001,
 ) -> tuple[Clearance, ...]:
     """Smallest distance of each link to floor, walls and boxes along a path, (N, n) rad; closest pair first."""
     path = _path(positions, geometry)
     parts = [part for part in _parts(path, geometry) if part.capsule.link >= workspace.first_link]
-    steps = np.abs(np.diff(path, axis=0))
+    steps = np.abs(np.diff(path, axis=0)) + turn_rad
     best: dict[tuple[int, str], Clearance] = {}
     for part in parts:
         link = part.capsule.link

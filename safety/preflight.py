@@ -9,26 +9,29 @@ takes cycle by cycle, the seam of a periodic table included, so a table that pas
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from safety.braking import stopping_travel
-from safety.collision import Clearance, Workspace, self_clearances, workspace_clearances
+from safety.collision import Clearance, Workspace
 from safety.errors import RampError, TrajectoryShapeError
 from safety.geometry import RobotGeometry
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import FloatArray, JointLimits
+from safety.preflight_distance import (
+    SELF_COLLISION_MARGIN_M,
+    WORKSPACE_MARGIN_M,
+    Distances,
+    SampledPath,
+    sample,
+)
 from safety.preflight_report import Check, PreflightReport
 from safety.ramps import plan_start_ramp, plan_stop_ramp
 
-SELF_COLLISION_MARGIN_M = 0.02
-"""Distance that links keep from each other. The capsules already enclose the housings."""
-
-WORKSPACE_MARGIN_M = 0.02
-"""Distance that links keep from floor, walls and boxes."""
+RAMP_SAMPLES_S = 0.02
+"""Stops and the start ramp are sampled so densely; what they do in between is part of the bound on distances."""
 
 
 def preflight(
@@ -75,12 +78,12 @@ def preflight(
         _magnitude("acceleration", motion.acceleration, limits.acceleration, ACCELERATION_TOLERANCE, "rad/s²"),
         _jerk(motion.jerk, limits),
     ]
-    stops: list[FloatArray] = []
+    stops: list[SampledPath] = []
     if all(check.passed for check in checks):
         checks.append(_stopping_velocity(motion, limits, sample_period_s))
         stop_check, stops = _stops(table, motion, limits, stop_stride)
         checks.append(stop_check)
-    starts: list[FloatArray] = []
+    starts: list[SampledPath] = []
     if start_row is not None:
         start_check, starts = _start(table, motion, limits, sample_period_s, start_row, start_position)
         checks.append(start_check)
@@ -89,18 +92,13 @@ def preflight(
     clearances: tuple[Clearance, ...] = ()
     if geometry is not None:
         # A table outside its limits may still be looked at: the operator then learns all that is wrong at once.
-        path = np.vstack([table, table[:1]]) if periodic else table
-        surroundings = workspace if workspace is not None else Workspace()
-        own = self_clearances(path, geometry)
-        outer = workspace_clearances(path, geometry, surroundings)
-        checks.append(_clearance("self_collision", own, self_collision_margin_m, "the table", table.shape[0]))
-        checks.append(_clearance("workspace", outer, workspace_margin_m, "the table", table.shape[0]))
-        for name, ramps, what in (("stop", stops, "a stop"), ("start", starts, "the start ramp")):
-            if ramps:
-                worst_own, worst_outer = _along(ramps, geometry, surroundings)
-                checks.append(_clearance(f"{name}_self_collision", worst_own, self_collision_margin_m, what, None))
-                checks.append(_clearance(f"{name}_workspace", worst_outer, workspace_margin_m, what, None))
-        clearances = own + outer
+        path = SampledPath(np.vstack([table, table[:1]]) if periodic else table, sample_period_s)
+        distances = Distances(geometry, workspace or Workspace(), limits, self_collision_margin_m, workspace_margin_m)
+        for along, paths in (("motion", [path]), ("stop", stops), ("start ramp", starts)):
+            if paths:
+                answers, found = distances.check(paths, along)
+                checks += answers
+                clearances += found
     return PreflightReport(tuple(checks), clearances)
 
 
@@ -242,7 +240,7 @@ def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> C
     )
 
 
-def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, list[FloatArray]]:
+def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, list[SampledPath]]:
     """The stop from every row in closed form, and planned by Ruckig at every stride-th row and at the tightest rows."""
     here = table[motion.rows]
     room = np.empty_like(here)
@@ -290,8 +288,7 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
                 int(motion.rows[k]),
             ), []
         if k % max(1, 5 * stride) == 0:
-            times = np.linspace(0.0, ramp.duration_s, max(2, math.ceil(ramp.duration_s / 0.02) + 1))
-            paths.append(np.array([ramp.position_at(float(t)) for t in times]))
+            paths.append(SampledPath(sample(ramp, RAMP_SAMPLES_S), RAMP_SAMPLES_S, int(motion.rows[k])))
     return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), paths
 
 
@@ -302,7 +299,7 @@ def _start(
     period: float,
     start_row: int,
     start_position: ArrayLike | None,
-) -> tuple[Check, list[FloatArray]]:
+) -> tuple[Check, list[SampledPath]]:
     at = int(np.argmin(np.abs(motion.rows - start_row % table.shape[0])))
     begin = table.mean(axis=0) if start_position is None else np.asarray(start_position, dtype=np.float64)
     row = int(motion.rows[at])
@@ -312,12 +309,6 @@ def _start(
         )
     except RampError as error:
         return Check("start_ramp", False, error.joint, error.value, error.limit, error.unit, str(error), row), []
-    path = np.array(
-        [
-            ramp.position_at(float(t))
-            for t in np.linspace(0.0, ramp.duration_s, max(2, math.ceil(ramp.duration_s / 0.02) + 1))
-        ]
-    )
     return Check(
         "start_ramp",
         True,
@@ -327,7 +318,7 @@ def _start(
         "s",
         f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {100.0 * ramp.fraction:.0f} % of the limits.",
         row,
-    ), [path]
+    ), [SampledPath(sample(ramp, RAMP_SAMPLES_S), RAMP_SAMPLES_S, row)]
 
 
 def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check:
@@ -347,40 +338,6 @@ def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check
             row,
         )
     return _magnitude("torque", torque, limits.torque, 0.0, "Nm")
-
-
-def _along(
-    ramps: Sequence[FloatArray],
-    geometry: RobotGeometry,
-    workspace: Workspace,
-) -> tuple[tuple[Clearance, ...], tuple[Clearance, ...]]:
-    """Closest approach over several ramps."""
-    own = [c for ramp in ramps for c in self_clearances(ramp, geometry)[:1]]
-    outer = [c for ramp in ramps for c in workspace_clearances(ramp, geometry, workspace)[:1]]
-    return (tuple(sorted(own, key=lambda c: c.guaranteed_m)), tuple(sorted(outer, key=lambda c: c.guaranteed_m)))
-
-
-def _clearance(name: str, found: tuple[Clearance, ...], margin_m: float, what: str, rows: int | None) -> Check:
-    if not found:
-        return Check(name, True, None, math.inf, margin_m, "m", "There is nothing to keep a distance from.")
-    closest = found[0]
-    passed = closest.guaranteed_m >= margin_m
-    place = "" if rows is None else f" in row {closest.row % rows}"
-    how = (
-        f"come as close as {1000.0 * closest.distance_m:.0f} mm"
-        if closest.distance_m >= 0.0
-        else f"overlap by {-1000.0 * closest.distance_m:.0f} mm"
-    )
-    return Check(
-        name,
-        passed,
-        None,
-        closest.guaranteed_m,
-        margin_m,
-        "m",
-        f"Along {what}, {closest.first} and {closest.second} {how}{place}; {1000.0 * margin_m:.0f} mm are required.",
-        None if rows is None else closest.row % rows,
-    )
 
 
 def _where_largest(values: FloatArray) -> tuple[int, int]:

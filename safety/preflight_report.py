@@ -42,7 +42,9 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
-    """Answers to all checks, and the smallest distances per pair of links and per obstacle."""
+    """Answers to all checks, and the smallest distance of every pair of links, and of links and obstacles, along the
+    motion, along stops and along the start ramp.
+    """
 
     checks: tuple[Check, ...]
     clearances: tuple[Clearance, ...] = ()
@@ -58,12 +60,21 @@ class PreflightReport:
         return tuple(check for check in self.checks if not check.passed)
 
     def to_json(self) -> dict[str, Any]:
-        """{"safe", "checks": [...], "clearances": [{"pair", "distance_m", "guaranteed_m", "row"}]}."""
+        """{"safe", "checks": [...], "clearances": [...]}; a clearance has pair, along, distance_m, guaranteed_m,
+        margin_m and row.
+        """
         return {
             "safe": self.safe,
             "checks": [check.to_json() for check in self.checks],
             "clearances": [
-                {"pair": c.pair, "distance_m": c.distance_m, "guaranteed_m": c.guaranteed_m, "row": c.row}
+                {
+                    "pair": c.pair,
+                    "along": c.along,
+                    "distance_m": c.distance_m,
+                    "guaranteed_m": c.guaranteed_m,
+                    "margin_m": c.margin_m,
+                    "row": c.row,
+                }
                 for c in self.clearances
             ],
         }

@@ -82,7 +82,7 @@ def test_the_supervisor_clears_a_start_beside_the_motion(ring: HandoverRing, tmp
     check = StartCheck(request, ring.gate)
     assert check.poll() == ""
     assert not ring.gate.passes(REST, 0.001, 1)
-    assert "clear" in check.poll()
+    assert "20 mm are required" in check.poll()
     assert ring.gate.passes(REST, 0.001, 1)
 
 

@@ -93,6 +93,26 @@ def test_the_guaranteed_distance_holds_on_a_denser_path() -> None:
                 assert clearance.distance_m >= truth[clearance.pair] - 1e-3
 
 
+def test_a_joint_that_turns_round_between_two_samples_is_covered_by_its_turn() -> None:
+    """A2 dips towards the floor and back within one sample: both samples look alike, only the turn bound knows."""
+    period = 0.1
+    acceleration = float(IIWA14_R820.acceleration[1])
+    turn = IIWA14_R820.acceleration * period**2 / 4.0
+
+    def path(times: np.ndarray) -> np.ndarray:
+        q = np.zeros((times.size, 7))
+        q[:, 1] = 1.6 - 0.5 * acceleration * times**2
+        return q
+
+    coarse = path(np.array([-0.5, 0.5]) * period)
+    truth = workspace_clearances(path(np.linspace(-0.05, 0.05, 201)), GEOMETRY, Workspace())[0].distance_m
+    without = workspace_clearances(coarse, GEOMETRY, Workspace())[0]
+    found = workspace_clearances(coarse, GEOMETRY, Workspace(), turn_rad=turn)[0]
+    assert without.guaranteed_m > truth + 0.005
+    assert found.guaranteed_m <= truth
+    assert found.distance_m == without.distance_m
+
+
 def test_leaping_over_samples_finds_the_same_minimum_within_a_millimetre() -> None:
     t = np.arange(2000) * 1e-3
     generator = np.random.default_rng(13)

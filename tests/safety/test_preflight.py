@@ -44,7 +44,9 @@ def test_a_gentle_table_is_safe_and_says_so_in_every_check() -> None:
     assert all(check.sentence.endswith(".") for check in report.checks)
     assert _named(report, "velocity").value == pytest.approx(0.3 * np.pi, rel=1e-4)
     assert _named(report, "acceleration").value == pytest.approx(0.3 * np.pi**2, rel=1e-4)
-    assert len({clearance.pair for clearance in report.clearances}) == len(report.clearances) == 12 + 5
+    paths = {clearance.along for clearance in report.clearances}
+    assert paths == {"motion", "stop", "start ramp"}
+    assert len({(each.along, each.pair) for each in report.clearances}) == len(report.clearances) == 3 * (12 + 5)
 
 
 def test_joint_four_at_two_point_two_radians_is_named() -> None:
@@ -167,7 +169,7 @@ def test_the_report_is_plain_json() -> None:
     report = preflight(_sway(), PERIOD, LIMITS, geometry=load_geometry("iiwa14"), workspace=Workspace(None))
     text = json.dumps(report.to_json(), allow_nan=False)
     assert json.loads(text)["safe"] is True
-    assert {"pair", "distance_m", "guaranteed_m", "row"} == set(json.loads(text)["clearances"][0])
+    assert {"pair", "along", "distance_m", "guaranteed_m", "margin_m", "row"} == set(json.loads(text)["clearances"][0])
 
 
 def test_the_stopping_states_of_guard_and_preflight_are_one_formula() -> None:
