@@ -24,7 +24,9 @@
     ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover.py)
     └── SessionError                76  the exchange with the robot
         ├── RobotSilent             69  no monitoring message came
-        └── SessionDropped           1  the robot left the commanding states; what was recorded is kept
+        └── MotionEnded              1  a motion ended before its end; what was recorded is kept
+            ├── MotionStopped               we stopped it: guard, operator, torque, a lost process, a full disk
+            └── SessionDropped              the robot left the commanding states
 
 Here: the classes and their sentences. Not here: what anyone does about them. Everyone in and above this package
 may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
@@ -32,7 +34,10 @@ may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from fri_client.last_samples import LastSamples
 
 __all__ = [
     "BadFrame",
@@ -47,6 +52,8 @@ __all__ = [
     "MalformedVarint",
     "MessageTooLong",
     "MissingRequiredField",
+    "MotionEnded",
+    "MotionStopped",
     "RobotSilent",
     "SessionDropped",
     "SessionError",
@@ -259,16 +266,40 @@ class RobotSilent(SessionError):
         self.timeout_s = timeout_s
 
 
-class SessionDropped(SessionError):
-    """The robot left the commanding states; the run ends and keeps what it has."""
+class MotionEnded(SessionError):
+    """A motion ended before its end. reason: name of the event or drop; criterion: of the guard's, where it was one.
+
+    joint: from 1, None where it concerns none; value and limit as the reason has them; tick: the fresh message at which
+    it happened, from 1; last_samples: the two seconds before.
+    """
 
     exit_code: ClassVar[int] = 1
 
-    def __init__(self, *, from_state: str, to_state: str, tick: int) -> None:
-        super().__init__(
-            f"The robot dropped the session from {from_state} to {to_state} at tick {tick}; "
-            "the motion is over and what was recorded is kept."
-        )
-        self.from_state = from_state
-        self.to_state = to_state
+    def __init__(
+        self,
+        sentence: str,
+        *,
+        reason: str,
+        criterion: str = "",
+        joint: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        tick: int | None = None,
+        last_samples: LastSamples | None = None,
+    ) -> None:
+        super().__init__(sentence)
+        self.reason = reason
+        self.criterion = criterion
+        self.joint = joint
+        self.value = value
+        self.limit = limit
         self.tick = tick
+        self.last_samples = last_samples
+
+
+class MotionStopped(MotionEnded):
+    """The motion was stopped from this side: guard, operator, torque, lost process, full disk, internal error."""
+
+
+class SessionDropped(MotionEnded):
+    """The robot left the commanding states."""

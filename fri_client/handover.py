@@ -278,6 +278,11 @@ class HandoverRing:
         self._cursor = end
         return records
 
+    def newest(self, count: int) -> list[HandoverRecord]:
+        """Copies of the newest `count` records, oldest first, released or not; only while no producer is at work."""
+        produced = self._words[_W_PRODUCED]
+        return [self._record(position) for position in range(max(0, produced - min(count, self._slots)), produced)]
+
     def release(self) -> None:
         """Give back the slots of all records read so far (call it when they are safe)."""
         self._words[_W_CONSUMED] = self._cursor

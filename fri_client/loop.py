@@ -25,6 +25,7 @@ from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError, FriError
 from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.journal import Journal
+from fri_client.last_samples import read_last_samples
 from fri_client.link_statistics import LinkStatistics
 from fri_client.loop_result import LoopResult, LoopSettings, Outcome, explain, version_sentence
 from fri_client.messages import (
@@ -406,6 +407,8 @@ class FriLoop:
         result.undecodable = self.statistics.undecodable
         result.duration_s = (now - started_ns) / 1e9
         result.phases = journal.spans
+        if outcome != "completed":
+            result.keep_last_samples(read_last_samples(self._ring, self._codec))
         self._ring.publish_reason(result.sentence)
         self._publish(now)
         return result

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fri_client.codec import Codec
-from fri_client.errors import CodecError
+from fri_client.errors import CodecError, MotionEnded, MotionStopped, SessionDropped
+from fri_client.last_samples import LastSamples
 from fri_client.messages import FriVersion, SessionState
-from fri_client.motion import MotionProgram
+from fri_client.motion import MotionProgram, StopKind
 from fri_client.session import Session
 
 __all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain", "version_sentence"]
@@ -63,7 +64,12 @@ class PhaseTicks:
 
 @dataclass(slots=True)
 class LoopResult:
-    """How the loop ended: outcome, the event behind it, one sentence, its joint (from 1) and numbers."""
+    """How the loop ended: outcome, the event behind it, one sentence, its joint (from 1) and numbers.
+
+    criterion: of the guard's, where it was one. stop_kind, stop_duration_s: how the arm was brought to rest; overruled:
+    commands of the stop that the guard objected to, because the arm did not follow. last_samples: the two seconds
+    before an end that was not the planned one.
+    """
 
     outcome: Outcome
     reason: str
@@ -72,12 +78,39 @@ class LoopResult:
     value: float | None = None
     limit: float | None = None
     tick: int | None = None
+    criterion: str = ""
+    stop_kind: StopKind | None = None
+    stop_duration_s: float = 0.0
+    overruled: int = 0
+    last_samples: LastSamples | None = None
     standstill_confirmed: bool = False
     late: int = 0
     foreign: int = 0
     undecodable: int = 0
     duration_s: float = 0.0
     phases: list[PhaseTicks] = field(default_factory=list)
+
+    def error(self) -> MotionEnded | None:
+        """The exception for a motion that was stopped, dropped or broken off by a fault; None for every other end."""
+        if self.outcome not in ("stopped", "dropped", "fault"):
+            return None
+        kind = SessionDropped if self.outcome == "dropped" else MotionStopped
+        return kind(
+            self.sentence,
+            reason=self.reason,
+            criterion=self.criterion,
+            joint=self.joint,
+            value=self.value,
+            limit=self.limit,
+            tick=self.tick,
+            last_samples=self.last_samples,
+        )
+
+    def keep_last_samples(self, last: LastSamples) -> None:
+        """Take the two seconds before the end, and write into them why it came."""
+        last.reason, last.sentence, last.criterion = self.reason, self.sentence, self.criterion
+        last.joint, last.value, last.limit, last.tick = self.joint, self.value, self.limit, self.tick
+        self.last_samples = last
 
 
 def explain(
@@ -90,23 +123,41 @@ def explain(
     refused: Exception | None = None,
     version: str = "",
 ) -> LoopResult:
-    """The result for an outcome: the event behind it, and one sentence with joint and numbers.
+    """The result for an outcome: the event behind it, one sentence with joint and numbers, and how the arm was stopped.
 
     hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
     the sentence of `version_sentence`.
     """
+    result = _explain(outcome, motion, session, settings, hindrance=hindrance, refused=refused, version=version)
+    if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
+        result.criterion = motion.stop_reason.criterion
+    result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
+    result.overruled = motion.overruled
+    return result
+
+
+def _explain(
+    outcome: Outcome,
+    motion: MotionProgram,
+    session: Session,
+    settings: LoopSettings,
+    *,
+    hindrance: str,
+    refused: Exception | None,
+    version: str,
+) -> LoopResult:
     reason, drop = motion.stop_reason, session.drop
     if outcome == "completed":
         driven = motion.periods_completed
         what = "The one period was" if driven == 1 else f"All {driven} periods were"
-        sentence = f"{what} driven; the arm was stopped by ramp."
+        sentence = f"{what} driven; the arm was stopped by ramp{_how(motion)}."
         return LoopResult(outcome, outcome, sentence)
     if outcome == "dropped" and drop is not None:
         return LoopResult(outcome, drop.reason.name, drop.sentence(), drop.joint or None, drop.value, drop.limit)
     if refused is not None:
         return LoopResult(outcome, type(refused).__name__, str(refused))
     if reason is not None:
-        after = "The arm was stopped by ramp." if motion.commanded else "Nothing had moved."
+        after = f"The arm was stopped by ramp{_how(motion)}." if motion.commanded else "Nothing had moved."
         return LoopResult(
             outcome,
             reason.code.name,
@@ -126,6 +177,13 @@ def explain(
         "start the FRI application on the robot and check the address it sends to."
     )
     return LoopResult(outcome, outcome, sentence)
+
+
+def _how(motion: MotionProgram) -> str:
+    if motion.stop_kind is None:
+        return ""
+    where = "along its path" if motion.stop_kind == "path" else "each joint on its own"
+    return f", {where}, in {motion.stop_duration_s:.2f} s"
 
 
 def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
