@@ -5,6 +5,7 @@
     ├── MissingInputError           66  a file that should be there is not
     ├── BadLogError                 65  a log (MCAP) that cannot be used
     ├── LogIOError                  74  the disk refused: full, read-only, gone
+    ├── LadderError                  1  an amplitude whose turn on this arm has not come
     ├── PortInUseError              69  another program holds the UDP port
     ├── RobotUnreachableError       69  no monitoring message arrived in time
     ├── ProtocolMismatchError       76  datagrams arrive, but of another FRI version
@@ -66,6 +67,23 @@ class LogIOError(DaemonError):
         self.file = file
         self.errno = error.errno
         super().__init__(f"{file}: {error.strerror or error}.")
+
+
+class LadderError(DaemonError):
+    """An amplitude was asked for before the smaller ones were completed. Carries arm, amplitude, done and allowed."""
+
+    exit_code = 1
+
+    def __init__(self, arm: str, amplitude: float, done: float, allowed: float) -> None:
+        self.arm = arm
+        self.amplitude = amplitude
+        self.done = done
+        self.allowed = allowed
+        so_far = f"only {done:g} was completed so far" if done else "nothing was completed yet"
+        super().__init__(
+            f"Amplitude {amplitude:g} has to wait: of this trajectory in this workspace {so_far} on this arm ({arm}). "
+            f"Run --amplitude {allowed:g} first."
+        )
 
 
 class PortInUseError(DaemonError):

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from daemon.api import RecorderJob
+from daemon.commissioning import tags
 from daemon.host import host_report
 from daemon.log.writer import Attachment
 
@@ -31,6 +32,7 @@ def metadata_of(job: RecorderJob) -> dict[str, str]:
         "samples_per_period": str(samples),
         "lead_in_s": repr(request.lead_in_s),
         "amplitude": repr(request.amplitude),
+        **tags(request),
         "tool": request.tool,
         "seed": "" if request.seed is None else str(request.seed),
         "part": str(job.part),
@@ -54,6 +56,8 @@ def attachments_of(job: RecorderJob) -> list[Attachment]:
         (Path(request.trajectory_file), "application/json"),
         (Path(request.table_file), "application/octet-stream"),
         (_urdf_file(job), "application/xml"),
+        (None if request.workspace_file is None else Path(request.workspace_file), "application/yaml"),
+        (Path(request.out_dir) / "preflight.json", "application/json"),
     ):
         if file is not None and file.is_file():
             found.append(Attachment(file.name, media_type, file.read_bytes()))

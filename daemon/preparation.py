@@ -6,6 +6,7 @@ Called by the commands `check`, `run` and `demo`; nothing here talks to a robot.
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunRequest
+from daemon.workspace import Surroundings, load_surroundings
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
-from safety.geometry import load_geometry
 from safety.limits import limits_for
 from safety.preflight import preflight
 from safety.preflight_report import PreflightReport
@@ -31,6 +32,7 @@ class PreparedMotion:
     """A motion ready to be run or refused.
 
     table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
+    surroundings: what it was held against; workspace_file: where they are described, None: a floor alone.
     """
 
     name: str
@@ -39,27 +41,45 @@ class PreparedMotion:
     amplitude: float
     table: NDArray[np.float64]
     preflight: PreflightReport
+    surroundings: Surroundings
+    workspace_file: Path | None
 
 
-def prepare_motion(source: Path | None, *, robot: str | None = None, amplitude: float = 1.0) -> PreparedMotion:
+def prepare_motion(
+    source: Path | None, *, robot: str | None = None, amplitude: float = 1.0, workspace: Path | None = None
+) -> PreparedMotion:
     """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
 
-    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. Raises TrajectoryError (65, 66) for a file
-    that cannot be used and LimitsError for a robot without limits; an unsafe motion is returned with its report.
+    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
+    at the mounting face. Raises TrajectoryError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
+    workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
     trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
     model = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
-    report = check_table(table, model)
+    surroundings = load_surroundings(model, workspace)
+    report = check_table(table, model, surroundings)
     name = f"shipped excitation of {model}" if source is None else str(source)
-    return PreparedMotion(name, model, trajectory, amplitude, table, report)
+    return PreparedMotion(name, model, trajectory, amplitude, table, report, surroundings, workspace)
 
 
-def check_table(table: NDArray[np.float64], robot: str) -> PreflightReport:
-    """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace."""
+def check_table(table: NDArray[np.float64], robot: str, surroundings: Surroundings | None = None) -> PreflightReport:
+    """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace.
+
+    surroundings: None for a floor at the mounting face.
+    """
+    around = surroundings or load_surroundings(robot)
     start_row = (len(table) - round(LEAD_IN_S * TABLE_RATE_HZ)) % len(table)
     return preflight(
-        table, 1.0 / TABLE_RATE_HZ, limits_for(robot), periodic=True, geometry=load_geometry(robot), start_row=start_row
+        table,
+        1.0 / TABLE_RATE_HZ,
+        limits_for(robot),
+        periodic=True,
+        geometry=around.geometry,
+        workspace=around.workspace,
+        self_collision_margin_m=around.margins.self_collision_m,
+        workspace_margin_m=around.margins.workspace_m,
+        start_row=start_row,
     )
 
 
@@ -74,7 +94,7 @@ def new_run_id() -> str:
 
 
 def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
-    """Write table and trajectory into the run's folder and return the request that points to them.
+    """Write table, trajectory, workspace and preflight into the run's folder; the request that points to them.
 
     settings: further fields of RunRequest. Raises OSError when the folder cannot be written, ConfigurationError for a
     setting out of range.
@@ -84,6 +104,10 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
     trajectory_file = out_dir / "trajectory.json"
     np.save(table_file, motion.table)
     trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
+    (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
+    if motion.workspace_file is not None:
+        settings["workspace_file"] = str((out_dir / "workspace.yaml").resolve())
+        shutil.copyfile(motion.workspace_file, settings["workspace_file"])
     return RunRequest(
         run_id=settings.pop("run_id", None) or new_run_id(),
         robot=motion.robot,

@@ -36,6 +36,7 @@ from daemon.api import (
     write_json,
 )
 from daemon.children import Child
+from daemon.commissioning import admit, remember, tags
 from daemon.control import ControlInbox
 from daemon.errors import (
     BadLogError,
@@ -76,10 +77,19 @@ def run_acquisition(
     SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
     thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
     moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
-    LogIOError, ChildProcessFailedError. A run that was stopped, dropped or never began is an outcome, not an error.
+    LogIOError, ChildProcessFailedError, LadderError. A run that was stopped, dropped or never began is an outcome, not
+    an error.
     """
+    _tell_if(observe, admit(request))
     with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
-        return _Acquisition(prepare_folder(request), observe, stop or StopHandle()).run()
+        outcome = _Acquisition(prepare_folder(request), observe, stop or StopHandle()).run()
+    _tell_if(observe, remember(request, outcome))
+    return outcome
+
+
+def _tell_if(observe: Observer, sentence: str) -> None:
+    if sentence:
+        observe(RunEvent(kind="preflight", sentence=sentence))
 
 
 class _Acquisition:
@@ -336,6 +346,7 @@ class _Acquisition:
             request=self._request,
             started_at=self._started_at,
             finished_at=now_text(),
+            commissioning=tags(self._request),
         )
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)

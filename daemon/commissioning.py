@@ -1,0 +1,153 @@
+"""The commissioning ladder: a motion is driven on a real arm at 0.1, 0.25, 0.5 and only then at its full amplitude.
+
+Here: which amplitude may be driven next, the record of those done, and what a log says about it. A record belongs to
+one arm, one trajectory (before the amplitude was applied) and one workspace; a change of any of them begins at the
+bottom. Not here: the runs themselves (`service` asks before a run and tells of its end). A robot on a loopback address
+is a simulated one and needs no ladder.
+
+FRI does not say which arm it is: an arm is known by the serial number the operator gives, or else by addresses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import ipaddress
+import json
+import os
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import RunOutcome, RunRequest
+from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError
+from daemon.times import now_text
+from daemon.workspace import load_surroundings
+
+__all__ = ["RUNGS", "Rung", "admit", "highest_allowed", "ladder_file", "needs_ladder", "remember", "rung_of", "tags"]
+
+RUNGS = (0.1, 0.25, 0.5, 1.0)
+
+
+class Rung(msgspec.Struct, frozen=True, kw_only=True):
+    """One amplitude of one trajectory on one arm in one workspace; a line of the record once it was completed."""
+
+    arm: str
+    trajectory_sha256: str
+    workspace_sha256: str
+    amplitude: float
+    run_id: str = ""
+    finished_at: str = ""
+
+    def same_ladder(self, other: Rung) -> bool:
+        """Whether both stand on the same ladder."""
+        return (self.arm, self.trajectory_sha256, self.workspace_sha256) == (
+            other.arm,
+            other.trajectory_sha256,
+            other.workspace_sha256,
+        )
+
+
+def needs_ladder(request: RunRequest) -> bool:
+    """Whether a real arm may hear this run: every address but loopback."""
+    return not ipaddress.ip_address(request.bind_host).is_loopback
+
+
+def rung_of(request: RunRequest) -> Rung:
+    """The rung a request stands on. Raises MissingInputError, ConfigurationError for its files."""
+    file = Path(request.trajectory_file)
+    try:
+        # Parsed and written anew: two files of the same motion are the same motion, whatever their layout.
+        content = json.dumps(json.loads(file.read_bytes()), sort_keys=True).encode()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(file), "trajectory") from error
+    except ValueError as error:
+        raise ConfigurationError(f"is no JSON: {error}.", file=str(file), field="trajectory_file") from error
+    return Rung(
+        arm=f"{request.robot} {request.serial or _address(request)}",
+        trajectory_sha256=hashlib.sha256(content).hexdigest(),
+        workspace_sha256=load_surroundings(request.robot, request.workspace_file).digest,
+        amplitude=request.amplitude,
+    )
+
+
+def highest_allowed(done: float) -> float:
+    """The largest amplitude that may follow `done` (0: none yet): the next rung above it."""
+    return next((rung for rung in RUNGS if rung > done + 1e-9), RUNGS[-1])
+
+
+def admit(request: RunRequest) -> str:
+    """What the operator should know about the ladder before this run; empty where none is needed.
+
+    Raises LadderError (1) for an amplitude whose turn has not come, unless the request says to skip it.
+    """
+    if not needs_ladder(request):
+        return ""
+    rung = rung_of(request)
+    file = ladder_file(request)
+    done = max((line.amplitude for line in _read(file) if line.same_ladder(rung)), default=0.0)
+    allowed = highest_allowed(done)
+    if rung.amplitude <= allowed + 1e-9:
+        return f"Commissioning: amplitude {rung.amplitude:g}; so far {done:g} was completed on this arm."
+    if request.skip_ladder:
+        return f"Commissioning: amplitude {rung.amplitude:g} although only {done:g} was completed; the log says so."
+    raise LadderError(rung.arm, rung.amplitude, done, allowed)
+
+
+def remember(request: RunRequest, outcome: RunOutcome) -> str:
+    """Write down an amplitude that was completed; the sentence for the operator, empty where nothing was to be done."""
+    if not needs_ladder(request) or outcome.outcome != "completed" or outcome.exit_code:
+        return ""
+    rung = msgspec.structs.replace(rung_of(request), run_id=request.run_id, finished_at=now_text())
+    file = ladder_file(request)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        # One line by one write at the end of the file: two runs that end together do not overwrite each other.
+        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            os.write(descriptor, b"\n" + msgspec.json.encode(rung) + b"\n")
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        return f"Commissioning: {file} cannot be written ({error.strerror}), so this amplitude counts as not done."
+    following = highest_allowed(rung.amplitude)
+    onward = f"; {following:g} may follow" if rung.amplitude < following else ""
+    return f"Commissioning: amplitude {rung.amplitude:g} is completed on this arm{onward}."
+
+
+def ladder_file(request: RunRequest) -> Path:
+    """The record: the request's own, or the user's (XDG_STATE_HOME)."""
+    if request.ladder_file is not None:
+        return Path(request.ladder_file)
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "iiwa-ident" / "ladder.jsonl"
+
+
+def tags(request: RunRequest) -> dict[str, str]:
+    """What a log and run.json say: the amplitude, and whether the ladder was kept."""
+    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed on loopback"
+    return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
+
+
+def _address(request: RunRequest) -> str:
+    here = f"{request.bind_host}:{request.bind_port}"
+    return f"{request.robot_host} -> {here}" if request.robot_host else f"at {here}"
+
+
+def _read(file: Path) -> list[Rung]:
+    """Completed rungs; a line that cannot be read counts for nothing, which can only forbid."""
+    try:
+        lines = file.read_bytes().splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise LogIOError(str(file), error) from error
+    rungs = []
+    for line in lines:
+        try:
+            rung = msgspec.json.decode(line, type=Rung)
+        except msgspec.DecodeError:
+            continue
+        if 0.0 < rung.amplitude <= 1.0:
+            rungs.append(rung)
+    return rungs
