@@ -154,7 +154,10 @@ class LoopReport(Message, frozen=True, kw_only=True):
     but not usable: non-finite position, too few joints), undecodable; foreign: datagrams of another sender;
     lost_in_handover: samples that found the ring full. Peaks per joint of what was commanded: rad, rad/s, rad/s²,
     rad/s³.
-    reason: machine-readable cause (name of an EventCode, or the outcome). sentence: for the operator.
+    reason: machine-readable cause (name of an EventCode, or the outcome); criterion: the guard's, where it was one.
+    sentence: for the operator. stop_kind: the stop kept to the "path", slowed, or was one of each joint on its own
+    ("joint_space"); stop_duration_s: from the last command of the motion to the first at rest; overruled: commands of
+    the stop that the guard objected to, because the arm did not follow. last_samples: rows in last_samples.json.
     """
 
     outcome: LoopOutcome
@@ -164,6 +167,11 @@ class LoopReport(Message, frozen=True, kw_only=True):
     value: float | None = None
     limit: float | None = None
     tick: int | None = None
+    criterion: str = ""
+    stop_kind: Literal["path", "joint_space"] | None = None
+    stop_duration_s: float = 0.0
+    overruled: int = 0
+    last_samples: int = 0
     standstill_confirmed: bool = False
     received: int = 0
     answered: int = 0

@@ -13,6 +13,7 @@ run; 66 its files are missing; 69 port in use, no robot or no command from it; 7
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import signal
 import socket
@@ -21,10 +22,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.api import Histogram, LoopOutcome, LoopReport, PhaseSpan, RunRequest, read_json, write_json
+from daemon.api import (
+    Histogram,
+    LoopOutcome,
+    LoopReport,
+    PhaseSpan,
+    RunRequest,
+    read_json,
+    write_bytes_atomically,
+    write_json,
+)
 from daemon.errors import ConfigurationError, DaemonError, MissingInputError, PortInUseError
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
@@ -39,6 +50,7 @@ from safety.limits import JointLimits, limits_for
 __all__ = ["EXIT_CODES", "REPORT_NAME", "load_table", "main", "motion_of", "run_loop"]
 
 REPORT_NAME = "loop_report.json"
+LAST_SAMPLES_NAME = "last_samples.json"
 
 EXIT_CODES: dict[LoopOutcome, int] = {
     "completed": 0,
@@ -109,6 +121,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
         finally:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
+    _write_last_samples(request, result)
     code = loop.refusal_exit_code or EXIT_CODES[result.outcome]
     return _report(loop, result, obtained, ring), code
 
@@ -186,6 +199,16 @@ def _make_loop(
     return FriLoop(channel, version, make_motion, ring, settings)
 
 
+def _write_last_samples(request: RunRequest, result: LoopResult) -> None:
+    """The seconds around an end that was not the planned one, into the run's folder; a full disk costs no more than
+    them.
+    """
+    if result.last_samples:
+        with contextlib.suppress(OSError):
+            file = Path(request.out_dir) / LAST_SAMPLES_NAME
+            write_bytes_atomically(file, msgspec.json.encode(result.last_samples))
+
+
 def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) -> LoopReport:
     return LoopReport(outcome=outcome, reason=type(error).__name__, sentence=str(error))
 
@@ -203,6 +226,11 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
         value=result.value,
         limit=result.limit,
         tick=result.tick,
+        criterion=result.criterion,
+        stop_kind=result.stop_kind,
+        stop_duration_s=result.stop_duration_s,
+        overruled=result.overruled,
+        last_samples=0 if result.last_samples is None else len(result.last_samples),
         standstill_confirmed=result.standstill_confirmed,
         received=counts.received,
         answered=counts.answered,

@@ -6,6 +6,7 @@ here waits.
 
 from __future__ import annotations
 
+import signal
 import time
 
 from fri_client.handover import EventCode, HandoverRing
@@ -17,6 +18,7 @@ _PATIENCE_S = 0.3
 
 _SENTENCES = {
     EventCode.OPERATOR_STOP: "The operator asked for a stop.",
+    EventCode.SIGNAL_STOP: "The supervising process was told to end.",
     EventCode.RECORDER_LOST: "The recorder was lost.",
     EventCode.DISK_FULL: "The disk refused further samples.",
     EventCode.SUPERVISOR_LOST: "The supervising process was lost.",
@@ -36,7 +38,7 @@ class StopWatch:
     def poll(self, now_ns: int) -> StopReason | None:
         """The reason to stop at now_ns (CLOCK_MONOTONIC), None where there is none."""
         if self.signal_number:
-            return StopReason(EventCode.SIGNAL_STOP, f"Signal {self.signal_number} asked for a stop.")
+            return StopReason(EventCode.SIGNAL_STOP, f"{_signal_name(self.signal_number)} asked for a stop.")
         ring = self._ring
         request = ring.stop_request
         if request:
@@ -51,6 +53,13 @@ class StopWatch:
             sentence = f"The recorder is {ring.backlog} of {ring.slots} records behind; samples would soon be lost."
             return StopReason(EventCode.RECORDER_LOST, sentence, 0, ring.backlog, 0.8 * ring.slots)
         return None
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"Signal {number}"
 
 
 def _requested(request: int) -> StopReason:

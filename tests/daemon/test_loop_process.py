@@ -146,7 +146,19 @@ def test_a_signal_stops_the_arm_by_ramp_and_the_report_is_written(tmp_path: Path
             said = process.stderr.read()
     report = read_json(tmp_path / "loop_report.json", LoopReport)
     assert (report.outcome, report.reason, report.standstill_confirmed) == ("stopped", "SIGNAL_STOP", True)
-    assert "stopped by ramp" in said
+    assert f"{number.name} asked for a stop. The arm was stopped by ramp, along its path, in " in said
+    assert (report.stop_kind, report.overruled) == ("path", 0)
+    kept = json.loads((tmp_path / "last_samples.json").read_text())
+    assert (kept["reason"], kept["tick"]) == ("SIGNAL_STOP", report.tick)
+    columns = kept["columns"]
+    assert len(columns["sent_position"]) == report.last_samples > 1000
+    stop = columns["event"].index("SIGNAL_STOP")
+    times = np.array(columns["host_receive_time_ns"]) / 1e9
+    assert 0.2 < times[stop] - times[0] <= 2.0  # of the host's time; the robot in lockstep has one of its own
+    moving = [
+        sent for sent, phase in zip(columns["sent_position"], columns["phase"], strict=True) if phase == "STOP_RAMP"
+    ]
+    assert len(moving) == pytest.approx(report.stop_duration_s * 1000, abs=2)
     assert json.loads(summary_file.read_text())["counts"]["commands_rejected"] == 0
 
 
