@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import errno
+import os
 import signal
 import socket
 import sys
@@ -71,11 +72,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--request", required=True, help="run request (JSON)")
     parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the hand-over ring")
     options = parser.parse_args(arguments)
+    supervisor = os.getppid()
     try:
         ring = HandoverRing.attach(options.ring_fd)
     except FriError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    request = None
     try:
         request = read_json(options.request, RunRequest)
         report, code = run_loop(request, ring)
@@ -88,6 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 74
     finally:
         ring.finish()
+        if request is not None and os.getppid() != supervisor:
+            # Imported here: what it needs has no place in the process while it answers a robot.
+            from daemon.rescue import rescue_if_abandoned
+
+            rescue_if_abandoned(request, ring)
     if code:
         print(report.sentence, file=sys.stderr)
     return code

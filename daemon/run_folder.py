@@ -12,13 +12,12 @@ import msgspec
 from daemon.api import RunRequest, write_json
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
 from daemon.log.cdr import JOINT_NAMES
+from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log_inputs import DESCRIPTION_NAME
 from identification.export import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 
-__all__ = ["RECORDING_NAME", "prepare_folder"]
-
-RECORDING_NAME = "recording.mcap"
+__all__ = ["prepare_folder"]
 
 
 def prepare_folder(request: RunRequest) -> RunRequest:
@@ -29,9 +28,7 @@ def prepare_folder(request: RunRequest) -> RunRequest:
     LogIOError.
     """
     folder = Path(request.out_dir).absolute()
-    for name in (RECORDING_NAME, "run.json"):
-        if (folder / name).exists():
-            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
+    _refuse_used(folder)
     changes: dict[str, str] = {"out_dir": str(folder)}
     sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
     if request.urdf_file is not None:
@@ -55,6 +52,24 @@ def prepare_folder(request: RunRequest) -> RunRequest:
         raise LogIOError(str(folder), error) from error
     _check_port(request)
     return resolved
+
+
+def _refuse_used(folder: Path) -> None:
+    """A folder is for one run. Raises ConfigurationError, which says what to do about one that was broken off."""
+    state = state_of_recording(folder)
+    if state == "recording":
+        raise ConfigurationError(
+            f"{folder} holds a run that is being recorded; choose another folder.", field="out_dir"
+        )
+    if state == "broken":
+        raise ConfigurationError(
+            f"{folder} holds a run that was broken off; `iiwa-ident recover {folder}` makes its recording whole. "
+            "Choose another folder for the new run.",
+            field="out_dir",
+        )
+    for name in (RECORDING_NAME, "run.json"):
+        if (folder / name).exists():
+            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
 
 
 def _check_port(request: RunRequest) -> None:

@@ -15,7 +15,6 @@ What happens when a child dies:
 from __future__ import annotations
 
 import contextlib
-import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -46,9 +45,9 @@ from daemon.errors import (
     MissingInputError,
 )
 from daemon.host import software_versions
-from daemon.log.recover import merge_logs
+from daemon.log.parts import join_parts, part_path
 from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
-from daemon.run_folder import RECORDING_NAME, prepare_folder
+from daemon.run_folder import prepare_folder
 from daemon.runtime_folder import lock_port
 from daemon.start_check import StartCheck
 from daemon.stop_handle import StopHandle
@@ -142,7 +141,7 @@ class _Acquisition:
         if self._disk_failed:
             folder = Path(tempfile.mkdtemp(prefix=f"iiwa-ident-{self._request.run_id}-"))
             self._remark(f"The rest of the recording goes to {folder}, because {self._folder} cannot be written.")
-        path = folder / (RECORDING_NAME if part == 0 else f"recording.part{part}.mcap")
+        path = part_path(folder, part)
         job_file = folder / f"recorder{part}.json"
         try:
             write_json(job_file, RecorderJob(request=self._request, path=str(path), part=part))
@@ -360,18 +359,14 @@ class _Acquisition:
     def _join_parts(self) -> tuple[Path, int, int, int]:
         """recording.mcap from what several recorders left; the broken first part is kept as recording.broken.mcap."""
         existing = [part for part in self._parts if part.is_file()]
-        joined = next((part for part in reversed(existing) if part.parent != self._folder), self._parts[0])
         try:
-            if self._parts[0] in existing:
-                broken = self._parts[0].with_name("recording.broken.mcap")
-                os.replace(self._parts[0], broken)
-                existing[existing.index(self._parts[0])] = broken
-            target = joined.with_name(RECORDING_NAME)
-            merged = merge_logs(existing, target)
-        except (BadLogError, LogIOError, MissingInputError, OSError) as error:
+            if not existing:
+                raise MissingInputError(str(self._parts[0]), "the recording of this run")
+            merged = join_parts(existing)
+        except (BadLogError, LogIOError, MissingInputError) as error:
             self._remark(f"The parts of the recording could not be joined: {error}")
             return existing[-1] if existing else self._parts[0], 0, 0, 0
-        return target, merged.samples, merged.missing, merged.missing_in_handover
+        return merged.recovered, merged.samples, merged.missing, merged.missing_in_handover
 
     def _exit_code(self, report: LoopReport) -> int:
         code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]

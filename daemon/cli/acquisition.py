@@ -193,15 +193,16 @@ def doctor(
 
 @app.command()
 def recover(
-    log: Annotated[Path, typer.Argument(help="A log that was broken off.")], json_file: JsonOption = None
+    log: Annotated[Path, typer.Argument(help="A log that was broken off, or a run's folder with all its parts.")],
+    json_file: JsonOption = None,
 ) -> None:
     """Make a broken-off log whole again as far as its bytes go, and say what is missing. The original is kept.
 
     Example: iiwa-ident recover runs/first/recording.mcap
     """
-    from daemon.log.recover import recover_log
+    from daemon.log.parts import recover as recover_recording
 
-    report = recover_log(log)
+    report = recover_recording(log)
     if json_file is not None:
         write_json(json_file, report.to_json())
     if not wants_json_on_stdout(json_file):

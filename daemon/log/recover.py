@@ -23,9 +23,10 @@ from mcap.writer import CompressionType, Writer
 from daemon.errors import BadLogError, LogIOError, MissingInputError
 from daemon.log.cdr import command_index, event_index, state_counters
 from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
+from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
 
-__all__ = ["RecoverReport", "merge_logs", "recover_log"]
+__all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
 
 _COUNTER_MODULUS = 2**32
 
@@ -62,13 +63,16 @@ def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverRe
     """Make a log whole again as far as its bytes go; see RecoverReport.
 
     output: defaults to NAME.recovered.mcap beside it; an existing file of that name is replaced in one step. Raises
-    MissingInputError, BadLogError when nothing usable is in it, LogIOError when the disk refuses.
+    MissingInputError, BadLogError when nothing usable is in it, LogIOError when the disk refuses or while a recorder
+    writes the file.
     """
     source = Path(path)
     if not source.is_file():
         raise MissingInputError(str(source), "the log to recover")
+    if is_being_written(source):
+        raise LogIOError(str(source), OSError(errno.EBUSY, "is being recorded right now; wait until the run has ended"))
     total = source.stat().st_size
-    if _is_whole(source):
+    if is_whole(source):
         counts = _Counts()
         with source.open("rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
@@ -83,7 +87,7 @@ def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverRe
     return counts.report(source, target, False, found.damaged_chunks, found.bytes_used, total, sentences)
 
 
-def _is_whole(source: Path) -> bool:
+def is_whole(source: Path) -> bool:
     """True when the library reads every message and the closing magic stands where it should."""
     try:
         with source.open("rb") as stream:

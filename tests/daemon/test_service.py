@@ -12,6 +12,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
-from daemon.errors import ConfigurationError, MissingInputError, PortInUseError
+from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+from daemon.log.parts import recover
 from daemon.service import run_acquisition
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -229,6 +231,55 @@ def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(robot: tuple
     states = states_of(tmp_path / "run" / "recording.mcap")
     assert_nothing_missing(tmp_path / "run" / "recording.mcap")
     assert len(states) == report["received"]
+
+
+def kill_together(processes: list[psutil.Process]) -> None:
+    """SIGSTOP first, so that none sees another one's death."""
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        for process in processes:
+            process.send_signal(number)
+
+
+def test_supervisor_and_recorder_killed_at_once_cost_no_sample_and_the_arm_comes_to_rest(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=1.0))
+    read_until(process, "Period 2")
+    supervisor = psutil.Process(process.pid)
+    loop = child_of(supervisor, "daemon.loop_process")
+    kill_together([supervisor, child_of(supervisor, "daemon.recorder")])
+    process.communicate(timeout=60)
+    wait_gone([loop])
+    report = json.loads((tmp_path / "run" / "loop_report.json").read_text())
+    assert report["reason"] in ("SUPERVISOR_LOST", "RECORDER_LOST")
+    assert report["standstill_confirmed"]
+    states = states_of(tmp_path / "run" / "recording.mcap")
+    assert_nothing_missing(tmp_path / "run" / "recording.mcap")
+    assert len(states) == report["received"]
+    assert "Supervisor and recorder were gone" in (tmp_path / "run" / "loop.log").read_text()
+
+
+def test_all_processes_killed_at_once_leave_all_but_the_last_half_second_and_recover_says_so(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600))
+    read_until(process, "Period 3")
+    supervisor = psutil.Process(process.pid)
+    with pytest.raises(LogIOError, match="being recorded"):
+        recover(tmp_path / "run")
+    children = supervisor.children()
+    killed_at = time.time_ns()
+    kill_together([supervisor, *children])
+    process.communicate(timeout=60)
+    wait_gone(children)
+    with pytest.raises(ConfigurationError, match="recover"):
+        run_acquisition(gentle_request(tmp_path, free_port()), observe=lambda _: None)
+    report = recover(tmp_path / "run")
+    assert not report.whole
+    assert (report.missing, report.missing_in_handover) == (0, 0)
+    states = states_of(report.recovered)
+    assert len(states) == report.samples > 2 * PERIOD_SAMPLES
+    assert killed_at - states[-1].host_receive_time_ns < 0.5e9
 
 
 def test_no_robot_is_said_within_the_time_allowed_with_exit_code_69(tmp_path: Path) -> None:

@@ -1,0 +1,84 @@
+"""The last resort of the loop's process: supervisor and recorder are both gone, and the ring holds what nobody wrote.
+
+Here: finding out that nobody else is left, and writing the rest into the run's folder. Not here: the loop itself, which
+has ended before (the arm stands, or the session is lost, and no datagram is answered any more), and the recorder's
+work, which is done by the recorder's own code in this process. The loop's process calls it at its very end.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from daemon.api import RecorderJob, RunRequest
+from daemon.errors import DaemonError, LogIOError
+from daemon.log.parts import join_parts, part_path, parts_of
+from daemon.log.recover import RecoverReport
+from daemon.log.stream import is_being_written
+from daemon.recorder import Recorder
+from fri_client.handover import HandoverRing
+
+__all__ = ["rescue_if_abandoned"]
+
+RECORDER_PATIENCE_S = 60.0
+POLL_S = 0.1
+
+
+def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverReport | None:
+    """Write what the finished ring still holds and join it with what the killed recorder left; None where all is well.
+
+    To be called when the supervisor is gone. While a recorder lives it is waited for: it may be killed too, and the
+    memory of the ring would go with this process. What goes wrong is said on stderr.
+    """
+    folder = Path(request.out_dir)
+    deadline = time.monotonic() + RECORDER_PATIENCE_S
+    while any(is_being_written(part) for part in parts_of(folder)):
+        if time.monotonic() > deadline:
+            return None
+        time.sleep(POLL_S)
+    if not ring.backlog:
+        return None
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        parts = _write_rest(request, ring, folder)
+        report = join_parts(parts) if len(parts) > 1 else None
+    except (DaemonError, OSError) as error:
+        print(error, file=sys.stderr)
+        return None
+    if report is not None:
+        print(f"Supervisor and recorder were gone: {' '.join(report.sentences)}", file=sys.stderr)
+    return report
+
+
+def _write_rest(request: RunRequest, ring: HandoverRing, folder: Path) -> list[Path]:
+    """The rest of the ring in a part of its own; in the system's temporary folder when the run's disk refuses.
+
+    Returns all parts of the recording. Raises LogIOError, OSError when that folder refuses too; nothing else is left.
+    """
+    parts = parts_of(folder)
+    consumer = HandoverRing.attach(ring.fd)
+    try:
+        while True:
+            path = part_path(folder, len(parts))
+            job = RecorderJob(request=request, path=str(path), part=len(parts))
+            refusal = None
+            try:
+                code = Recorder(job, consumer, lambda _: None).run()
+            except LogIOError as error:
+                code, refusal = error.exit_code, error
+            if path.is_file():
+                parts.append(path)
+            if code == 0:
+                return parts
+            if folder != Path(request.out_dir):
+                raise refusal or LogIOError(str(path), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+            folder = Path(tempfile.mkdtemp(prefix=f"iiwa-ident-{request.run_id}-"))
+            print(f"{request.out_dir} cannot be written; the rest of the recording goes to {folder}.", file=sys.stderr)
+    finally:
+        consumer.close()
