@@ -66,13 +66,17 @@ class FriSettings(_Section, frozen=True, kw_only=True):
 
 
 class RunSettings(_Section, frozen=True, kw_only=True):
-    """What is driven and how it is stopped. external_torque_limit: Nm per joint; none = not watched."""
+    """What is driven and how it is stopped. external_torque_limit: Nm per joint; none = not watched. workspace_file,
+    serial: as in RunRequest.
+    """
 
     periods: int = 16
     amplitude: float = 1.0
     lead_in_s: float = 1.0
     tool: str = "none"
     urdf_file: str | None = None
+    workspace_file: str | None = None
+    serial: str | None = None
     external_torque_limit: tuple[float, ...] | None = None
     maximum_distance_to_measured: float = 0.1
     fit: bool = True
@@ -109,6 +113,11 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
     realtime: RealtimeChoice = RealtimeChoice()
     control: ControlSettings = ControlSettings()
     output: str = "runs"
+
+    @property
+    def is_simulation(self) -> bool:
+        """Whether the link is bound to a loopback address, which no cabinet can reach."""
+        return ipaddress.ip_address(self.fri.bind_host).is_loopback
 
     def request_fields(self) -> dict[str, Any]:
         """The fields of RunRequest that this configuration decides."""
@@ -186,7 +195,7 @@ def _check(config: DaemonConfig, file: str) -> None:
         value = getattr(fri, name)
         if not 0.0 < value < float("inf"):
             raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
-    if fri.robot_host is None and not ipaddress.IPv4Address(fri.bind_host).is_loopback:
+    if fri.robot_host is None and not config.is_simulation:
         raise refuse(
             "fri.robot_host",
             f"{fri.bind_host} can be reached from other machines: name the robot's address, the only one listened to.",

@@ -81,8 +81,9 @@ class GetStatus(_Request, frozen=True, kw_only=True, tag="status"):
 
 
 class GetJobs(_Request, frozen=True, kw_only=True, tag="jobs"):
-    """The newest jobs, at most `limit` of them."""
+    """The newest jobs, at most `limit` of them, or the one named."""
 
+    job_id: _JobId | None = None
     limit: Annotated[int, Meta(ge=1, le=500)] = 100
 
 

@@ -12,6 +12,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -52,35 +53,36 @@ class Verdict(Message, frozen=True, kw_only=True):
     exit_code: int = 0
 
 
+_CANCELLED = Verdict(safe=False, sentence="The check was broken off; nothing was moved.", exit_code=130)
+
+
 class Preparation:
-    """One check under way; `cancel` from any thread, `wait` from one that may wait."""
+    """One check; `run` from a thread that may wait, `cancel` from any thread at any time."""
 
     def __init__(self, job: PreparationJob) -> None:
-        """Start it. Raises OSError."""
+        self._job = job
         self._folder = Path(job.answer_dir)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        for name in (REQUEST_NAME, VERDICT_NAME):
-            (self._folder / name).unlink(missing_ok=True)
-        job_file = self._folder / "preparation.json"
-        write_json(job_file, job)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "daemon.job_preparation", "--job", str(job_file)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            env=child_environment(),
-        )
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._cancelled = False
 
-    def wait(self) -> tuple[Verdict, RunRequest | None]:
-        """The verdict, and the request of a motion that is safe."""
+    def run(self) -> tuple[Verdict, RunRequest | None]:
+        """The verdict, and the request of a motion that is safe; never raises for what the disk or the motion does."""
         try:
-            code = self._process.wait(LONGEST_S)
+            process = self._start()
+        except OSError as error:
+            return Verdict(safe=False, sentence=f"{self._folder}: {error.strerror}.", exit_code=74), None
+        if process is None:
+            return _CANCELLED, None
+        try:
+            code = process.wait(LONGEST_S)
         except subprocess.TimeoutExpired:
-            self.cancel()
-            self._process.wait()
+            process.kill()
+            process.wait()
             sentence = f"The check of the motion did not end within {LONGEST_S:g} s."
             return Verdict(safe=False, sentence=sentence, exit_code=65), None
+        if self._cancelled:
+            return _CANCELLED, None
         try:
             verdict = read_json(self._folder / VERDICT_NAME, Verdict)
             return verdict, read_json(self._folder / REQUEST_NAME, RunRequest) if verdict.safe else None
@@ -89,8 +91,29 @@ class Preparation:
             return Verdict(safe=False, sentence=f"The check of the motion {how}.", exit_code=70), None
 
     def cancel(self) -> None:
-        """End it; `wait` then says so."""
-        self._process.kill()
+        """End it; `run` then says so."""
+        with self._lock:
+            self._cancelled = True
+            if self._process is not None:
+                self._process.kill()
+
+    def _start(self) -> subprocess.Popen[bytes] | None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for name in (REQUEST_NAME, VERDICT_NAME):
+            (self._folder / name).unlink(missing_ok=True)
+        job_file = self._folder / "preparation.json"
+        write_json(job_file, self._job)
+        with self._lock:
+            if not self._cancelled:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", "daemon.job_preparation", "--job", str(job_file)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                    env=child_environment(),
+                )
+            return self._process
 
 
 def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:

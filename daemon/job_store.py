@@ -96,13 +96,14 @@ class JobStore:
         """Where the files of a job are."""
         return self.folder / job_id
 
-    def add(self, job: Job, trajectory: bytes | None, done: Callable[[OSError | None], None]) -> None:
+    def add(self, job: Job, trajectory: bytes | None, done: Callable[[OSError | None], None] | None = None) -> None:
         """Take a new job in; the writing thread calls `done` once it is on the disk, or with what prevents it."""
         self.jobs[job.job_id] = job
         self._prune()
 
         def write() -> None:
             folder = self.folder_of(job.job_id)
+            refused: OSError | None
             try:
                 folder.mkdir(exist_ok=True, mode=0o700)
                 if trajectory is not None:
@@ -110,9 +111,11 @@ class JobStore:
                 write_json(folder / "job.json", job)
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
-                done(error)
+                refused = error
             else:
-                done(None)
+                refused = None
+            if done is not None:
+                done(refused)
 
         self._work.put(write)
 

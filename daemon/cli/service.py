@@ -1,0 +1,312 @@
+"""The long-running service and its clients: `daemon`, `submit`, `status`, `jobs`, `stop`, `resume`, `cancel`, `ping`,
+`keys`.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
+import typer
+from rich.table import Table
+
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.config import DaemonConfig, load_config
+from daemon.control_api import (
+    CancelJob,
+    Cancelled,
+    ControlReply,
+    ControlRequest,
+    GetJobs,
+    GetStatus,
+    JobsReply,
+    JobView,
+    Ping,
+    Pong,
+    Resumed,
+    ResumeQueue,
+    StatusReply,
+    StopMotion,
+    Stopped,
+    SubmitRun,
+    Submitted,
+)
+from daemon.errors import DaemonError, LogIOError, MissingInputError
+
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).")]
+EndpointOption = Annotated[
+    str | None,
+    typer.Option("--endpoint", envvar="IIWA_IDENT_ENDPOINT", help="ipc:///PATH or tcp://HOST:PORT of the service."),
+]
+PortOption = Annotated[int, typer.Option("--port", help="UDP port whose service is meant, on this machine.")]
+KeyOption = Annotated[
+    Path | None, typer.Option("--key", envvar="IIWA_IDENT_KEY", help="Own secret key (NAME.key_secret).")
+]
+ServerKeyOption = Annotated[
+    Path | None,
+    typer.Option("--server-key", envvar="IIWA_IDENT_SERVER_KEY", help="The service's public key (server.key)."),
+]
+ConfirmOption = Annotated[
+    bool, typer.Option("--confirm", help="The arm may move when the queue comes to it; nobody is asked again.")
+]
+DEFAULT_PORT = 30200
+_CHECK_POLL_S = 0.3
+_CHECK_ALLOWANCE_S = 330.0
+
+Reply = TypeVar("Reply", bound=ControlReply)
+
+
+class _UnexpectedReplyError(DaemonError):
+    exit_code = 76
+
+
+class Connection:
+    """Where the service is, and with which keys to speak to it."""
+
+    def __init__(self, endpoint: str | None, port: int, key: Path | None, server_key: Path | None) -> None:
+        from daemon.runtime_folder import default_endpoint
+
+        self._endpoint = endpoint or default_endpoint(port)
+        self._key, self._server_key = key, server_key
+
+    def ask(self, request: ControlRequest, kind: type[Reply]) -> Reply:
+        """The service's answer. Raises ServiceUnreachableError (69), RefusedRequestError."""
+        from daemon.control_socket import ask
+
+        reply = ask(self._endpoint, request, key_file=self._key, server_key_file=self._server_key)
+        if not isinstance(reply, kind):
+            raise _UnexpectedReplyError(f"The service at {self._endpoint} answered with {type(reply).__name__}.")
+        return reply
+
+
+def show(reply: msgspec.Struct, json_file: Path | None, text: str) -> None:
+    """The reply as JSON where asked for, as text otherwise."""
+    if json_file is not None:
+        write_json(json_file, msgspec.to_builtins(reply))
+    if not wants_json_on_stdout(json_file):
+        data(text)
+
+
+@app.command()
+def daemon(config: ConfigOption = None) -> None:
+    """Serve one robot: keep the queue of runs and fits, run them one after the other, obey `stop` at any time.
+
+    Ends on SIGTERM or Ctrl-C, after a stop ramp where the arm moves. Jobs stand on the disk and outlive it.
+
+    Example: iiwa-ident daemon --config lab.yaml
+    """
+    from daemon.server import Service
+
+    Service(load_config(config) if config is not None else DaemonConfig(), tell=message).run()
+
+
+@app.command()
+def submit(
+    trajectory: Annotated[Path | None, typer.Argument(help="Trajectory file; without one, the shipped motion.")] = None,
+    periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record.")] = None,
+    amplitude: Annotated[float | None, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction.")] = None,
+    no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
+    confirm: ConfirmOption = False,
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Queue one run and wait for the verdict on its motion; exit code 1 when it is found unsafe.
+
+    Where a real arm would move, you are asked here and now, or say `--confirm`; nobody is asked when its turn comes.
+
+    Example: iiwa-ident submit excitation.json --periods 16
+    """
+    connection = Connection(endpoint, port, key, server_key)
+    content = None if trajectory is None else _content(trajectory)
+    suffix = ".json" if trajectory is None else trajectory.suffix.lower()
+    if suffix not in (".json", ".npz", ".csv"):
+        raise typer.BadParameter(f"a trajectory is a .json, .npz or .csv file, not '{suffix}'.")
+    status = connection.ask(GetStatus(), StatusReply)
+    if status.needs_confirmation and not confirm:
+        _confirm_motion(status)
+    accepted = connection.ask(
+        SubmitRun(
+            trajectory=content,
+            suffix=suffix,  # type: ignore[arg-type]  # one of the three, see above
+            name="shipped excitation" if trajectory is None else trajectory.name[:200],
+            periods=periods,
+            amplitude=amplitude,
+            fit=False if no_fit else None,
+            confirmed=status.needs_confirmation,
+        ),
+        Submitted,
+    )
+    message(accepted.sentence)
+    job = _wait_for_check(connection, accepted.job_id)
+    show(job, json_file, f"{job.job_id}: {job.phase}. {job.sentence}")
+    if job.phase == "refused":
+        raise typer.Exit(job.exit_code or 1)
+
+
+def _content(trajectory: Path) -> bytes:
+    try:
+        return trajectory.read_bytes()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(trajectory), "the trajectory") from error
+    except OSError as error:
+        raise LogIOError(str(trajectory), error) from error
+
+
+def _confirm_motion(status: StatusReply) -> None:
+    if not sys.stdin.isatty():
+        raise typer.BadParameter("the arm will move, and nobody can be asked here: add --confirm if that is meant.")
+    message(
+        f"The arm behind {status.bind} WILL MOVE as soon as the queue comes to this run, without being asked again."
+    )
+    message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
+    typer.confirm("Queue it", abort=True, err=True)
+
+
+def _wait_for_check(connection: Connection, job_id: str) -> JobView:
+    deadline = time.monotonic() + _CHECK_ALLOWANCE_S
+    while True:
+        job = connection.ask(GetJobs(job_id=job_id), JobsReply).jobs[0]
+        if job.phase != "checking" or time.monotonic() > deadline:
+            return job
+        time.sleep(_CHECK_POLL_S)
+
+
+@app.command()
+def status(
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """What the service does right now.
+
+    Example: iiwa-ident status --json -
+    """
+    reply = Connection(endpoint, port, key, server_key).ask(GetStatus(), StatusReply)
+    lines = [f"{reply.state}: {reply.sentence}", f"{reply.robot} on UDP {reply.bind}, FRI {reply.fri_version}"]
+    show(reply, json_file, "\n".join([*lines, *(f"  {line}" for line in reply.recent)]))
+
+
+@app.command()
+def jobs(
+    limit: Annotated[int, typer.Option("--limit", min=1, max=500, help="How many, newest first.")] = 100,
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """The queue and what became of earlier runs and fits.
+
+    Example: iiwa-ident jobs
+    """
+    reply = Connection(endpoint, port, key, server_key).ask(GetJobs(limit=limit), JobsReply)
+    if json_file is not None:
+        write_json(json_file, msgspec.to_builtins(reply))
+    if not wants_json_on_stdout(json_file):
+        table = Table("job", "kind", "phase", "motion", "periods", "what happened", "folder")
+        for job in reply.jobs:
+            count = "" if job.periods is None else str(job.periods)
+            table.add_row(job.job_id, job.kind, job.phase, job.name, count, job.sentence, job.folder)
+        show_table(table)
+
+
+@app.command()
+def stop(
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Ramp the arm down now and hold every waiting run. May be said at any time and as often as you like.
+
+    This is no emergency stop: where the arm does not come to rest, use the one on the robot.
+
+    Example: iiwa-ident stop
+    """
+    reply = Connection(endpoint, port, key, server_key).ask(StopMotion(), Stopped)
+    show(reply, json_file, reply.sentence)
+
+
+@app.command()
+def resume(
+    confirm: ConfirmOption = False,
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Let the runs that are held after a stop, a failed run or a restart take their turn again.
+
+    Example: iiwa-ident resume
+    """
+    connection = Connection(endpoint, port, key, server_key)
+    state = connection.ask(GetStatus(), StatusReply)
+    if state.needs_confirmation and not confirm:
+        _confirm_motion(state)
+    reply = connection.ask(ResumeQueue(confirmed=state.needs_confirmation), Resumed)
+    show(reply, json_file, reply.sentence)
+
+
+@app.command()
+def cancel(
+    job: Annotated[str, typer.Argument(help="Number of a job that waits.")],
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Take a waiting job out of the queue.
+
+    Example: iiwa-ident cancel 20261121T103000123Z
+    """
+    reply = Connection(endpoint, port, key, server_key).ask(CancelJob(job_id=job), Cancelled)
+    show(reply, json_file, f"{reply.job_id}: {reply.sentence}")
+
+
+@app.command()
+def ping(
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Whether the service answers; exit code 69 when not.
+
+    Example: iiwa-ident ping
+    """
+    reply = Connection(endpoint, port, key, server_key).ask(Ping(), Pong)
+    show(reply, json_file, f"The service answers (process {reply.pid}, version {reply.software_version}).")
+
+
+@app.command()
+def keys(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the keys.")],
+    client: Annotated[str, typer.Option("--client", help="Name of the client that is to be served.")] = "operator",
+    json_file: JsonOption = None,
+) -> None:
+    """Keys for a service that other machines may reach: the service's pair, once, and one for a client.
+
+    Example: iiwa-ident keys --out keys --client office
+    """
+    from daemon.keys import create_keys
+
+    made = create_keys(out, client)
+    if json_file is not None:
+        write_json(json_file, [str(file) for file in made])
+    if not wants_json_on_stdout(json_file):
+        for file in made:
+            data(str(file))
+        message(f"Give {client}.key_secret and server.key to that client alone; everything else stays here.")
