@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import msgspec
 
 from daemon.errors import ConfigurationError, MissingInputError
+from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
 LoopOutcome = Literal[
     "completed",  # all periods done, standstill confirmed
@@ -47,7 +48,8 @@ class RunRequest(Message, frozen=True, kw_only=True):
     lead_in_s: the last seconds of the period that are driven before the first recorded period, s.
     receive_timeout_s: silence that counts as a lost session, s. start_timeout_s: longest wait for the first monitoring
     message, s; command_timeout_s: longest wait from there to COMMANDING_ACTIVE, s.
-    external_torque_limit: Nm per joint, |external torque| beyond it stops the motion; None = not watched.
+    external_torque_limit: Nm per joint, |external torque| beyond it stops the motion; None = not watched. By default
+    generous: a run that pushes against something ends, a quick motion with the right load data does not.
     maximum_distance_to_measured: rad, guard on |command − measured position|.
     robot_host: only datagrams of this address are taken; None = the first sender is taken and kept.
     supervisor_timeout_s: the loop stops by ramp when the supervisor's heartbeat is older, s; 0 = not watched.
@@ -73,7 +75,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     start_timeout_s: float = 30.0
     command_timeout_s: float = 60.0
     supervisor_timeout_s: float = 2.0
-    external_torque_limit: tuple[float, ...] | None = None
+    external_torque_limit: tuple[float, ...] | None = EXTERNAL_TORQUE_THRESHOLD_NM
     maximum_distance_to_measured: float = 0.1
     urdf_file: str | None = None
     tool: str = "none"
@@ -101,6 +103,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
             value = getattr(self, field)
             if not 0.0 < value < float("inf"):
                 raise ConfigurationError(f"{value} must be a positive number of seconds.", field=field)
+        limits = self.external_torque_limit
+        if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):
+            raise ConfigurationError(f"{limits} is not 7 positive torques in Nm.", field="external_torque_limit")
         if self.lead_in_s < 0.0:
             raise ConfigurationError(f"{self.lead_in_s:g} s is negative.", field="lead_in_s")
         if self.ring_slots < 64:

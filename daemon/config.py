@@ -30,6 +30,7 @@ from daemon.api import FitPipeline
 from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
+from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
 __all__ = [
     "ControlSettings",
@@ -77,7 +78,7 @@ class RunSettings(_Section, frozen=True, kw_only=True):
     urdf_file: str | None = None
     workspace_file: str | None = None
     serial: str | None = None
-    external_torque_limit: tuple[float, ...] | None = None
+    external_torque_limit: tuple[float, ...] | None = EXTERNAL_TORQUE_THRESHOLD_NM
     maximum_distance_to_measured: float = 0.1
     fit: bool = True
     fit_pipeline: FitPipeline = "auto"

@@ -50,7 +50,8 @@ def too_much_torque(joint: int, value: float, limit: float) -> StopReason:
     """The robot reports more external torque, Nm, at a joint (from 1) than its threshold."""
     return StopReason(
         EventCode.EXTERNAL_TORQUE,
-        f"The external torque of joint {joint} is {value:.1f} Nm, beyond the limit of {limit:.1f} Nm.",
+        f"The external torque of joint {joint} is {value:.1f} Nm, beyond the limit of {limit:.1f} Nm "
+        "(contact, or load data that do not fit).",
         joint,
         value,
         limit,

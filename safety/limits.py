@@ -21,6 +21,13 @@ JERK_PER_ACCELERATION_HZ = 10.0
 
 A sinusoid of f Hz has the ratio 2 pi f of peak jerk to peak acceleration, so motions up to 1.5 Hz fit."""
 
+EXTERNAL_TORQUE_THRESHOLD_NM = (60.0, 60.0, 60.0, 30.0, 12.0, 12.0, 6.0)
+"""External torque, as the robot reports it, that stops a motion unless told otherwise, Nm per joint of an iiwa.
+
+Drake's iiwa driver stops at 60 Nm times 1, 1, 1, 0.5, 0.2, 0.2, 0.1. Generous: the robot's own estimate is wrong by
+some Nm in quick motions, by more with wrong load data. It ends a run that pushes against something; it protects
+nobody."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLimits:

@@ -87,3 +87,10 @@ def test_no_bytes_give_another_exception(tmp_path: Path, data: bytes) -> None:
         load_config(file)
     except DaemonError:
         return
+
+
+def test_external_torque_is_watched_unless_it_is_switched_off(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    for text, expected in (("{}", (60.0, 60.0, 60.0, 30.0, 12.0, 12.0, 6.0)), ("{external_torque_limit: null}", None)):
+        file.write_text(f"run: {text}\n")
+        assert load_config(file).request_fields()["external_torque_limit"] == expected
