@@ -18,6 +18,11 @@ import numpy as np
 from safety.errors import GeometryError
 from safety.limits import FloatArray
 
+FLANGE_M = 0.126
+"""Distance of the flange from the origin of the last link, along its axis."""
+
+TOOL = "tool"
+
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
@@ -71,7 +76,7 @@ class RobotGeometry:
 
     def with_tool(self, length_m: float, radius_m: float) -> RobotGeometry:
         """The same arm with a tool: a capsule on the last link from the flange (0.126 m from the wrist) outwards."""
-        tool = Capsule(self.joint_count, "tool", (0.0, 0.0, 0.126), (0.0, 0.0, 0.126 + length_m), radius_m)
+        tool = Capsule(self.joint_count, TOOL, (0.0, 0.0, FLANGE_M), (0.0, 0.0, FLANGE_M + length_m), radius_m)
         return replace(self, capsules=(*self.capsules, tool))
 
     def link_poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -98,6 +103,13 @@ class RobotGeometry:
             rotations[:, i + 1] = rotation
             origins[:, i + 1] = origin
         return rotations, origins
+
+    def tip_path(self, positions: FloatArray) -> FloatArray:
+        """Where the end of the tool is, or the flange where there is none, (N, 3) m, for positions (N, n) rad."""
+        tip = next((c.end_m for c in self.capsules if c.part == TOOL), (0.0, 0.0, FLANGE_M))
+        rotations, origins = self.link_poses(positions)
+        path: FloatArray = origins[:, -1] + rotations[:, -1] @ np.array(tip)
+        return path
 
     def reach(self, capsule: Capsule) -> FloatArray:
         """(n,) m: for each joint, a bound on the distance from its axis to any point of the capsule; 0 beyond its link.
