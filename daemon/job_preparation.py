@@ -122,7 +122,13 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
         from daemon.preparation import prepare_motion, write_run_request
 
         source = None if job.trajectory_file is None else Path(job.trajectory_file)
-        motion = prepare_motion(source, robot=job.robot, amplitude=job.amplitude)
+        workspace = job.settings.get("workspace_file")
+        motion = prepare_motion(
+            source,
+            robot=job.robot,
+            amplitude=job.amplitude,
+            workspace=None if workspace is None else Path(workspace),
+        )
         meant_for = motion.trajectory.robot
         if meant_for and meant_for != job.robot:
             sentence = f"The motion was made for {meant_for}, and this service drives {job.robot}."

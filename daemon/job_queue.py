@@ -27,6 +27,8 @@ from daemon.times import new_job_id, now_text
 __all__ = ["JobQueue"]
 
 _MAXIMUM_ATTEMPTS = 2
+_REFUSALS = (1, 65, 66, 78)
+"""Exit codes of a run that was not begun because of what was asked for: the ladder, the data, a file, a setting."""
 _HELD = "Waits for `iiwa-ident resume`: no motion follows a stop, a failed run or a restart by itself."
 
 
@@ -155,9 +157,11 @@ class JobQueue:
 
     def run_ended(self, ended: RunEnded) -> bool:
         """Note how a run ended; True when as planned."""
-        outcome = ended.outcome.outcome if ended.outcome is not None else "fault"
+        outcome = ended.outcome.outcome if ended.outcome is not None else None
         completed = outcome == "completed" and not ended.exit_code
         phase: JobPhase = "done" if completed else "stopped" if outcome in ("stopped", "dropped") else "failed"
+        if outcome is None and ended.exit_code in _REFUSALS:
+            phase = "refused"
         self.store.change(ended.job_id, phase, ended.sentence, exit_code=ended.exit_code)
         return completed
 

@@ -1,0 +1,95 @@
+"""Claims about the private folder and the lock per port; locks are held by real processes and really killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.errors import ConfigurationError, PortInUseError
+from daemon.runtime_folder import LONGEST_SOCKET_PATH, default_endpoint, lock_port, runtime_folder
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+HOLDER = (
+    "import sys\nfrom daemon.runtime_folder import lock_port\n"
+    "with lock_port('127.0.0.1', 31999):\n print('held', flush=True)\n sys.stdin.read()"
+)
+
+
+@pytest.fixture(autouse=True)
+def private(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "iiwa-ident"
+
+
+@pytest.fixture
+def holder() -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER], cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_the_folder_is_for_its_user_alone(private: Path) -> None:
+    assert runtime_folder() == private
+    assert stat.S_IMODE(private.stat().st_mode) == 0o700
+
+
+def test_a_folder_that_others_may_enter_is_refused(private: Path) -> None:
+    private.mkdir(mode=0o755)
+    with pytest.raises(ConfigurationError) as caught:
+        runtime_folder()
+    assert str(private) in str(caught.value)
+
+
+def test_a_link_in_the_place_of_the_folder_is_refused(private: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    private.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ConfigurationError):
+        runtime_folder()
+
+
+def test_the_name_of_a_socket_fits_into_its_address_however_long_the_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("d" * 90)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    assert len(default_endpoint(65535).removeprefix("ipc://").encode()) <= LONGEST_SOCKET_PATH
+
+
+def test_a_port_has_one_supervisor_and_the_refusal_names_it(holder: subprocess.Popen[str]) -> None:
+    with pytest.raises(PortInUseError) as caught, lock_port("127.0.0.1", 31999):
+        pytest.fail("two hold one port")
+    assert caught.value.holder_pid == holder.pid
+    assert str(holder.pid) in str(caught.value)
+    assert caught.value.exit_code == 69
+
+
+def test_another_port_is_free_meanwhile(holder: subprocess.Popen[str]) -> None:
+    with lock_port("127.0.0.1", 31998):
+        pass
+
+
+def test_a_killed_holder_leaves_no_lock_behind(holder: subprocess.Popen[str]) -> None:
+    holder.send_signal(signal.SIGKILL)
+    holder.wait(30)
+    with lock_port("127.0.0.1", 31999):
+        pass
+
+
+def test_the_lock_goes_when_the_block_ends(private: Path) -> None:
+    for _ in range(3):
+        with lock_port("127.0.0.1", 31997):
+            assert (private / "port-31997.lock").read_text() == f"{os.getpid()}\n"
+    assert not (private / "port-31997.lock").exists()
