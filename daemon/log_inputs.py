@@ -12,6 +12,7 @@ from daemon.api import RecorderJob
 from daemon.commissioning import tags
 from daemon.host import host_report
 from daemon.log.writer import Attachment
+from daemon.spare_folder import find_run_file
 
 __all__ = ["DESCRIPTION_NAME", "attachments_of", "closing_attachments_of", "description_of", "metadata_of"]
 
@@ -69,8 +70,9 @@ def closing_attachments_of(job: RecorderJob) -> list[Attachment]:
     or a drop, the last samples; as far as they exist and can be read.
     """
     found = []
-    for file in sorted(Path(job.request.out_dir).glob("*")):
-        if file.name == "loop_report.json" or file.stem == "last_samples":
+    for name in ("last_samples.csv", "last_samples.json", "loop_report.json"):
+        file = find_run_file(job.request, name)
+        if file.is_file():
             with contextlib.suppress(OSError):
                 media_type = _MEDIA_TYPES.get(file.suffix, "application/octet-stream")
                 found.append(Attachment(file.name, media_type, file.read_bytes()))

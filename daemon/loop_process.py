@@ -20,10 +20,8 @@ import signal
 import socket
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,10 +32,9 @@ from daemon.api import (
     PhaseSpan,
     RunRequest,
     read_json,
-    write_bytes_atomically,
-    write_json,
 )
-from daemon.errors import ConfigurationError, DaemonError, MissingInputError, PortInUseError
+from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
+from daemon.spare_folder import write_run_file
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
 from fri_client.loop import FriLoop, open_socket
@@ -82,13 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         request = read_json(options.request, RunRequest)
         report, code = run_loop(request, ring)
-        write_json(Path(request.out_dir) / REPORT_NAME, report)
+        write_run_file(request, REPORT_NAME, report)
     except (DaemonError, FriError) as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    except OSError as error:
-        print(f"The loop's report could not be written: {error.strerror} ({error.filename}).", file=sys.stderr)
-        return 74
     finally:
         ring.finish()
         if request is not None and os.getppid() != supervisor:
@@ -212,9 +206,8 @@ def _write_last_samples(request: RunRequest, result: LoopResult) -> None:
     them.
     """
     if result.last_samples:
-        with contextlib.suppress(OSError):
-            file = Path(request.out_dir) / LAST_SAMPLES_NAME
-            write_bytes_atomically(file, msgspec.json.encode(result.last_samples))
+        with contextlib.suppress(LogIOError):
+            write_run_file(request, LAST_SAMPLES_NAME, result.last_samples)
 
 
 def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) -> LoopReport:

@@ -11,7 +11,6 @@ import errno
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from daemon.log.parts import join_parts, part_path, parts_of
 from daemon.log.recover import RecoverReport
 from daemon.log.stream import is_being_written
 from daemon.recorder import Recorder
+from daemon.spare_folder import spare_folder
 from fri_client.handover import HandoverRing
 
 __all__ = ["rescue_if_abandoned"]
@@ -78,7 +78,7 @@ def _write_rest(request: RunRequest, ring: HandoverRing, folder: Path) -> list[P
                 return parts
             if folder != Path(request.out_dir):
                 raise refusal or LogIOError(str(path), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
-            folder = Path(tempfile.mkdtemp(prefix=f"iiwa-ident-{request.run_id}-"))
+            folder = spare_folder(request)
             print(f"{request.out_dir} cannot be written; the rest of the recording goes to {folder}.", file=sys.stderr)
     finally:
         consumer.close()

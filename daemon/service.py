@@ -15,7 +15,6 @@ What happens when a child dies:
 from __future__ import annotations
 
 import contextlib
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -49,6 +48,7 @@ from daemon.log.parts import join_parts, part_path
 from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
 from daemon.run_folder import prepare_folder
 from daemon.runtime_folder import lock_port
+from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from daemon.start_check import StartCheck
 from daemon.stop_handle import StopHandle
 from daemon.times import now_text
@@ -139,7 +139,7 @@ class _Acquisition:
         part = len(self._parts)
         folder = self._folder
         if self._disk_failed:
-            folder = Path(tempfile.mkdtemp(prefix=f"iiwa-ident-{self._request.run_id}-"))
+            folder = spare_folder(self._request)
             self._remark(f"The rest of the recording goes to {folder}, because {self._folder} cannot be written.")
         path = part_path(folder, part)
         job_file = folder / f"recorder{part}.json"
@@ -188,7 +188,7 @@ class _Acquisition:
             loop.close()
         # A killed loop cannot say that no record will follow.
         self._ring.finish()
-        file = self._folder / "loop_report.json"
+        file = find_run_file(self._request, "loop_report.json")
         with contextlib.suppress(DaemonError):
             report = read_json(file, LoopReport)
             self._loop_exit_code = loop.process.returncode
@@ -350,10 +350,7 @@ class _Acquisition:
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)
             self._tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
-        try:
-            write_json(self._folder / "run.json", outcome)
-        except OSError as error:
-            raise LogIOError(str(self._folder / "run.json"), error) from error
+        write_run_file(self._request, "run.json", outcome)
         return outcome
 
     def _join_parts(self) -> tuple[Path, int, int, int]:

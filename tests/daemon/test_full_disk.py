@@ -1,0 +1,129 @@
+"""Claims about whole runs on disks that refuse: a small tmpfs that another program fills, one that is read-only.
+
+Each run sits in a mount namespace of its own, where one is allowed; the fake robot and the files read at the end stay
+outside. Truth: the robot's counters in the recorded messages, and what the loop counted.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.api import RunOutcome, RunRequest, read_json, write_json
+
+from .test_service import REPOSITORY, assert_nothing_missing, events_of, free_port, gentle_request, states_of
+
+FILL_AND_RUN = """
+import os, sys
+from pathlib import Path
+import psutil
+from daemon.api import RunRequest, read_json, write_json
+from daemon.service import run_acquisition
+
+request = read_json(sys.argv[1], RunRequest)
+held = []
+
+def hold_the_reserve():
+    # With a second descriptor of it, so that what the recorder gives back does not become free.
+    for child in psutil.Process().children():
+        for link in Path(f"/proc/{child.pid}/fd").iterdir():
+            if ".reserve" in os.readlink(link):
+                held.append(open(link, "rb"))
+
+def fill():
+    with open(Path(request.out_dir) / "other", "wb", buffering=0) as stream:
+        size = 1 << 20
+        while size:
+            try:
+                stream.write(bytes(size))
+            except OSError:
+                size //= 2
+
+def observe(event):
+    print(event.kind, event.sentence, flush=True)
+    if event.kind == "progress" and event.period >= 1 and not held:
+        hold_the_reserve()
+        fill()
+
+outcome = run_acquisition(request, observe=observe)
+write_json(sys.argv[2], outcome)
+sys.exit(outcome.exit_code)
+"""
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[int]:
+    """The port that a fake robot sends to."""
+    port = free_port()
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
+            *("--duration", "600", "--seed", "3"),
+        ],
+        cwd=REPOSITORY,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    yield port
+    process.terminate()
+    process.wait(30)
+
+
+def run_on(options: str, request: RunRequest, folder: Path, code: str) -> tuple[subprocess.CompletedProcess[str], Path]:
+    """Run `code` with request.out_dir being a tmpfs mounted with `options`; what stood there at the end is copied."""
+    Path(request.out_dir).mkdir()
+    left, temporary = folder / "left", folder / "temporary"
+    left.mkdir()
+    temporary.mkdir()
+    write_json(folder / "input.json", request)
+    script = (
+        f"mount -t tmpfs -o {options} none {request.out_dir} || exit 99; "
+        f'{sys.executable} -c "$CODE" {folder}/input.json {folder}/outcome.json; code=$?; '
+        f"rm -f {request.out_dir}/other; cp -r {request.out_dir}/. {left}; exit $code"
+    )
+    process = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script],
+        cwd=REPOSITORY,
+        env={**os.environ, "CODE": code, "TMPDIR": str(temporary)},
+        capture_output=True,
+        check=False,
+        timeout=120,
+        text=True,
+    )
+    if process.returncode == 99 or "unshare:" in process.stderr:
+        pytest.skip(f"no mount namespace of our own on this machine: {process.stderr.strip()}")
+    return process, left
+
+
+def test_a_disk_that_stays_full_ends_the_motion_and_the_rest_is_kept_in_the_temporary_folder(
+    robot: int, tmp_path: Path
+) -> None:
+    request = gentle_request(tmp_path, robot, periods=60)
+    process, left = run_on("size=20m", request, tmp_path, FILL_AND_RUN)
+    assert "Traceback" not in process.stderr, process.stderr
+    assert process.returncode == 1, process.stdout + process.stderr
+    outcome = read_json(tmp_path / "outcome.json", RunOutcome)
+    assert outcome.loop is not None
+    assert (outcome.outcome, outcome.loop.reason) == ("stopped", "DISK_FULL")
+    assert outcome.loop.standstill_confirmed
+    recording = Path(outcome.recordings[0])
+    assert recording.is_relative_to(tmp_path / "temporary")
+    assert_nothing_missing(recording)
+    assert len(states_of(recording)) == outcome.samples == outcome.loop.received
+    assert "DISK_FULL" in {event.name for event in events_of(recording)}
+    assert any("No space left on device" in sentence for sentence in outcome.sentences)
+    assert any(str(recording.parent) in sentence for sentence in outcome.sentences)
+    assert (left / "recording.broken.mcap").stat().st_size > 0
+
+
+def test_a_read_only_folder_is_said_before_anything_moves(tmp_path: Path) -> None:
+    request = gentle_request(tmp_path, free_port())
+    process, left = run_on("ro", request, tmp_path, FILL_AND_RUN)
+    assert "Read-only file system" in process.stderr
+    assert "LogIOError" in process.stderr
+    assert list(left.iterdir()) == []
