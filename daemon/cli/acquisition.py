@@ -1,12 +1,13 @@
-"""Commands that talk to a robot or prepare for it: `fake-robot`, `check`, `run`, `doctor`, `recover`."""
+"""Commands that talk to a robot or prepare for it: `fake-robot`, `check`, `run`, `recover`."""
 
 from __future__ import annotations
 
 import ipaddress
 import os
 import sys
+import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,13 +16,19 @@ from daemon.api import RunEvent
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.worker_view import wait_for_worker
+from daemon.commissioning import admit
 from daemon.preparation import PreparedMotion, new_run_id, prepare_motion, write_run_request
+from safety.collision import Clearance
 from safety.preflight_report import PreflightReport
 
 TrajectoryArgument = Annotated[
     Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
 ]
 RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14 or iiwa7; default: the trajectory's own.")]
+WorkspaceOption = Annotated[
+    Path | None,
+    typer.Option("--workspace", metavar="FILE.yaml", help="Floor, walls, boxes, tool, margins; default: a floor."),
+]
 AmplitudeOption = Annotated[
     float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
 ]
@@ -41,11 +48,33 @@ def fake_robot(context: typer.Context) -> None:
 
 
 def show_preflight(report: PreflightReport) -> None:
-    """The preflight's checks as a table on stdout."""
+    """The preflight's checks, and every pair's distances, as tables on stdout."""
     table = Table("check", "result", "what was found")
     for check in report.checks:
-        table.add_row(check.name, "ok" if check.passed else "NOT SAFE", check.sentence)
+        table.add_row(check.name.replace("_", " "), "ok" if check.passed else "NOT SAFE", check.sentence)
     show_table(table)
+    if report.clearances:
+        paths = list(dict.fromkeys(each.along for each in report.clearances))
+        table = Table("distance between", *(f"{path} (proven)" for path in paths), "required", "result")
+        pairs: dict[str, dict[str, Clearance]] = {}
+        for each in report.clearances:
+            pairs.setdefault(each.pair, {})[each.along] = each
+        for pair, found in sorted(pairs.items(), key=lambda item: min(c.guaranteed_m for c in item[1].values())):
+            cells = [_distance(found[path]) if path in found else "" for path in paths]
+            margin = max(each.margin_m for each in found.values())
+            kept = all(each.kept for each in found.values())
+            table.add_row(pair, *cells, f"{1e3 * margin:.0f} mm", "ok" if kept else "TOO CLOSE")
+        show_table(table)
+        data(
+            "Row n is n ms into the period. In brackets what is proven between the samples too; negative: overlap. "
+            "Stops are looked at from every 50th row. The start ramp shown begins in the middle of the motion; `run` "
+            "checks the one from where the arm stands."
+        )
+
+
+def _distance(clearance: Clearance) -> str:
+    place = "" if clearance.along == "start ramp" else f" row {clearance.row}"
+    return f"{1e3 * clearance.distance_m:.0f} mm{place} ({1e3 * clearance.guaranteed_m:.0f})"
 
 
 @app.command()
@@ -53,18 +82,28 @@ def check(
     trajectory: TrajectoryArgument = None,
     robot: RobotOption = None,
     amplitude: AmplitudeOption = 1.0,
+    workspace: WorkspaceOption = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Draw the path into a .png or .svg file.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Preflight of a motion: limits, stopping room, self-collision, workspace. Exit code 0 only when it is safe.
 
-    Example: iiwa-ident check excitation.json
+    Example: iiwa-ident check excitation.json --workspace cell.yaml --picture path.png
     """
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude)
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace)
+    if picture is not None:
+        from daemon.picture import draw_motion
+
+        draw_motion(motion, picture)
     if json_file is not None:
         write_json(json_file, motion.preflight.to_json())
     if not wants_json_on_stdout(json_file):
         show_preflight(motion.preflight)
-        data(f"{motion.name}: {'safe to run' if motion.preflight.safe else 'NOT safe, it will not be run'}")
+        failures = ", ".join(failure.name.replace("_", " ") for failure in motion.preflight.failures)
+        verdict = f"NOT safe, it will not be run ({failures})" if failures else "safe to run"
+        data(f"{motion.name}, amplitude {motion.amplitude:g}: {verdict}.")
     if not motion.preflight.safe:
         raise typer.Exit(1)
 
@@ -107,16 +146,30 @@ def run(
     fri_version: Annotated[str, typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
     amplitude: AmplitudeOption = 1.0,
     robot: RobotOption = None,
+    workspace: WorkspaceOption = None,
+    robot_host: Annotated[
+        str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
     start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
     seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
+    ] = None,
+    ladder: Annotated[
+        Path | None, typer.Option("--ladder", metavar="FILE", help="Record of amplitudes done; default: the user's.")
+    ] = None,
+    skip_ladder: Annotated[
+        bool, typer.Option("--skip-ladder", help="Allow an amplitude before its turn; the log will say so.")
+    ] = False,
     json_file: JsonOption = None,
 ) -> None:
     """One acquisition: start ramp, PERIODS periods at 1 kHz, stop ramp; then the fit, in a process of its own.
 
     Writes recording.mcap and run.json into the folder, then model.json. Ctrl-C brings the arm to rest by a ramp.
+    On a real arm a new motion begins at --amplitude 0.1; 0.25, 0.5 and 1 follow as each before was completed.
 
     Example: iiwa-ident run --periods 1 --out runs/first --no-fit
     """
@@ -128,27 +181,33 @@ def run(
         version = FriVersion.parse(fri_version).value
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude)
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace)
     if not motion.preflight.safe:
         show_preflight(motion.preflight)
         message("The preflight found the motion unsafe; nothing was moved.")
         raise typer.Exit(1)
+    run_id = new_run_id()
+    settings: dict[str, Any] = {
+        "run_id": run_id,
+        "periods": periods,
+        "bind_host": host,
+        "bind_port": port,
+        "robot_host": robot_host,
+        "fri_version": version,
+        "fit": not no_fit,
+        "start_timeout_s": start_timeout,
+        "seed": seed,
+        "simulation": ipaddress.ip_address(host).is_loopback,
+        "serial": serial,
+        "ladder_file": None if ladder is None else str(ladder.absolute()),
+        "skip_ladder": skip_ladder,
+    }
+    # Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made.
+    with tempfile.TemporaryDirectory() as scratch:
+        admit(write_run_request(motion, Path(scratch), **settings))
     if not no_confirm:
         confirm_motion(motion, host, periods)
-    run_id = new_run_id()
-    request = write_run_request(
-        motion,
-        out or Path("runs") / run_id,
-        run_id=run_id,
-        periods=periods,
-        bind_host=host,
-        bind_port=port,
-        fri_version=version,
-        fit=not no_fit,
-        start_timeout_s=start_timeout,
-        seed=seed,
-        simulation=ipaddress.ip_address(host).is_loopback,
-    )
+    request = write_run_request(motion, out or Path("runs") / run_id, **settings)
     outcome = run_acquisition(request, observe=show_event)
     fit = wait_for_worker(Path(outcome.worker_status_file)) if outcome.worker_status_file is not None else None
     if json_file is not None:
@@ -163,32 +222,6 @@ def run(
         raise typer.Exit(outcome.exit_code)
     if fit is not None and fit.phase == "failed":
         raise typer.Exit(fit.exit_code or 1)
-
-
-@app.command()
-def doctor(
-    bind: Annotated[str, typer.Option("--bind", help="Address and port to listen on.")] = "127.0.0.1:30200",
-    listen: Annotated[float, typer.Option("--listen", help="Seconds to listen for the robot.")] = 3.0,
-    json_file: JsonOption = None,
-) -> None:
-    """Examine host, network, real-time limits and the link, and say what to do next. Moves nothing, answers nothing.
-
-    Example: iiwa-ident doctor --bind 192.170.10.1:30200
-    """
-    from daemon.doctor import examine
-
-    host, port = parse_bind(bind)
-    report = examine(bind_host=host, bind_port=port, listen_s=listen)
-    if json_file is not None:
-        write_json(json_file, report.to_json())
-    if not wants_json_on_stdout(json_file):
-        table = Table("check", "result", "what was found")
-        for item in report.checks:
-            table.add_row(item.name, item.status, item.sentence)
-        show_table(table)
-        data(report.next_step)
-    if not report.passed:
-        raise typer.Exit(1)
 
 
 @app.command()
