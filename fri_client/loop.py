@@ -317,7 +317,9 @@ class FriLoop:
 
     def _survive(self, error: Exception) -> None:
         self._faults += 1
-        self.motion.stop(StopReason(EventCode.FAULT, f"Internal error in the loop ({type(error).__name__}: {error})."))
+        sentence = f"Internal error in the loop ({type(error).__name__}: {error})."
+        # The plainest stop there is: what failed may be what the other one needs.
+        self.motion.stop(StopReason(EventCode.FAULT, sentence, path_is_good=False))
 
     def _idle(self, now: int) -> None:
         reason = self._stop_watch.poll(now)

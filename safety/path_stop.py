@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import JERK_PER_ACCELERATION_HZ, FloatArray, JointLimits
 
-SLOWING_RATES_HZ = (20.0, 14.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.2, 1.0)
-"""Ladder: largest deceleration of the path parameter, as a share of its rate per second; from 0.14 s to 1.1 s to rest.
+SLOWING_RATES_HZ = (20.0, 14.0, 10.0, 7.0, 5.0, 3.5, 2.5, 1.8, 1.2)
+"""Ladder: largest deceleration of the path parameter, as a share of its rate per second; from 0.14 s to 0.93 s to rest.
 
 The jerk of the path parameter is limited to JERK_PER_ACCELERATION_HZ times that, the ratio the joints have. The first
 rung whose whole stretch is inside the joint limits is taken: the shortest stop the path allows."""
