@@ -65,7 +65,7 @@ JobPhase = Literal[
 ]
 
 _Name = Annotated[str, Meta(max_length=200)]
-_JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}$")]
+_JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
 
 
 class _Request(Message, frozen=True, kw_only=True):

@@ -10,6 +10,7 @@ import contextlib
 import ipaddress
 import os
 import re
+import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,7 @@ _MAXIMUM_REPLY_BYTES = 16 * 1024 * 1024
 _QUEUED_REQUESTS = 16
 """Per client, so that requests of the largest size cannot pile up without end."""
 _MAXIMUM_FRAMES = 3
+_DOMAIN = "iiwa-ident"
 _TCP = re.compile(r"tcp://(?P<host>[^/]+):(?P<port>\d{1,5})")
 
 
@@ -97,6 +99,7 @@ class ControlSocket:
         """Bind. Raises ConfigurationError for an address that may not or cannot be used."""
         check_endpoint(endpoint, with_keys=keys is not None)
         self.malformed = 0
+        self._path: str | None = None
         self._context: zmq.Context[Any] = zmq.Context()
         self._authenticator: ThreadAuthenticator | None = None
         self._socket = self._context.socket(zmq.ROUTER)
@@ -126,23 +129,30 @@ class ControlSocket:
                 f"{keys.authorised_clients} is no folder; the public keys (*.key) of authorised clients belong there.",
                 field="control.authorised_clients",
             )
+        for file in sorted(keys.authorised_clients.glob("*.key")):
+            read_public_key(file)
         self._authenticator = ThreadAuthenticator(self._context)
         self._authenticator.start()
-        self._authenticator.configure_curve(domain="*", location=str(keys.authorised_clients))
+        self._authenticator.configure_curve(domain=_DOMAIN, location=str(keys.authorised_clients))
         self._socket.curve_secretkey = secret
         self._socket.curve_publickey = public
         self._socket.curve_server = True
-        # Without it a client with the right mechanism but the wrong key would not be asked about.
-        self._socket.zap_domain = b"iiwa-ident"
+        # With a domain nobody is let in when the authenticator is not there; without one everybody would be.
+        self._socket.zap_domain = _DOMAIN.encode()
 
     def _bind(self, endpoint: str) -> None:
+        path = endpoint.removeprefix("ipc://") if endpoint.startswith("ipc://") else None
+        # ZeroMQ would take the name away from a service that has it.
+        if path is not None and _is_served(path):
+            raise ConfigurationError(f"another service answers at {endpoint} already.", field="control.endpoint")
         before = os.umask(0o177)
         try:
             self._socket.bind(endpoint)
         finally:
             os.umask(before)
-        if endpoint.startswith("ipc://"):
-            os.chmod(endpoint.removeprefix("ipc://"), 0o600)
+        if path is not None:
+            os.chmod(path, 0o600)
+            self._path = path
 
     def receive(self, timeout_s: float) -> Iterator[tuple[list[bytes], bytes]]:
         """Pairs (address to answer, bytes of a request), waiting at most timeout_s for the first; a batch at most."""
@@ -170,6 +180,9 @@ class ControlSocket:
             self._authenticator.stop()
         self._socket.close()
         self._context.term()
+        if self._path is not None:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(self._path)
 
     def __enter__(self) -> ControlSocket:
         return self
@@ -178,6 +191,15 @@ class ControlSocket:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _is_served(path: str) -> bool:
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(path)
+        except OSError:
+            return False
+        return True
 
 
 def ask(
@@ -194,20 +216,20 @@ def ask(
     """
     if (key_file is None) != (server_key_file is None):
         raise ConfigurationError("Both keys are needed: the client's secret one and the service's public one.")
-    with zmq.Context() as context, context.socket(zmq.REQ) as socket:
-        socket.linger = 0
-        socket.setsockopt(zmq.MAXMSGSIZE, _MAXIMUM_REPLY_BYTES)
+    with zmq.Context() as context, context.socket(zmq.REQ) as channel:
+        channel.linger = 0
+        channel.setsockopt(zmq.MAXMSGSIZE, _MAXIMUM_REPLY_BYTES)
         if key_file is not None and server_key_file is not None:
-            socket.curve_publickey, socket.curve_secretkey = read_secret_key(key_file)
-            socket.curve_serverkey = read_public_key(server_key_file)
+            channel.curve_publickey, channel.curve_secretkey = read_secret_key(key_file)
+            channel.curve_serverkey = read_public_key(server_key_file)
         try:
-            socket.connect(endpoint)
+            channel.connect(endpoint)
         except zmq.ZMQError as error:
             raise ConfigurationError(f"'{endpoint}' is no address: {error}.", field="--endpoint") from error
-        socket.send(encode(request))
-        if not socket.poll(int(timeout_s * 1000)):
+        channel.send(encode(request))
+        if not channel.poll(int(timeout_s * 1000)):
             raise ServiceUnreachableError(endpoint, timeout_s)
-        reply = decode_reply(socket.recv())
+        reply = decode_reply(channel.recv())
     if isinstance(reply, ErrorReply):
         raise RefusedRequestError(reply.code, reply.sentence, reply.exit_code)
     return reply
