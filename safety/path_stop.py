@@ -34,7 +34,7 @@ The jerk of the path parameter is limited to JERK_PER_ACCELERATION_HZ times that
 rung whose whole stretch is inside the joint limits is taken: the shortest stop the path allows."""
 
 JERK_TOLERANCE = 0.01
-"""Relative slack on jerks: a third difference at 1 ms turns 1e-10 rad of a spline into 0.1 rad/s³."""
+"""Relative slack on the table's own jerk: a third difference at 1 ms turns 1e-10 rad of a spline into 0.1 rad/s³."""
 
 _HISTORY = 3
 """Commands before the stop that its first differences reach back to."""
@@ -82,7 +82,8 @@ class PathStops:
         steps = np.diff(table[np.arange(-_HISTORY, len(table))], axis=0) / table_period_s
         own_jerk = np.abs(np.diff(steps, n=2, axis=0)).max(axis=0) / table_period_s**2
         # A table may have more jerk than our limit (it is reported, not refused); slowing it must only not add any.
-        self._jerk_step = np.maximum(limits.jerk, own_jerk) * (1.0 + JERK_TOLERANCE) * self._period**3
+        jerk = np.where(own_jerk < limits.jerk, limits.jerk, own_jerk * (1.0 + JERK_TOLERANCE))
+        self._jerk_step = jerk * self._period**3
         # Positions and curvatures side by side, and the beginning again behind the end: a stop is then one slice.
         whole = np.hstack((table, spline_curvature(table)))
         ahead = int(max(rung.rows for rung in rungs)) + 2
