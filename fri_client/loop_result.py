@@ -188,10 +188,12 @@ def _how(motion: MotionProgram) -> str:
 
 def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
     """What a datagram that is none of version `mine` is instead, found by trying the other wire formats."""
-    for version in (FriVersion.V1_15, FriVersion.V2_5, FriVersion.V2_7):
+    for version in (FriVersion.V2_7, FriVersion.V2_5, FriVersion.V1_15):
         try:
-            Codec(version).decode_monitoring(datagram)
+            monitor = Codec(version).decode_monitoring(datagram).monitor_data
         except CodecError:
             continue
+        if version == FriVersion.V2_5 and (monitor is None or monitor.measured_cartesian_pose is None):
+            continue  # the same format as 1.x but for what it holds
         return f"The robot speaks FRI {version}, but this run was told FRI {mine}: choose --fri-version {version}."
     return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
