@@ -1,19 +1,25 @@
 """How a run ended, in words and numbers: exit codes, sentences, digests, and the report of a loop that left none.
 
-Pure but for reading files to digest them. The supervisor calls it.
+Pure but for reading files to digest them, and for the last samples of a loop that was killed. The supervisor calls it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.api import FileDigest, LoopReport, RunRequest
-from daemon.loop_process import EXIT_CODES
+from daemon.errors import LogIOError
+from daemon.loop_process import EXIT_CODES, LAST_SAMPLES_NAME
+from daemon.spare_folder import write_run_file
+from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
+from fri_client.last_samples import read_last_samples
+from fri_client.messages import FriVersion
 
-__all__ = ["EXIT_CODES", "digests_of", "loop_report_without_loop", "outcome_sentences"]
+__all__ = ["EXIT_CODES", "digests_of", "keep_last_samples", "loop_report_without_loop", "outcome_sentences"]
 
 
 _CHANGING = ("run.json", "worker.log", "worker_status.json")
@@ -37,17 +43,31 @@ def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
     return tuple(digests)
 
 
+def keep_last_samples(ring: HandoverRing, request: RunRequest, return_code: int | None) -> None:
+    """The last two seconds of a loop that was killed, from its ring into the run's folder; as far as that is possible.
+
+    Call it while nobody pushes any more and before the ring is marked as finished, so that the recorder finds the file.
+    """
+    last = read_last_samples(ring, Codec(FriVersion.parse(request.fri_version)))
+    last.reason, last.sentence, last.tick = "LOOP_LOST", f"The loop process {_how(return_code)}.", ring.status.tick
+    with contextlib.suppress(LogIOError):
+        write_run_file(request, LAST_SAMPLES_NAME, last)
+
+
+def _how(return_code: int | None) -> str:
+    return f"was killed by signal {-return_code}" if return_code is not None and return_code < 0 else "crashed"
+
+
 def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_words: str) -> LoopReport:
     """The report of a loop that was killed or crashed, from the last status it left in the ring."""
     status = ring.status
-    how = f"was killed by signal {-return_code}" if return_code is not None and return_code < 0 else "crashed"
     words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
     return LoopReport(
         outcome="fault",
         reason="LOOP_LOST",
         sentence=(
-            f"The loop process {how}; the robot gets no more answers and brakes by itself, standstill unconfirmed."
-            + words
+            f"The loop process {_how(return_code)}; the robot gets no more answers and brakes by itself, standstill "
+            f"unconfirmed.{words}"
         ),
         tick=status.tick,
         received=status.received,

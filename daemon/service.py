@@ -45,7 +45,7 @@ from daemon.errors import (
 )
 from daemon.host import software_versions
 from daemon.log.parts import join_parts, part_path
-from daemon.outcome import EXIT_CODES, digests_of, loop_report_without_loop, outcome_sentences
+from daemon.outcome import EXIT_CODES, digests_of, keep_last_samples, loop_report_without_loop, outcome_sentences
 from daemon.run_folder import prepare_folder
 from daemon.runtime_folder import lock_port
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
@@ -186,8 +186,10 @@ class _Acquisition:
                     self._tell("preflight", sentence)
         finally:
             loop.close()
-        # A killed loop cannot say that no record will follow.
-        self._ring.finish()
+        if not self._ring.finished:
+            # A killed loop can neither keep what it saw last nor say that no record will follow.
+            keep_last_samples(self._ring, self._request, loop.process.returncode)
+            self._ring.finish()
         file = find_run_file(self._request, "loop_report.json")
         with contextlib.suppress(DaemonError):
             report = read_json(file, LoopReport)

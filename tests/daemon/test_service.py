@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
@@ -176,6 +177,12 @@ def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tu
     states = states_of(Path(outcome.recordings[0]))
     assert_nothing_missing(Path(outcome.recordings[0]))
     assert outcome.samples == len(states) > PERIOD_SAMPLES
+    # What the loop saw last comes from its ring, and stands in the log as well.
+    kept = json.loads((Path(outcome.out_dir) / "last_samples.json").read_text())
+    assert kept["reason"] == "LOOP_LOST"
+    assert kept["columns"]["measured_position"][-1] == pytest.approx(list(states[-1].measured_joint_position))
+    with open(outcome.recordings[0], "rb") as stream:
+        assert "last_samples.json" in {each.name for each in make_reader(stream).iter_attachments()}
 
 
 def start_run(request: RunRequest) -> subprocess.Popen[str]:
