@@ -27,6 +27,15 @@ from dataclasses import dataclass
 from math import isfinite
 
 from fri_client.handover import Disposition
+from fri_client.message_checks import (
+    NamedArrays,
+    changed,
+    command_period,
+    is_good,
+    joint_not_driven,
+    positions,
+    torques,
+)
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     JOINT_COUNT,
@@ -39,7 +48,6 @@ from fri_client.messages import (
     FriVersion,
     IpoData,
     MessageHeader,
-    MonitorData,
     MonitoringMessage,
     RobotInfo,
     SafetyState,
@@ -164,7 +172,7 @@ class Session:
         elif state >= _COMMANDING_WAIT:
             return self._refuse(f"the message lacks the IPO position in {name_of(SessionState, state)}")
         # A sum of finite numbers may overflow, so the sum only raises the suspicion.
-        if not isfinite(total) and self._find_not_finite(_positions(monitor, ipo)):
+        if not isfinite(total) and self._find_not_finite(positions(monitor, ipo)):
             return int(Disposition.REFUSED)
         robot = message.robot_info
         if robot is not None and robot.number_of_joints is not None and robot.number_of_joints != JOINT_COUNT:
@@ -176,7 +184,7 @@ class Session:
             total += sum(monitor.external_torque)
         if monitor.commanded_torque is not None:
             total += sum(monitor.commanded_torque)
-        if not isfinite(total) and self._find_not_finite(_torques(monitor)):
+        if not isfinite(total) and self._find_not_finite(torques(monitor)):
             disposition = int(Disposition.REFUSED)
         else:
             counts.fresh += 1
@@ -226,7 +234,7 @@ class Session:
         """Why a motion cannot begin on this fresh message, as a clause for the operator; None when it can."""
         if self.state != _COMMANDING_ACTIVE:
             return f"the session is in {name_of(SessionState, self.state)}, not in COMMANDING_ACTIVE"
-        if not _is_good(self.quality):
+        if not is_good(self.quality):
             return f"the connection quality is {name_of(ConnectionQuality, self.quality)}, below GOOD"
         mode = (message.ipo_data or _NO_IPO).client_command_mode
         if mode is not None and mode != ClientCommandMode.POSITION:
@@ -234,7 +242,7 @@ class Session:
         robot = message.robot_info or _NO_ROBOT_INFO
         if robot.safety_state not in (None, SafetyState.NORMAL_OPERATION):
             return f"the safety state is {name_of(SafetyState, robot.safety_state)}"
-        joint = _joint_not_driven(robot)
+        joint = joint_not_driven(robot)
         if joint:
             return f"the drive of joint {joint} is {name_of(DriveState, robot.drive_state[joint - 1])}"
         return None
@@ -315,7 +323,7 @@ class Session:
         self.refusal, self.refusal_joint, self.refusal_value = why, joint, value
         return int(Disposition.REFUSED)
 
-    def _find_not_finite(self, arrays: tuple[tuple[str, tuple[float, ...] | None], ...]) -> bool:
+    def _find_not_finite(self, arrays: NamedArrays) -> bool:
         for name, values in arrays:
             for joint, value in enumerate(values or (), start=1):
                 if not isfinite(value):
@@ -337,13 +345,13 @@ class Session:
         ):
             return  # nothing changed, which is what nearly every tick finds
         now, then = robot or _NO_ROBOT_INFO, self._robot_info_at_begin
-        joint = _joint_not_driven(now)
+        joint = joint_not_driven(now)
         # Causes before consequences: a safety stop takes the state away, and leaving takes the drives away.
         if now.safety_state not in (None, SafetyState.NORMAL_OPERATION):
             self._latch(DropReason.SAFETY_STOP, state, now.safety_state, SafetyState.NORMAL_OPERATION)
-        elif _changed(now.operation_mode, then.operation_mode):
+        elif changed(now.operation_mode, then.operation_mode):
             self._latch(DropReason.OPERATION_MODE, state, now.operation_mode, then.operation_mode)
-        elif not _is_good(info.quality):
+        elif not is_good(info.quality):
             self._latch(DropReason.QUALITY, state, info.quality, ConnectionQuality.GOOD)
         elif state == _IDLE:
             self._latch(DropReason.SESSION_CLOSED, state, state, _COMMANDING_ACTIVE)
@@ -351,12 +359,12 @@ class Session:
             self._latch(DropReason.LEFT_COMMANDING_ACTIVE, state, state, _COMMANDING_ACTIVE)
         elif joint:
             self._latch(DropReason.DRIVES_OFF, state, now.drive_state[joint - 1], DriveState.ACTIVE, joint)
-        elif _changed(mode, self._command_mode):
+        elif changed(mode, self._command_mode):
             self._latch(DropReason.COMMAND_MODE, state, mode, self._command_mode)
-        elif _changed(now.control_mode, then.control_mode):
+        elif changed(now.control_mode, then.control_mode):
             self._latch(DropReason.CONTROL_MODE, state, now.control_mode, then.control_mode)
-        elif begin is not None and _command_period(info) != _command_period(begin):
-            self._latch(DropReason.PERIOD_CHANGE, state, _command_period(info), _command_period(begin))
+        elif begin is not None and command_period(info) != command_period(begin):
+            self._latch(DropReason.PERIOD_CHANGE, state, command_period(info), command_period(begin))
 
     def _latch(self, reason: DropReason, state: int, value: float | None, limit: float | None, joint: int = 0) -> None:
         if not self._begun or self.drop is not None:
@@ -375,40 +383,3 @@ class Session:
             quality=self.quality,
             motion_s=(self.last_fresh_ns - self._begun_ns) / 1e9,
         )
-
-
-def _positions(monitor: MonitorData, ipo: IpoData | None) -> tuple[tuple[str, tuple[float, ...] | None], ...]:
-    return (
-        ("measured joint position", monitor.measured_joint_position),
-        ("commanded joint position", monitor.commanded_joint_position),
-        ("IPO position", None if ipo is None else ipo.joint_position),
-    )
-
-
-def _torques(monitor: MonitorData) -> tuple[tuple[str, tuple[float, ...] | None], ...]:
-    return (
-        ("measured torque", monitor.measured_torque),
-        ("external torque", monitor.external_torque),
-        ("commanded torque", monitor.commanded_torque),
-    )
-
-
-def _is_good(quality: int) -> bool:
-    return quality in (ConnectionQuality.GOOD, ConnectionQuality.EXCELLENT)
-
-
-def _changed(now: int | None, then: int | None) -> bool:
-    """A field that the robot stops or starts to send is no change of what it says."""
-    return now is not None and then is not None and now != then
-
-
-def _command_period(info: ConnectionInfo) -> int:
-    return (info.send_period or 0) * (info.receive_multiplier or 1)
-
-
-def _joint_not_driven(robot: RobotInfo) -> int:
-    """The first joint, from 1, whose drive is not ACTIVE; 0 when all are or nothing is known."""
-    for joint, drive in enumerate(robot.drive_state, start=1):
-        if drive != DriveState.ACTIVE:
-            return joint
-    return 0

@@ -66,10 +66,19 @@ class Robot:
         )
         return MonitoringMessage(
             MessageHeader(MONITORING_IDENTIFIER, self.counter, 0),
-            RobotInfo(7, changes.get("safety", 0), (2,) * 7, 2, 0),
+            RobotInfo(
+                7,
+                changes.get("safety", 0),
+                changes.get("drives", (2,) * 7),
+                changes.get("operation", 2),
+                changes.get("control", 0),
+            ),
             monitor,
-            ConnectionInfo(state, changes.get("quality", 3), 1, changes.get("multiplier", 1)),
-            IpoData(joint_position=REST if state >= COMMANDING_WAIT else None, client_command_mode=1),
+            ConnectionInfo(state, changes.get("quality", 3), changes.get("period", 1), changes.get("multiplier", 1)),
+            IpoData(
+                joint_position=changes.get("ipo", REST) if state >= COMMANDING_WAIT else None,
+                client_command_mode=changes.get("mode", 1),
+            ),
         )
 
     def send(self, state: int, **changes: Any) -> None:
@@ -325,6 +334,66 @@ def test_a_safety_stop_seen_before_the_state_changes_is_followed_by_a_ramp_not_b
         robot.until_done(client, safety=2)
         result = client.finish()
     assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SAFETY_STOP", True)
+    robot.assert_gentle()
+
+
+@pytest.mark.parametrize(
+    ("reason", "changes"),
+    [
+        ("QUALITY", {"quality": 1}),
+        ("QUALITY", {"quality": 0}),
+        ("SAFETY_STOP", {"safety": 1}),
+        ("DRIVES_OFF", {"drives": (2, 2, 2, 2, 2, 0, 2)}),
+        ("OPERATION_MODE", {"operation": 1}),
+        ("CONTROL_MODE", {"control": 2}),
+        ("COMMAND_MODE", {"mode": 3}),
+        ("PERIOD_CHANGE", {"period": 2}),
+    ],
+)
+def test_every_way_a_session_is_lost_in_command_latches_slows_on_the_path_and_tells_the_numbers(
+    reason: str, changes: dict[str, Any]
+) -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.exchange(ACTIVE, 1, **changes)
+        robot.until_done(client)  # all is as before again, and nothing resumes
+        result = client.finish()
+        records = client.records()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", reason, True), result.sentence
+    assert result.sentence.startswith("Session dropped at cycle 712, ")
+    for words in (" s into the motion: ", "in the last second 0 messages missing and longest turn-around "):
+        assert words in result.sentence
+    assert result.sentence.count(". ") == 0
+    assert (result.stop_kind, EventCode.STOP_ON_PATH in events(records)) == ("path", True)
+    lost = [record.event_code for record in records].index(EventCode.SESSION_DROP)
+    assert {record.phase for record in records[lost:]} == {MotionPhase.LATCHED}
+    robot.assert_gentle()
+    error = result.error()
+    assert error is not None
+    assert error.last_samples is not None
+    assert error.last_samples.columns["event"].count("SESSION_DROP") == 1
+
+
+def test_a_new_run_begins_at_the_ipo_position_of_its_own_session() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.exchange(READY, 3)
+        robot.until_done(client)
+        assert client.finish().outcome == "dropped"
+        counter, moved = robot.counter, tuple(value + 0.05 for value in REST)
+    with running() as (client, robot):
+        robot.counter, robot.position = counter, moved
+        robot.exchange(READY, 3)
+        robot.exchange(COMMANDING_WAIT, 5, ipo=moved)
+        first = robot.exchange(ACTIVE, 1, ipo=moved)
+        robot.exchange(ACTIVE, 50, ipo=moved)
+        client.loop.stop_from_signal(15)
+        robot.until_done(client, ipo=moved)
+        assert client.finish().outcome == "stopped"
+    assert first.command_data is not None
+    assert first.command_data.joint_position == pytest.approx(moved, abs=1e-12)
     robot.assert_gentle()
 
 

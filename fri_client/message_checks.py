@@ -1,0 +1,55 @@
+"""Small questions the session asks about one message; no state, no decision.
+
+`session` judges by the answers.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from fri_client.messages import ConnectionInfo, ConnectionQuality, DriveState, IpoData, MonitorData, RobotInfo
+
+__all__ = ["NamedArrays", "changed", "command_period", "is_good", "joint_not_driven", "positions", "torques"]
+
+NamedArrays: TypeAlias = tuple[tuple[str, tuple[float, ...] | None], ...]
+
+
+def positions(monitor: MonitorData, ipo: IpoData | None) -> NamedArrays:
+    """The positions of a message with the names an operator knows them by, rad."""
+    return (
+        ("measured joint position", monitor.measured_joint_position),
+        ("commanded joint position", monitor.commanded_joint_position),
+        ("IPO position", None if ipo is None else ipo.joint_position),
+    )
+
+
+def torques(monitor: MonitorData) -> NamedArrays:
+    """The torques of a message with their names, Nm."""
+    return (
+        ("measured torque", monitor.measured_torque),
+        ("external torque", monitor.external_torque),
+        ("commanded torque", monitor.commanded_torque),
+    )
+
+
+def is_good(quality: int) -> bool:
+    """Whether the robot commands at this connection quality."""
+    return quality in (ConnectionQuality.GOOD, ConnectionQuality.EXCELLENT)
+
+
+def changed(now: int | None, then: int | None) -> bool:
+    """A field that the robot stops or starts to send is no change of what it says."""
+    return now is not None and then is not None and now != then
+
+
+def command_period(info: ConnectionInfo) -> int:
+    """Time from one command to the next, ms; 0 where the robot does not say."""
+    return (info.send_period or 0) * (info.receive_multiplier or 1)
+
+
+def joint_not_driven(robot: RobotInfo) -> int:
+    """The first joint, from 1, whose drive is not ACTIVE; 0 when all are or nothing is known."""
+    for joint, drive in enumerate(robot.drive_state, start=1):
+        if drive != DriveState.ACTIVE:
+            return joint
+    return 0
