@@ -1,0 +1,61 @@
+"""What one injected fault is and what is expected of everybody: value objects only. The table is in `fault_cases`."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["FaultCase", "Step"]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Once the operator has read `when`, `number` is sent to each of `targets`, and SIGCONT `resume_after_s` later.
+
+    targets: supervisor, recorder, loop, worker.
+    """
+
+    when: str
+    targets: tuple[str, ...]
+    number: signal.Signals
+    resume_after_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FaultCase:
+    """One row of the table.
+
+    Injected: faults and session rules of the fake robot, steps (signals), request (fields of RunRequest), robot
+    (options of the fake robot; None: there is none), clock (the robot keeps real time, 5 ms a message, else lockstep),
+    start_rad (distance of each joint from the start of the motion, hence the length of the start ramp), disk (size of
+    the file system that holds the run's folder, or "ro"), port_held (by another program).
+
+    Expected: arm, as the robot saw it: "finished" (at rest after the whole motion), "ramp" (at rest after commands that
+    stopped gently), "held" (commands ended, the robot held the last one), "dropped" (the robot ended commanding and
+    braked by itself), "none" (nothing moved); outcome and exit code (None: the outcome of a run whose loop could not
+    report; the exit code -9 is that of a killed supervisor); says: regular expressions that the operator reads; gap:
+    monitoring messages that are missing in the file; unsaved: how many of the newest samples may be missing in it;
+    rejections: reasons for which the robot refused a command; file: whether there is one.
+    """
+
+    name: str
+    what: str
+    arm: str
+    outcome: str | None
+    exit_code: int
+    says: tuple[str, ...] = ()
+    faults: tuple[Mapping[str, Any], ...] = ()
+    session: Mapping[str, Any] = field(default_factory=dict)
+    steps: tuple[Step, ...] = ()
+    request: Mapping[str, Any] = field(default_factory=dict)
+    robot: tuple[str, ...] | None = ()
+    clock: bool = False
+    start_rad: float = 0.02
+    disk: str = ""
+    port_held: bool = False
+    gap: int = 0
+    unsaved: int = 0
+    rejections: tuple[str, ...] = ()
+    file: bool = True

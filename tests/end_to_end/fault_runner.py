@@ -1,0 +1,309 @@
+"""Runs one case of the fault table with real processes and measures what became of arm, operator and file.
+
+Truth comes from the robot's side (its summary: commands it accepted and refused, their peaks, how fast everything was
+when commanding ended, how many answers it got) and from readers of the file that share no code with its writer.
+Called by the tests and by benchmarks/faults.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import yaml
+from rosbags.highlevel import AnyReader
+
+from daemon.api import RunRequest, write_json
+from identification.excitation import FourierTrajectory, default_trajectory
+from safety.limits import IIWA14_R820
+from tests.end_to_end.fault_case import FaultCase
+from tests.end_to_end.processes import free_udp_port, iiwa_ident
+
+__all__ = ["FaultResult", "run_case"]
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PERIOD_S = 2.0
+LEAD_IN_S = 0.3
+REST_RAD_S = 1e-6
+MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
+
+
+@dataclass(frozen=True, slots=True)
+class FaultResult:
+    """What was measured.
+
+    arm: see FaultCase; peaks: velocity, acceleration and jerk of the commands the robot accepted, worst joint over its
+    limit; speed_at_end: of the arm, rad/s; read: what the operator read last; samples, gap, answered_samples: in the
+    file (None: no file); recovered: the file had to be made whole by `iiwa-ident recover` first.
+    """
+
+    arm: str
+    peaks: tuple[float, float, float]
+    speed_at_end: float
+    rejections: tuple[str, ...]
+    robot_answered: int
+    outcome: str | None
+    exit_code: int
+    read: str
+    transcript: str
+    samples: int | None
+    answered_samples: int
+    gap: int
+    recovered: bool
+    robot: dict[str, Any]
+    left_running: tuple[str, ...]
+
+    def describe_file(self) -> str:
+        """A cell of the table."""
+        if self.samples is None:
+            return "no file"
+        how = "whole after `recover`" if self.recovered else "whole"
+        lost = f"{self.gap} counters missing" if self.gap else "no gap"
+        return f"{how}, {self.samples} samples, {lost}"
+
+
+def run_case(case: FaultCase, folder: Path) -> FaultResult:
+    """Run it in an empty folder; raises AssertionError where a process does not end by itself."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        port = free_udp_port()
+        if case.port_held:
+            holder = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            holder.bind(("127.0.0.1", 0))
+            port = holder.getsockname()[1]
+        _write_inputs(case, folder, port)
+        robot = _start_robot(case, folder, port) if case.robot is not None else None
+        transcript, exit_code, left = _run(case, folder)
+        summary = _end_robot(robot, folder, patient=case.arm in ("held", "dropped")) if robot is not None else {}
+    outcome = _outcome(folder)
+    samples, answered, gap, recovered = _examine(folder)
+    lines = [line for line in transcript.splitlines() if line and not line.startswith("[")]
+    return FaultResult(
+        arm=_what_the_arm_did(summary, outcome),
+        peaks=_peaks(summary),
+        speed_at_end=summary.get("arm_speed_at_end_rad_s", 0.0),
+        rejections=tuple(sorted({each["reason"] for each in summary.get("rejections", ())})),
+        robot_answered=summary.get("counts", {}).get("answered", 0),
+        outcome=outcome,
+        exit_code=exit_code,
+        read=lines[0] if lines else "",
+        transcript=transcript,
+        samples=samples,
+        answered_samples=answered,
+        gap=gap,
+        recovered=recovered,
+        robot=summary,
+        left_running=left,
+    )
+
+
+# What goes in.
+
+
+def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
+    """The short motion (2 s, a fifth of the shipped one), the request and the robot's settings."""
+    shipped = default_trajectory()
+    short = FourierTrajectory(1.0 / PERIOD_S, 0.2 * shipped.a, 0.2 * shipped.b, shipped.offset, shipped.robot)
+    table = short.table(1000.0)
+    np.save(folder / "table.npy", table)
+    (folder / "trajectory.json").write_text(json.dumps(short.to_json()))
+    values: dict[str, Any] = {
+        "run_id": case.name,
+        "robot": "iiwa14",
+        "table_file": str(folder / "table.npy"),
+        "trajectory_file": str(folder / "trajectory.json"),
+        "out_dir": str(folder / "run"),
+        "periods": 50 if case.steps or case.disk else 1,
+        "lead_in_s": LEAD_IN_S,
+        "realtime_priority": 0,  # several runs beside each other would starve the robots
+        "bind_port": port,
+        "fit": False,
+        "simulation": not case.clock,
+    }
+    write_json(folder / "input.json", RunRequest(**{**values, **case.request}))
+    first = table[-round(values["lead_in_s"] * 1000)] + case.start_rad
+    settings = {
+        "initial_position_rad": first.tolist(), "session": dict(case.session),
+        "faults": [dict(each) for each in case.faults],
+    }  # fmt: skip
+    (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
+
+
+def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[bytes]:
+    options = ["--send-period-ms", "5"] if case.clock else ["--lockstep"]
+    options += ["--client", f"127.0.0.1:{port}", "--seed", "7", "--duration", "900", *(case.robot or ())]
+    options += ["--physics", str(folder / "robot.yaml"), "--json", str(folder / "robot.json")]
+    return subprocess.Popen(
+        [sys.executable, "-m", "fixtures.fake_robot", *options],
+        cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=(folder / "robot.log").open("wb"),
+    )  # fmt: skip
+
+
+def _end_robot(robot: subprocess.Popen[bytes], folder: Path, *, patient: bool) -> dict[str, Any]:
+    """The robot's summary. patient: let a session that was dropped close by itself, so that braking is over."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        robot.wait(6.0 if patient else 0.0)
+    robot.terminate()
+    robot.wait(30)
+    file = folder / "robot.json"  # absent where the run ended before the robot was there
+    return dict(json.loads(file.read_text())) if file.is_file() else {}
+
+
+# The run.
+
+
+def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
+    """Everything the operator read, the exit code, and the processes of ours that did not end (killed then)."""
+    command = [sys.executable, "-m", "tests.end_to_end.acquisition", str(folder / "input.json")]
+    process = subprocess.Popen(
+        _on_disk(case.disk, command, folder / "run"), cwd=REPOSITORY, stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    steps, lines, family, timers = list(case.steps), [], {}, []
+    with process.stdout as stream:
+        for line in stream:
+            lines.append(line)
+            family.update(_family(process.pid))
+            while steps and steps[0].when in line:
+                step = steps.pop(0)
+                chosen = [family[target] for target in step.targets]
+                for each in chosen:
+                    with contextlib.suppress(psutil.NoSuchProcess):
+                        each.send_signal(step.number)
+                if step.resume_after_s is not None:
+                    timers.append(threading.Timer(step.resume_after_s, _resume, (chosen,)))
+                    timers[-1].start()
+    exit_code = process.wait(60)
+    for timer in timers:
+        timer.join()
+    _, alive = psutil.wait_procs([each for role, each in family.items() if role != "supervisor"], timeout=30)
+    for each in alive:
+        each.kill()
+    return "".join(lines), exit_code, tuple(role for role, each in family.items() if each in alive)
+
+
+def _family(pid: int) -> dict[str, psutil.Process]:
+    """Our processes by role; the newest of a role counts."""
+    found: dict[str, psutil.Process] = {}
+    with contextlib.suppress(psutil.NoSuchProcess):
+        parent = psutil.Process(pid)
+        for each in [parent, *parent.children(recursive=True)]:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                words = each.cmdline()
+                if "tests.end_to_end.acquisition" in words and Path(words[0]).name.startswith("python"):
+                    found["supervisor"] = each
+                found.update({role: each for role, module in MODULES.items() if module in words})
+    return found
+
+
+def _resume(processes: list[psutil.Process]) -> None:
+    for each in processes:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            each.resume()
+
+
+def _on_disk(disk: str, command: list[str], out: Path) -> list[str]:
+    """The command with the run's folder on a small or a read-only file system."""
+    if not disk:
+        return command
+    run = " ".join(command)
+    out.mkdir()
+    if disk == "ro":
+        script = f"mount -t tmpfs -o ro none {out} && exec {run}"
+    else:
+        kept = out.with_name("kept")
+        keep = f"code=$?; cp -r {out} {kept}; exit $code"
+        script = f"mount -t tmpfs -o size={disk} none {out} && {{ {run}; {keep}; }}"
+    return ["unshare", "-rm", "sh", "-c", script]
+
+
+# What comes out.
+
+
+def _outcome(folder: Path) -> str | None:
+    """Of run.json, or of the loop's own report where the supervisor wrote none."""
+    for place in (folder / "kept", folder / "run"):
+        for name in ("run.json", "loop_report.json"):
+            with contextlib.suppress(FileNotFoundError):
+                return str(json.loads((place / name).read_text())["outcome"])
+    return None
+
+
+def _what_the_arm_did(summary: dict[str, Any], outcome: str | None) -> str:
+    departures = summary.get("departures", ())
+    if not departures or not any(summary["peak_command"]["velocity_rad_s"]):
+        return "none"
+    first = departures[0]
+    if first["last_command_speed_rad_s"] < REST_RAD_S:
+        return "finished" if outcome == "completed" else "ramp"
+    return "held" if first["set_point_speed_rad_s"] == 0.0 else "dropped"
+
+
+def _peaks(summary: dict[str, Any]) -> tuple[float, float, float]:
+    if not summary:
+        return 0.0, 0.0, 0.0
+    peak, limits = summary["peak_command"], IIWA14_R820
+    velocity, acceleration, jerk = (
+        float(np.max(np.array(peak[name]) / limit))
+        for name, limit in (
+            ("velocity_rad_s", limits.velocity),
+            ("acceleration_rad_s2", limits.acceleration),
+            ("jerk_rad_s3", limits.jerk),
+        )
+    )
+    return velocity, acceleration, jerk
+
+
+def _examine(folder: Path) -> tuple[int | None, int, int, bool]:
+    """Samples, samples that were answered, messages missing between them, and whether the file had to be recovered."""
+    file = _recording(folder)
+    if file is None:
+        return None, 0, 0, False
+    recovered = False
+    try:
+        rows = list(_states(file))
+    except Exception:
+        result = iiwa_ident("recover", file, "--json", "-")
+        assert result.returncode == 0, result.stderr
+        recovered = True
+        rows = list(_states(Path(json.loads(result.stdout)["recovered"])))
+    steps = np.diff(np.unique([counter for counter, _ in rows]))
+    return len(rows), sum(answered for _, answered in rows), int((steps - 1).sum()), recovered
+
+
+def _recording(folder: Path) -> Path | None:
+    for place in (folder / "kept", folder / "run"):
+        with contextlib.suppress(FileNotFoundError, KeyError, IndexError):
+            told = Path(json.loads((place / "run.json").read_text())["recordings"][0])
+            if told.is_file():
+                return told
+        if (place / "recording.mcap").is_file():
+            return place / "recording.mcap"
+    return None
+
+
+def _states(file: Path) -> Iterator[tuple[int, bool]]:
+    """Sequence counter of every sample, and whether it was answered."""
+    with AnyReader([file]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/fri/state"]
+        for connection, _, raw in bag.messages(wanted):
+            state: Any = bag.deserialize(raw, connection.msgtype)
+            yield state.sequence_counter, state.host_send_time_ns > 0
+
+
+def matches(text: str, pattern: str) -> bool:
+    """Whether the operator read it, wherever lines were broken."""
+    return re.search(pattern, " ".join(text.split())) is not None
+

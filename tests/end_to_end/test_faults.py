@@ -1,0 +1,51 @@
+"""Every row of the fault table: what the arm did, what the robot was commanded, what the operator read, what was kept.
+
+The arm is judged at the robot's side; the file by readers that share no code with its writer. Nothing here asks how
+long anything took.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.fault_case import FaultCase
+from tests.end_to_end.fault_cases import FAULT_CASES
+from tests.end_to_end.fault_runner import matches, run_case
+
+REST_RAD_S = 5e-3
+"""What sensor noise and a settling controller leave of an arm at rest."""
+ROUND_OFF = 1e-6
+
+
+def test_the_table_names_each_fault_once() -> None:
+    names = [case.name for case in FAULT_CASES]
+    assert len(names) == len(set(names)) >= 30
+
+
+@pytest.mark.parametrize("case", FAULT_CASES, ids=lambda case: case.name)
+def test_fault(case: FaultCase, tmp_path: Path) -> None:
+    if case.disk and not can_mount():
+        pytest.skip("no mount namespace of our own on this machine, so no disk to fill")
+    result = run_case(case, tmp_path)
+    assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code), result.transcript
+    assert result.rejections == case.rejections
+    assert max(result.peaks) <= 1.0 + ROUND_OFF
+    assert result.speed_at_end < REST_RAD_S
+    for words in case.says:
+        assert matches(result.transcript, words), (words, result.transcript)
+    assert "Traceback" not in result.transcript
+    assert (result.samples is not None) == case.file
+    assert result.gap == case.gap
+    assert result.answered_samples >= result.robot_answered - case.unsaved
+    assert result.left_running == ()
+
+
+def can_mount() -> bool:
+    if shutil.which("unshare") is None:
+        return False
+    probe = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs none /mnt"]
+    return subprocess.run(probe, capture_output=True, check=False).returncode == 0
