@@ -36,6 +36,7 @@ def host_report() -> dict[str, Any]:
         "processors": os.cpu_count(),
         "usable_processors": sorted(os.sched_getaffinity(0)),
         "realtime_kernel": _read("/sys/kernel/realtime") == "1",
+        "virtual_machine": "hypervisor" in (_read("/proc/cpuinfo") or "").partition("\n\n")[0].split(),
         "kernel_version": platform.version(),
         "governors": sorted({text for text in map(_read, _governor_files()) if text}),
         "clock_source": _read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),

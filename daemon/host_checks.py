@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
 import shutil
+import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,12 +16,14 @@ from daemon.host import host_report
 
 __all__ = [
     "DoctorCheck",
+    "check_clock",
     "check_disk",
     "check_governor",
     "check_kernel",
     "check_load",
     "check_memory_lock",
     "check_realtime_limit",
+    "measure_disk",
 ]
 
 Status = Literal["ok", "warning", "failed"]
@@ -27,6 +32,12 @@ BYTES_PER_SAMPLE = 500
 """Measured size of one sample in the log, compressed, rounded up."""
 ROOM_FAILED = 100 * 1024 * 1024
 ROOM_WARNING = 1024 * 1024 * 1024
+SAMPLE_BYTES_PER_S = 1000 * BYTES_PER_SAMPLE
+DISK_BLOCK = 64 * 1024
+DISK_BLOCKS = 64
+SLOW_WRITE_S = 0.5
+"""The ring between loop and recorder holds many times that, but a disk that needs it once will need more."""
+CLOCK_STEP_S = 0.01
 NEEDED_MEMLOCK = 256 * 1024 * 1024
 
 
@@ -41,7 +52,9 @@ class DoctorCheck:
 
 
 def check_disk(folder: Path) -> DoctorCheck:
-    """Room where the runs go, in minutes of recording at 1 kHz."""
+    """Room where the runs go, in minutes of recording at 1 kHz, and how fast it takes what is written for good."""
+    # The folder of a run is made when the run begins, so what counts is the place where it will be made.
+    folder = next((place for place in (folder.absolute(), *folder.absolute().parents) if place.exists()), folder)
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
@@ -52,7 +65,63 @@ def check_disk(folder: Path) -> DoctorCheck:
         return DoctorCheck("disk", "failed", f"{folder} cannot be written.", "choose another folder with --out.")
     if free < ROOM_FAILED:
         return DoctorCheck("disk", "failed", sentence, "make room or choose another folder with --out.")
-    return DoctorCheck("disk", "warning" if free < ROOM_WARNING else "ok", sentence, "make room on the disk.")
+    try:
+        speed, slowest_s = measure_disk(folder)
+    except OSError as error:
+        return DoctorCheck("disk", "failed", f"{folder} cannot be written: {error.strerror}.", "choose another folder.")
+    sentence += (
+        f" It takes {speed / 1e6:.0f} MB/s ({SAMPLE_BYTES_PER_S / 1e6:.1f} are needed), the slowest write took "
+        f"{slowest_s * 1e3:.0f} ms."
+    )
+    if speed < 4.0 * SAMPLE_BYTES_PER_S or slowest_s > SLOW_WRITE_S:
+        return DoctorCheck("disk", "warning", sentence, "record on a local disk, not a network or a busy one.")
+    if free < ROOM_WARNING:
+        return DoctorCheck("disk", "warning", sentence, "make room on the disk.")
+    return DoctorCheck("disk", "ok", sentence)
+
+
+def measure_disk(folder: Path) -> tuple[float, float]:
+    """Bytes per second that reach the disk for good, and the slowest of the writes in s. Raises OSError.
+
+    Written as the recorder writes: blocks, each followed by fsync, in a file that has no name.
+    """
+    block = os.urandom(DISK_BLOCK)
+    slowest = 0.0
+    with tempfile.TemporaryFile(dir=folder) as file:
+        start = before = time.monotonic()
+        for _ in range(DISK_BLOCKS):
+            file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+            now = time.monotonic()
+            slowest, before = max(slowest, now - before), now
+    return DISK_BLOCK * DISK_BLOCKS / max(before - start, 1e-9), slowest
+
+
+def check_clock(step_s: float | None, seconds: float) -> DoctorCheck:
+    """Whether the clock of the logs' times jumped while it was watched, and whether somebody keeps it right.
+
+    step_s: CLOCK_REALTIME against CLOCK_MONOTONIC over `seconds`, None where nothing was watched.
+    """
+    if step_s is not None and abs(step_s) > CLOCK_STEP_S:
+        return DoctorCheck(
+            "clock",
+            "warning",
+            f"The clock jumped by {step_s * 1e3:.0f} ms within {seconds:.1f} s; times in a log count from its start.",
+            "let the clock settle (chrony or systemd-timesyncd), or stop the program that sets it.",
+        )
+    steady = "" if step_s is None else f"The clock moved by {abs(step_s) * 1e3:.2f} ms within {seconds:.1f} s. "
+    if _clock_is_kept():
+        return DoctorCheck("clock", "ok", f"{steady}It is synchronised.")
+    return DoctorCheck("clock", "ok", f"{steady}Nobody synchronises it: dates in logs are those of this machine alone.")
+
+
+def _clock_is_kept() -> bool:
+    """The kernel's own word (adjtimex with nothing to change): 5 stands for a clock that nobody keeps."""
+    try:
+        return int(ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512))) not in (-1, 5)
+    except (OSError, AttributeError):
+        return False
 
 
 def check_realtime_limit() -> DoctorCheck:
@@ -83,8 +152,15 @@ def check_memory_lock() -> DoctorCheck:
 
 
 def check_kernel() -> DoctorCheck:
-    """Whether the kernel is a real-time one."""
+    """Whether the kernel is a real-time one, and whether it has the machine for itself."""
     report = host_report()
+    if report["virtual_machine"]:
+        return DoctorCheck(
+            "kernel",
+            "warning",
+            f"{report['platform']} runs in a virtual machine: a real robot may never grade the connection GOOD.",
+            "use a computer of its own for work on a real robot.",
+        )
     if report["realtime_kernel"]:
         return DoctorCheck("kernel", "ok", f"Real-time kernel: {report['platform']}.")
     return DoctorCheck(

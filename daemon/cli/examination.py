@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,24 +15,54 @@ from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout
 
 @app.command()
 def doctor(
-    bind: Annotated[str, typer.Option("--bind", help="Address and port to listen on.")] = "127.0.0.1:30200",
-    listen: Annotated[float, typer.Option("--listen", help="Seconds to listen for the robot.")] = 3.0,
+    bind: Annotated[
+        str | None, typer.Option("--bind", help="Address and port to listen on; default 127.0.0.1:30200.")
+    ] = None,
+    listen: Annotated[float, typer.Option("--listen", min=0.1, max=600.0, help="Seconds to listen.")] = 3.0,
+    answer: Annotated[
+        bool, typer.Option("--answer", help="Answer monitoring states, so that the robot grades the link. No commands.")
+    ] = False,
+    fri_version: Annotated[
+        str | None, typer.Option("--fri-version", help="With --answer, where the bytes do not tell the version.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder that runs will go to; default: this one.")] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="Take address, version and folder from this file.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Examine host, network, real-time limits and the link, and say what to do next. Moves nothing, answers nothing.
+    """Examine host, network, firewall, real-time limits, disk and link, and say what to do next. Moves nothing.
 
-    Example: iiwa-ident doctor --bind 192.170.10.1:30200
+    Grades the link: A nothing lost and regular, B good, C usable for a try, D not usable. Exit code 1 when a check
+    failed; warnings are allowed.
+
+    Example: iiwa-ident doctor --bind 192.170.10.1:30200 --answer
     """
+    from daemon.config import DaemonConfig, load_config
     from daemon.doctor import examine
+    from daemon.link_observation import Mirror
+    from fri_client.messages import FriVersion
 
-    host, port = parse_bind(bind)
-    report = examine(bind_host=host, bind_port=port, listen_s=listen)
+    settings = DaemonConfig() if config is None else load_config(config)
+    host, port = (settings.fri.bind_host, settings.fri.bind_port) if bind is None else parse_bind(bind)
+    try:
+        named = fri_version or (None if config is None else settings.fri.version)
+        version = None if named is None else FriVersion.parse(named)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    report = examine(
+        bind_host=host,
+        bind_port=port,
+        listen_s=listen,
+        folder=out or (None if config is None else Path(settings.output)),
+        mirror=Mirror(version) if answer else None,
+    )
     if json_file is not None:
         write_json(json_file, report.to_json())
     if not wants_json_on_stdout(json_file):
         table = Table("check", "result", "what was found")
         for item in report.checks:
-            table.add_row(item.name, item.status, item.sentence)
+            table.add_row(item.name, item.status if item.status != "failed" else "FAILED", item.sentence)
         show_table(table)
         data(report.next_step)
     if not report.passed:
