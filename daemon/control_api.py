@@ -64,7 +64,7 @@ JobPhase = Literal[
     "cancelled",
 ]
 
-_Name = Annotated[str, Meta(max_length=200)]
+_Name = Annotated[str, Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]
 _JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
 
 

@@ -51,8 +51,9 @@ class ServiceUnreachableError(DaemonError):
 
     def __init__(self, endpoint: str, waited_s: float) -> None:
         self.endpoint = endpoint
+        what = f"answered at {endpoint} within {waited_s:g} s" if waited_s else f"listens at {endpoint}"
         super().__init__(
-            f"No service answered at {endpoint} within {waited_s:g} s: start it (`iiwa-ident daemon`), name its "
+            f"No service {what}: start it (`iiwa-ident daemon`), name its "
             "address (--endpoint), or, from another machine, a key that it knows (--key, --server-key)."
         )
 
@@ -216,6 +217,8 @@ def ask(
     """
     if (key_file is None) != (server_key_file is None):
         raise ConfigurationError("Both keys are needed: the client's secret one and the service's public one.")
+    if endpoint.startswith("ipc://") and not _is_served(endpoint.removeprefix("ipc://")):
+        raise ServiceUnreachableError(endpoint, 0.0)
     with zmq.Context() as context, context.socket(zmq.REQ) as channel:
         channel.linger = 0
         channel.setsockopt(zmq.MAXMSGSIZE, _MAXIMUM_REPLY_BYTES)

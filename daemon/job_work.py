@@ -95,7 +95,7 @@ class FitEnded:
     exit_code: int
 
 
-Posted: TypeAlias = Stored | Checked | Prepared | RunEnded | FitStarted | FitEnded
+Posted: TypeAlias = Stored | Checked | Prepared | RunEvent | RunEnded | FitStarted | FitEnded
 Post: TypeAlias = Callable[[Posted], None]
 
 
@@ -147,16 +147,15 @@ def start_run(
     request: RunRequest,
     stop: StopHandle,
     store: JobStore,
-    observe: Callable[[RunEvent], None],
     post: Post,
 ) -> threading.Thread:
-    """Begin the acquisition in a thread of its own; its end is posted, whatever it is."""
+    """Begin the acquisition in a thread of its own; its events are posted, and its end, whatever it is."""
 
     def work() -> None:
         # A service that dies from here on finds the job as running when it comes back.
         store.flush()
         try:
-            outcome = run_acquisition(request, observe=observe, stop=stop, port_is_locked=True)
+            outcome = run_acquisition(request, observe=post, stop=stop, port_is_locked=True)
             post(RunEnded(job_id, outcome, " ".join(outcome.sentences), outcome.exit_code))
         except Exception as error:
             text = str(error) or type(error).__name__

@@ -16,6 +16,7 @@ import os
 import queue
 import signal
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -73,6 +74,8 @@ POLL_S = 0.05
 UNHEARD_S = 2.0
 """Without a turn of the control thread for so long, the run's heartbeat ceases."""
 _RECENT = 20
+_QUEUED_LINES = 1000
+_LINES_ALLOWANCE_S = 1.0
 
 
 class Service:
@@ -81,7 +84,9 @@ class Service:
     def __init__(self, config: DaemonConfig, *, tell: Callable[[str], None]) -> None:
         """tell: one line for the log. Raises LogIOError when the folder for jobs cannot be used."""
         self._config = config
-        self._tell_log = tell
+        self._lines: queue.Queue[str] = queue.Queue(_QUEUED_LINES)
+        # A terminal that is held or a pipe that nobody reads must not keep the control thread from hearing a stop.
+        threading.Thread(target=_write_lines, args=(self._lines, tell), name="log lines", daemon=True).start()
         self._port = config.fri.bind_port
         self._needs_confirmation = not config.is_simulation
         self._state = State.IDLE
@@ -106,6 +111,7 @@ class Service:
         if control.server_key is not None and control.authorised_clients is not None:
             keys = ServerKeys(Path(control.server_key), Path(control.authorised_clients))
         with contextlib.ExitStack() as stack:
+            stack.callback(self._write_last_lines)
             stack.enter_context(lock_port(self._config.fri.bind_host, self._port))
             self._jobs = JobQueue(self._config, self._tell)
             stack.callback(self._jobs.close)
@@ -274,17 +280,15 @@ class Service:
                 self._tell(f"Run {posted.job_id}: {posted.sentence}")
                 self._ended_run = posted.job_id
                 self._happen(Event.COMPLETED if completed else Event.FAILED)
+            case RunEvent():
+                self._progress = posted
+                self._tell(f"[{posted.kind}] {posted.sentence}")
             case FitStarted():
                 self._jobs.fit_started(posted.job_id, posted.pid)
             case FitEnded():
                 self._fit_id = None
                 self._jobs.fit_ended(posted)
                 self._tell(f"Fit {posted.job_id}: {posted.sentence}")
-
-    def _observe(self, event: RunEvent) -> None:
-        """Called by the run's thread."""
-        self._progress = event
-        self._tell(f"[{event.kind}] {event.sentence}")
 
     def _begin_fit(self) -> None:
         job = None if self._fit_id else self._jobs.next_fit()
@@ -316,7 +320,7 @@ class Service:
                 self._progress = RunEvent(kind="starting", sentence="starting")
                 self._run_id = prepared.job_id
                 self._run_thread = start_run(
-                    prepared.job_id, prepared.request, self._stop, self._jobs.store, self._observe, self._posted.put
+                    prepared.job_id, prepared.request, self._stop, self._jobs.store, self._posted.put
                 )
             case Action.HOLD_PREPARED:
                 if self._prepared is not None:
@@ -332,7 +336,13 @@ class Service:
 
     def _tell(self, sentence: str) -> None:
         self._recent.append(sentence)
-        self._tell_log(sentence)
+        with contextlib.suppress(queue.Full):
+            self._lines.put_nowait(sentence)
+
+    def _write_last_lines(self) -> None:
+        deadline = time.monotonic() + _LINES_ALLOWANCE_S
+        while self._lines.unfinished_tasks and time.monotonic() < deadline:
+            time.sleep(0.01)
 
     @contextlib.contextmanager
     def _handled_signals(self) -> Iterator[None]:
@@ -357,3 +367,11 @@ class Service:
             while thread.is_alive():
                 self._stop.tick()
                 thread.join(POLL_S)
+
+
+def _write_lines(lines: queue.Queue[str], tell: Callable[[str], None]) -> None:
+    while True:
+        line = lines.get()
+        with contextlib.suppress(OSError):
+            tell(line)
+        lines.task_done()

@@ -11,6 +11,7 @@ from typing import Annotated, TypeVar
 
 import msgspec
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.app import app
@@ -135,7 +136,7 @@ def submit(
         SubmitRun(
             trajectory=content,
             suffix=suffix,  # type: ignore[arg-type]  # one of the three, see above
-            name="shipped excitation" if trajectory is None else trajectory.name[:200],
+            name="shipped excitation" if trajectory is None else _printable(trajectory.name),
             periods=periods,
             amplitude=amplitude,
             fit=False if no_fit else None,
@@ -157,6 +158,10 @@ def _content(trajectory: Path) -> bytes:
         raise MissingInputError(str(trajectory), "the trajectory") from error
     except OSError as error:
         raise LogIOError(str(trajectory), error) from error
+
+
+def _printable(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name)[:200]
 
 
 def _confirm_motion(status: StatusReply) -> None:
@@ -215,7 +220,7 @@ def jobs(
         table = Table("job", "kind", "phase", "motion", "periods", "what happened", "folder")
         for job in reply.jobs:
             count = "" if job.periods is None else str(job.periods)
-            table.add_row(job.job_id, job.kind, job.phase, job.name, count, job.sentence, job.folder)
+            table.add_row(job.job_id, job.kind, job.phase, escape(job.name), count, escape(job.sentence), job.folder)
         show_table(table)
 
 

@@ -224,12 +224,16 @@ def test_interrupted_by_the_operator_the_arm_ramps_down_and_the_exit_code_is_130
     assert len(states) == outcome.loop.received
 
 
-def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(robot: tuple[int, Path], tmp_path: Path) -> None:
-    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=1.0))
+# SIGABRT is what a watchdog of systemd would send by default.
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGABRT])
+def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(
+    robot: tuple[int, Path], tmp_path: Path, how: signal.Signals
+) -> None:
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=0.5))
     read_until(process, "Period 2")
     children = psutil.Process(process.pid).children()
     assert len(children) == 2
-    process.send_signal(signal.SIGKILL)
+    process.send_signal(how)
     process.communicate(timeout=60)
     wait_gone(children)
     report = json.loads((tmp_path / "run" / "loop_report.json").read_text())
@@ -250,7 +254,7 @@ def kill_together(processes: list[psutil.Process]) -> None:
 def test_supervisor_and_recorder_killed_at_once_cost_no_sample_and_the_arm_comes_to_rest(
     robot: tuple[int, Path], tmp_path: Path
 ) -> None:
-    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=1.0))
+    process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=0.5))
     read_until(process, "Period 2")
     supervisor = psutil.Process(process.pid)
     loop = child_of(supervisor, "daemon.loop_process")
@@ -297,7 +301,7 @@ def test_no_robot_is_said_within_the_time_allowed_with_exit_code_69(tmp_path: Pa
 
 
 def test_another_fri_version_is_a_mismatch_with_exit_code_76(robot: tuple[int, Path], tmp_path: Path) -> None:
-    request = gentle_request(tmp_path, robot[0], fri_version="2.7", start_timeout_s=3.0)
+    request = gentle_request(tmp_path, robot[0], fri_version="2.7", start_timeout_s=1.5)
     outcome = run_acquisition(request, observe=lambda _: None)
     assert (outcome.exit_code, outcome.outcome) == (76, "version_mismatch")
     assert "2.7" in outcome.sentences[0]

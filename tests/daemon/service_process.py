@@ -1,0 +1,152 @@
+"""The long-running service as a real process, for tests: started, asked, killed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from daemon.control_api import ControlReply, ControlRequest, GetJobs, GetStatus, JobsReply, JobView, StatusReply
+from daemon.control_socket import ServiceUnreachableError, ask
+from daemon.runtime_folder import default_endpoint
+from identification.excitation import FourierTrajectory, default_trajectory
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def iiwa_ident(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, words)], cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def short_trajectory(file: Path, *, scale: float = 0.15) -> Path:
+    """A gentle motion of 2 s a period."""
+    shipped = default_trajectory()
+    short = FourierTrajectory(0.5, scale * shipped.a, scale * shipped.b, shipped.offset, shipped.robot)
+    file.write_text(json.dumps(short.to_json()))
+    return file
+
+
+def wait_for(condition: Callable[[], Any], allowance_s: float = 90.0) -> Any:
+    """What the condition returns once it is true."""
+    for _ in range(int(allowance_s / 0.1)):
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.1)
+    raise AssertionError("what was waited for did not happen")
+
+
+class ServiceProcess:
+    """One service on a port of its own; restartable, since its files stay."""
+
+    def __init__(self, folder: Path, **fri: Any) -> None:
+        self.folder = folder
+        self.port = free_port()
+        self.output = folder / "runs"
+        settings = {"bind_port": self.port, "start_timeout_s": 60.0, "receive_timeout_s": 5.0, **fri}
+        self.config = folder / "service.yaml"
+        self.config.write_text(
+            json.dumps(
+                {"fri": settings, "realtime": {"priority": 0}, "run": {"fit": False}, "output": str(self.output)}
+            )
+        )
+        self.endpoint = default_endpoint(self.port)
+        self.log = folder / "service.log"
+
+    def start(self, **environment: str) -> subprocess.Popen[bytes]:
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [*COMMAND, "daemon", "--config", str(self.config)],
+                cwd=REPOSITORY,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env={**os.environ, **environment},
+            )
+        wait_for(self._answers)
+        return self.process
+
+    def _answers(self) -> bool:
+        try:
+            self.status()
+        except ServiceUnreachableError:
+            assert self.process.poll() is None, self.log.read_text()
+            return False
+        return True
+
+    def ask(self, request: ControlRequest) -> ControlReply:
+        return ask(self.endpoint, request, timeout_s=60.0)
+
+    def status(self) -> StatusReply:
+        reply = self.ask(GetStatus())
+        assert isinstance(reply, StatusReply)
+        return reply
+
+    def jobs(self) -> dict[str, JobView]:
+        reply = self.ask(GetJobs())
+        assert isinstance(reply, JobsReply)
+        return {job.job_id: job for job in reply.jobs}
+
+    def phase(self, job_id: str) -> str:
+        return self.jobs()[job_id].phase
+
+    def wait_phase(self, job_id: str, *phases: str, allowance_s: float = 90.0) -> JobView:
+        wait_for(lambda: self.phase(job_id) in phases, allowance_s)
+        return self.jobs()[job_id]
+
+    def kill(self) -> None:
+        """Whatever is left of it, its children first."""
+        with contextlib.suppress(psutil.Error):
+            children = psutil.Process(self.process.pid).children(recursive=True)
+            self.process.kill()
+            for child in children:
+                with contextlib.suppress(psutil.Error):
+                    child.kill()
+        self.process.wait()
+
+
+@contextlib.contextmanager
+def service(folder: Path, **fri: Any) -> Iterator[ServiceProcess]:
+    """A started service; killed at the end if it lives."""
+    running = ServiceProcess(folder, **fri)
+    running.start()
+    try:
+        yield running
+    finally:
+        running.kill()
+
+
+@contextlib.contextmanager
+def fake_robot(port: int, summary: Path) -> Iterator[None]:
+    """A fake robot in lockstep that sends to `port`."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
+            *("--duration", "600", "--seed", "3", "--json", str(summary)),
+        ],
+        cwd=REPOSITORY,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
