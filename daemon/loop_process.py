@@ -4,7 +4,8 @@ Here: reading the request, binding the port, real-time settings, signals, and th
 is `fri_client.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
 afterwards: with the supervisor and the recorder dead it stops the arm by ramp and writes its report.
 
-SIGTERM and SIGINT ask for the stop ramp. Whatever happens, the ring is marked as finished, so the recorder ends.
+SIGTERM, SIGINT and SIGHUP ask for the stop ramp. Whatever happens, the ring is marked as finished, so the recorder
+ends.
 Exit codes (contract): 0 completed; 1 stopped or dropped, the recording is kept; 65 or 78 a request that cannot be
 run; 66 its files are missing; 69 port in use, no robot or no command from it; 70 internal; 74 report not written;
 76 version.
@@ -49,6 +50,8 @@ __all__ = ["EXIT_CODES", "REPORT_NAME", "load_table", "main", "motion_of", "run_
 
 REPORT_NAME = "loop_report.json"
 LAST_SAMPLES_NAME = "last_samples.json"
+
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 EXIT_CODES: dict[LoopOutcome, int] = {
     "completed": 0,
@@ -113,7 +116,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
             loop = _make_loop(request, channel, version, limits, table, ring)
         except (FriError, SafetyError) as error:
             return _not_run("refused", error), error.exit_code
-        handlers = {number: signal.signal(number, loop.stop_from_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+        handlers = {number: signal.signal(number, loop.stop_from_signal) for number in STOP_SIGNALS}
         settings = RealtimeSettings(
             priority=request.realtime_priority or None, cpus=None if request.loop_cpu is None else (request.loop_cpu,)
         )

@@ -367,6 +367,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     # The recorder ends when the loop has ended, not when somebody presses a key.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     context: zmq.Context[Any] = zmq.Context()
     socket = context.socket(zmq.PUSH)

@@ -75,7 +75,9 @@ class StopHandle:
 
     @contextlib.contextmanager
     def on_signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM become a request while the block runs, in the main thread; elsewhere nothing changes."""
+        """SIGINT, SIGTERM and SIGHUP (a closed terminal) become a request while the block runs, in the main thread;
+        elsewhere nothing changes.
+        """
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -85,7 +87,7 @@ class StopHandle:
             self.signal_number = number
             self.request(EventCode.OPERATOR_STOP if number == signal.SIGINT else EventCode.SIGNAL_STOP)
 
-        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
         try:
             yield
         finally:

@@ -128,7 +128,7 @@ def test_one_period_against_the_fake_robot_is_answered_to_the_last_message(tmp_p
     assert sum(report.turn_around.counts) == report.answered
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_stops_the_arm_by_ramp_and_the_report_is_written(tmp_path: Path, number: signal.Signals) -> None:
     request = request_in(tmp_path, periods=100)
     with loop_process(tmp_path) as (process, ring):
