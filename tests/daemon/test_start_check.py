@@ -5,17 +5,32 @@ Truth: the robot process's own account of the commands it got, and distances at 
 
 from __future__ import annotations
 
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
-from daemon.errors import ConfigurationError
+from daemon.api import RunRequest
+from daemon.commissioning import admit
+from daemon.errors import ConfigurationError, LadderError
+from daemon.service import run_acquisition
 from daemon.start_check import StartCheck
+from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
+from fri_client.messages import FriVersion
 from fri_client.start_gate import SAME_POSITION_RAD, StartRefused
+from safety.geometry import load_geometry
 
 from .producer import make_request
+
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 REST = (0.0, 0.3, 0.0, -1.2, 0.0, 0.8, 0.0)
 
@@ -117,3 +132,83 @@ def test_a_workspace_file_that_cannot_be_used_ends_the_run_before_it_begins(ring
     (tmp_path / "cell.yaml").write_text("flor_height_m: 1\n")
     with pytest.raises(ConfigurationError, match="flor_height_m"):
         StartCheck(make_request(tmp_path, workspace_file=str(tmp_path / "cell.yaml")), ring.gate)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
+    """Port that a fake robot sends to, and how to end it and hear what it was commanded."""
+    port, summary = free_port(), tmp_path / "robot.json"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
+            *("--duration", "600", "--seed", "3", "--json", str(summary)),
+        ],
+        cwd=REPOSITORY,
+        stderr=subprocess.DEVNULL,
+    )
+
+    def ended() -> dict[str, Any]:
+        process.terminate()
+        process.wait(30)
+        account: dict[str, Any] = json.loads(summary.read_text())
+        return account
+
+    yield port, ended
+    process.terminate()
+    process.wait(30)
+
+
+def real_request(tmp_path: Path, port: int, **changes: Any) -> RunRequest:
+    """0.0.0.0 is no loopback address, so whoever sends to it counts as a real robot."""
+    values = {"out_dir": str(tmp_path / "run"), "bind_host": "0.0.0.0", "bind_port": port, "lead_in_s": 0.2}
+    request = make_request(
+        tmp_path, **{**values, "start_timeout_s": 60.0, "fit": False, "simulation": True, "periods": 1, **changes}
+    )
+    gentle_table(tmp_path)
+    return request
+
+
+def test_an_arm_that_stands_inside_a_forbidden_box_never_moves(
+    robot: tuple[int, Callable[[], dict[str, Any]]], tmp_path: Path
+) -> None:
+    """The first message of the fake robot tells where it stands; the box is put there."""
+    port, ended = robot
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
+        ear.bind(("127.0.0.1", port))
+        ear.settimeout(60.0)
+        monitor = Codec(FriVersion.V1_15).decode_monitoring(ear.recv(2048)).monitor_data
+    assert monitor is not None
+    tip = load_geometry("iiwa14").tip_path(np.array([monitor.measured_joint_position]))[0].round(3).tolist()
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(f"boxes:\n- {{name: crate, center_m: {tip}, size_m: [0.1, 0.1, 0.1]}}\n")
+    request = real_request(tmp_path, port, bind_host="127.0.0.1", workspace_file=str(cell))
+    outcome = run_acquisition(request, observe=[].append)
+    assert (outcome.outcome, outcome.exit_code) == ("refused", 1)
+    assert "crate" in outcome.sentences[0]
+    assert max(ended()["peak_command"]["velocity_rad_s"]) == 0.0
+
+
+def test_a_real_arm_climbs_the_ladder_and_its_log_names_the_rung(
+    robot: tuple[int, Callable[[], dict[str, Any]]], tmp_path: Path
+) -> None:
+    port, _ = robot
+    ladder = str(tmp_path / "ladder.jsonl")
+    with pytest.raises(LadderError):
+        run_acquisition(real_request(tmp_path, port, amplitude=0.25, ladder_file=ladder), observe=[].append)
+    said: list[str] = []
+    request = real_request(tmp_path, port, amplitude=0.1, ladder_file=ladder)
+    outcome = run_acquisition(request, observe=lambda event: said.append(event.sentence))
+    assert outcome.exit_code == 0, outcome.sentences
+    assert outcome.commissioning == {"commissioning": "0.1", "commissioning_ladder": "kept"}
+    assert any("0.25 may follow" in sentence for sentence in said)
+    assert any("from where the arm stands" in sentence for sentence in said)
+    with Path(outcome.recordings[0]).open("rb") as stream:
+        metadata = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    assert metadata["iiwa_ident"]["commissioning"] == "0.1"
+    assert admit(real_request(tmp_path, port, amplitude=0.25, ladder_file=ladder))
