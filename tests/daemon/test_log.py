@@ -5,9 +5,12 @@ Truth comes from the vendor's golden datagrams (`fields` in vectors.json), decod
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import math
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,7 @@ import small_mcap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -53,6 +57,7 @@ from fri_client.messages import (
     Transformation,
 )
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 LABELS = SampleLabels(1_700_000_000_123_456_789, 1_700_000_000_123_556_789, 42, 3, 5, 777, True, False, False, False)
 MESSAGES = (
     definitions.FRI_STATE,
@@ -64,19 +69,25 @@ MESSAGES = (
 )
 
 
-def rosbags_decode(data: bytes, message: str) -> Any:
+@functools.cache
+def rosbags_store(message: str) -> Any:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definitions.schema_text(message), message))
-    return store.deserialize_cdr(data, message)
+    return store
+
+
+def rosbags_decode(data: bytes, message: str) -> Any:
+    return rosbags_store(message).deserialize_cdr(data, message)
+
+
+@functools.cache
+def mcap_ros2_decoder(message: str) -> Any:
+    schema = Schema(id=1, name=message, encoding="ros2msg", data=definitions.schema_text(message).encode())
+    return DecoderFactory().decoder_for("cdr", schema)
 
 
 def mcap_ros2_decode(data: bytes, message: str) -> Any:
-    from mcap.records import Schema
-
-    schema = Schema(id=1, name=message, encoding="ros2msg", data=definitions.schema_text(message).encode())
-    decoder = DecoderFactory().decoder_for("cdr", schema)
-    assert decoder is not None
-    return decoder(data)
+    return mcap_ros2_decoder(message)(data)
 
 
 READERS = pytest.mark.parametrize("decode", [rosbags_decode, mcap_ros2_decode], ids=["rosbags", "mcap_ros2"])
@@ -507,3 +518,15 @@ def test_a_file_that_is_being_written_is_told_from_one_that_was_left(tmp_path: P
     stream.close()
     assert not is_being_written(tmp_path / "a")
     assert not is_being_written(tmp_path / "no such file")
+
+
+def test_the_page_on_the_log_names_every_field_and_its_example_runs(tmp_path: Path) -> None:
+    page = (REPOSITORY / "docs" / "log.md").read_text(encoding="utf-8")
+    for message in (definitions.FRI_STATE, definitions.FRI_COMMAND, definitions.RUN_EVENT):
+        for field in rosbags_store(message).fielddefs[message][1]:
+            assert f"`{field[0]}`" in page, (message, field[0])
+    path = tmp_path / "recording.mcap"
+    write_log(path, 20).finish({})
+    code = page.split("```python\n")[1].split("```")[0]
+    told = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert told.stdout.startswith("20 samples")
