@@ -38,7 +38,8 @@ class LastSamples:
     columns: name -> values, all equally long, None where a record has no such value.
         host_receive_time_ns, host_send_time_ns: Unix time in ns (0: not answered); sequence_counter: the robot's;
         phase: name of the MotionPhase; period, sample_in_period: place in the table of the command sent, -1 outside
-        EXCITATION; session_state, quality: as numbers; measured_position, ipo_position, sent_position: 7 values in rad;
+        EXCITATION; session_state, quality: as numbers; measured_position, ipo_position, sent_position,
+        robot_commanded_position (what the robot says it was commanded, 1.x only): 7 values in rad;
         measured_torque, external_torque: 7 values in Nm with the vendor's signs; disposition: name of the Disposition;
         event: name of the EventCode, event_joint from 1, event_value, event_limit.
     The other fields say why the run ended: see LoopResult.
@@ -107,6 +108,7 @@ def _row(record: HandoverRecord, codec: Codec, epoch_offset_ns: int) -> dict[str
         "measured_position": _listed(monitor.measured_joint_position),
         "ipo_position": _listed(ipo.joint_position),
         "sent_position": sent,
+        "robot_commanded_position": _listed(monitor.commanded_joint_position),
         "measured_torque": _listed(monitor.measured_torque),
         "external_torque": _listed(monitor.external_torque),
         "disposition": _name(Disposition, record.disposition),
