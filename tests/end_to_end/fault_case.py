@@ -30,7 +30,8 @@ class FaultCase:
     Injected: faults and session rules of the fake robot, steps (signals), request (fields of RunRequest), robot
     (options of the fake robot; None: there is none), clock (the robot keeps real time, 5 ms a message, else lockstep),
     start_rad (distance of each joint from the start of the motion, hence the length of the start ramp), disk (size of
-    the file system that holds the run's folder, or "ro"), port_held (by another program).
+    the file system that holds the run's folder, or "ro"), port_held (by another program), wire
+    (a trouble of `wire_proxy` and its share of the datagrams).
 
     Expected: arm, as the robot saw it: "finished" (at rest after the whole motion), "ramp" (at rest after commands that
     stopped gently), "held" (commands ended, the robot held the last one), "dropped" (the robot ended commanding and
@@ -55,6 +56,7 @@ class FaultCase:
     start_rad: float = 0.02
     disk: str = ""
     port_held: bool = False
+    wire: tuple[str, float] | None = None
     gap: int = 0
     unsaved: int = 0
     rejections: tuple[str, ...] = ()

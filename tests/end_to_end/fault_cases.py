@@ -1,4 +1,4 @@
-"""The table of injected faults: one row each, tried by test_faults.py and printed by benchmarks/faults.py.
+"""The table of injected faults: one row each, tried by test_faults_of_*.py and printed by benchmarks/faults.py.
 
 What a row says of the arm is measured at the robot's side. See `fault_case` for the columns.
 """
@@ -11,7 +11,7 @@ from typing import Any
 
 from tests.end_to_end.fault_case import FaultCase, Step
 
-__all__ = ["FAULT_CASES"]
+__all__ = ["FAULT_CASES", "HOST_CASES", "ROBOT_CASES"]
 
 IN_MOTION = 1500
 """Messages after COMMANDING_ACTIVE: about half way through the period."""
@@ -221,6 +221,6 @@ def _what_is_around() -> Iterator[FaultCase]:
                     ("left COMMANDING_ACTIVE",), session={"velocity_factor": 0.1}, rejections=("velocity",))
 
 
-FAULT_CASES: tuple[FaultCase, ...] = (
-    *_what_the_wire_does(), *_what_the_robot_says(), *_who_stops(), *_what_is_around(),
-)  # fmt: skip
+ROBOT_CASES: tuple[FaultCase, ...] = (*_what_the_wire_does(), *_what_the_robot_says())
+HOST_CASES: tuple[FaultCase, ...] = (*_who_stops(), *_what_is_around())
+FAULT_CASES: tuple[FaultCase, ...] = (*ROBOT_CASES, *HOST_CASES)

@@ -36,6 +36,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_S = 2.0
 LEAD_IN_S = 0.3
 REST_RAD_S = 1e-6
+QUICK_SESSION = {"lockstep_timeout_s": 0.5, "overlay_start_delay_s": 0.05, "application_close_delay_s": 0.1}
+"""Waits of the robot that no case is about, shortened."""
 MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
 
 
@@ -83,6 +85,8 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
             holder.bind(("127.0.0.1", 0))
             port = holder.getsockname()[1]
         _write_inputs(case, folder, port)
+        if case.wire is not None:
+            port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
         transcript, exit_code, left = _run(case, folder)
         summary = _end_robot(robot, folder, patient=case.arm in ("held", "dropped")) if robot is not None else {}
@@ -134,7 +138,7 @@ def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
     write_json(folder / "input.json", RunRequest(**{**values, **case.request}))
     first = table[-round(values["lead_in_s"] * 1000)] + case.start_rad
     settings = {
-        "initial_position_rad": first.tolist(), "session": dict(case.session),
+        "initial_position_rad": first.tolist(), "session": {**QUICK_SESSION, **case.session},
         "faults": [dict(each) for each in case.faults],
     }  # fmt: skip
     (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
@@ -148,6 +152,22 @@ def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[b
         [sys.executable, "-m", "fixtures.fake_robot", *options],
         cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=(folder / "robot.log").open("wb"),
     )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _bad_wire(wire: tuple[str, float], client_port: int) -> Iterator[int]:
+    """The proxy, a process of its own; the port that the robot sends to."""
+    trouble, share = wire
+    options = ["--client-port", str(client_port), "--trouble", trouble, "--share", str(share), "--seed", "11"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.end_to_end.wire_proxy", *options],
+        cwd=REPOSITORY, stdout=subprocess.PIPE, text=True,
+    ) as proxy:  # fmt: skip
+        assert proxy.stdout is not None
+        try:
+            yield int(proxy.stdout.readline())
+        finally:
+            proxy.terminate()
 
 
 def _end_robot(robot: subprocess.Popen[bytes], folder: Path, *, patient: bool) -> dict[str, Any]:

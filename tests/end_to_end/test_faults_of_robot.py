@@ -1,0 +1,21 @@
+"""The rows of the fault table that robot and wire are to blame for; two files, so that two workers share the table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.fault_case import FaultCase
+from tests.end_to_end.fault_cases import FAULT_CASES, ROBOT_CASES
+from tests.end_to_end.fault_check import check
+
+
+def test_the_table_names_each_fault_once() -> None:
+    names = [case.name for case in FAULT_CASES]
+    assert len(names) == len(set(names)) >= 30
+
+
+@pytest.mark.parametrize("case", ROBOT_CASES, ids=lambda case: case.name)
+def test_fault(case: FaultCase, tmp_path: Path) -> None:
+    check(case, tmp_path)
