@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
-from daemon.api import RunOutcome, RunRequest, read_json, write_json
+from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
+from daemon.service import run_acquisition
 
-from .test_service import REPOSITORY, assert_nothing_missing, events_of, free_port, gentle_request, states_of
+from .test_service import REPOSITORY, assert_nothing_missing, child_of, events_of, free_port, gentle_request, states_of
 
 FILL_AND_RUN = """
 import os, sys
@@ -127,3 +131,33 @@ def test_a_read_only_folder_is_said_before_anything_moves(tmp_path: Path) -> Non
     assert "Read-only file system" in process.stderr
     assert "LogIOError" in process.stderr
     assert list(left.iterdir()) == []
+
+
+def test_a_disk_that_hangs_until_the_ring_is_nearly_full_stops_the_arm_and_costs_no_sample(
+    robot: int, tmp_path: Path
+) -> None:
+    """The recorder's process is stopped in the motion and continued when the loop has ended."""
+    hung: list[threading.Thread] = []
+
+    def hang(recorder: psutil.Process, loop: psutil.Process) -> None:
+        recorder.suspend()
+        # Not loop.wait(): its return code belongs to the supervisor.
+        while loop.is_running() and loop.status() != psutil.STATUS_ZOMBIE:
+            time.sleep(0.05)
+        recorder.resume()
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1 and not hung:
+            processes = (child_of(psutil.Process(), f"daemon.{name}") for name in ("recorder", "loop_process"))
+            hung.append(threading.Thread(target=hang, args=tuple(processes)))
+            hung[0].start()
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot, periods=60, ring_slots=6000), observe=observe)
+    hung[0].join()
+    assert (outcome.exit_code, outcome.outcome) == (1, "stopped"), outcome.sentences
+    assert outcome.loop is not None
+    assert outcome.loop.standstill_confirmed
+    assert outcome.loop.reason == "RECORDER_LOST"
+    assert outcome.loop.lost_in_handover == 0
+    assert_nothing_missing(Path(outcome.recordings[0]))
+    assert len(states_of(Path(outcome.recordings[0]))) == outcome.loop.received

@@ -1,0 +1,105 @@
+"""Claims about the rescue: what the ring holds when supervisor and recorder are gone ends in one whole file.
+
+Truth: the indexes this test pushed, read back by rosbags. Whole runs with real kills stand in test_service.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.errors import LogIOError
+from daemon.log.parts import state_of_recording
+from daemon.log.stream import PatientFile
+from daemon.recorder import Recorder
+from daemon.rescue import rescue_if_abandoned
+from daemon.spare_folder import find_run_file, spare_folder, write_run_file
+from fri_client.handover import HandoverRing
+
+from .producer import Producer, make_job, make_request
+from .test_recorder import read_states
+
+
+@pytest.fixture
+def ring() -> Iterator[HandoverRing]:
+    handover = HandoverRing.create(1024)
+    yield handover
+    handover.close()
+
+
+@pytest.fixture(autouse=True)
+def own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    return folder
+
+
+def leave_a_broken_part(folder: Path, ring: HandoverRing, samples: int) -> None:
+    """As a recorder that was killed leaves it: some flushed and released, the file not closed."""
+    recorder = Recorder(make_job(folder), HandoverRing.attach(ring.fd), [].append)
+    for record in recorder._ring.read_batch(samples):
+        recorder.take(record)
+    recorder._keep_safe(final=True)
+    recorder._writer._file.close()
+
+
+def test_the_rest_of_the_ring_is_joined_with_what_the_recorder_left(tmp_path: Path, ring: HandoverRing) -> None:
+    Producer(ring).push(300)
+    leave_a_broken_part(tmp_path, ring, 120)
+    assert state_of_recording(tmp_path) == "broken"
+    ring.finish()
+    report = rescue_if_abandoned(make_request(tmp_path), ring)
+    assert report is not None
+    assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(300))
+    assert state_of_recording(tmp_path) == "whole"
+
+
+def test_without_any_recording_the_ring_becomes_one(tmp_path: Path, ring: HandoverRing) -> None:
+    Producer(ring).push(40)
+    ring.finish()
+    rescue_if_abandoned(make_request(tmp_path), ring)
+    assert len(read_states(tmp_path / "recording.mcap")) == 40
+
+
+def test_a_living_recorder_is_waited_for_and_an_empty_ring_needs_nothing(tmp_path: Path, ring: HandoverRing) -> None:
+    ring.finish()
+    alive = PatientFile(tmp_path / "recording.mcap")
+    end = threading.Timer(0.3, alive.close)
+    end.start()
+    begin = time.monotonic()
+    assert rescue_if_abandoned(make_request(tmp_path), ring) is None
+    assert time.monotonic() - begin >= 0.25
+    assert not list(tmp_path.glob("recording.part*"))
+
+
+def test_a_folder_that_is_gone_sends_the_rest_to_the_spare_one(
+    tmp_path: Path, own_temporary_folder: Path, ring: HandoverRing
+) -> None:
+    Producer(ring).push(40)
+    ring.finish()
+    request = make_request(tmp_path, out_dir=str(tmp_path / "gone"))
+    rescue_if_abandoned(request, ring)
+    (found,) = own_temporary_folder.rglob("recording*.mcap")
+    assert found.parent == spare_folder(request)
+    assert len(read_states(found)) == 40
+    assert found.parent.stat().st_mode & 0o077 == 0
+
+
+def test_small_files_go_to_the_spare_folder_and_are_found_there(tmp_path: Path) -> None:
+    request = make_request(tmp_path, out_dir=str(tmp_path / "gone"))
+    file = write_run_file(request, "loop_report.json", {"a": 1})
+    assert find_run_file(request, "loop_report.json") == file
+    assert file.read_bytes() == b'{"a":1}'
+
+
+def test_a_spare_folder_that_others_may_write_is_not_trusted(tmp_path: Path) -> None:
+    request = make_request(tmp_path)
+    os.chmod(spare_folder(request), 0o777)
+    with pytest.raises(LogIOError):
+        spare_folder(request)
