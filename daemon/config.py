@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from daemon.api import FitPipeline
+from daemon.endpoints import endpoint_reason
 from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
@@ -203,6 +204,10 @@ def _check(config: DaemonConfig, file: str) -> None:
         )
     if (config.control.server_key is None) != (config.control.authorised_clients is None):
         raise refuse("control.server_key", "control.server_key and control.authorised_clients belong together.")
+    if config.control.endpoint is not None:
+        reason = endpoint_reason(config.control.endpoint, with_keys=config.control.server_key is not None)
+        if reason:
+            raise refuse("control.endpoint", reason)
     if run.periods < 1:
         raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
     if not 0.0 < run.amplitude <= 1.0:

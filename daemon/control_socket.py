@@ -1,15 +1,13 @@
 """The sockets of the control interface: the service's ROUTER, the client's one question, and who may use them.
 
-Here: binding with file permissions, the rule for addresses, CURVE, size limits, framing. Not here: what the bytes mean
-(`control_api`) and what is done about them (`server`). The service binds, the command line asks.
+Here: binding with file permissions, CURVE, size limits, framing. Not here: which addresses are allowed (`endpoints`),
+what the bytes mean (`control_api`) and what is done about them (`server`). The service binds, the command line asks.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import os
-import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,9 +27,9 @@ from daemon.control_api import (
     decode_reply,
     encode,
 )
+from daemon.endpoints import endpoint_reason
 from daemon.errors import ConfigurationError, DaemonError
 from daemon.keys import read_public_key, read_secret_key
-from daemon.runtime_folder import LONGEST_SOCKET_PATH
 
 __all__ = ["ControlSocket", "ServerKeys", "ServiceUnreachableError", "ask", "check_endpoint"]
 
@@ -41,7 +39,6 @@ _QUEUED_REQUESTS = 16
 """Per client, so that requests of the largest size cannot pile up without end."""
 _MAXIMUM_FRAMES = 3
 _DOMAIN = "iiwa-ident"
-_TCP = re.compile(r"tcp://(?P<host>[^/]+):(?P<port>\d{1,5})")
 
 
 class ServiceUnreachableError(DaemonError):
@@ -67,30 +64,10 @@ class ServerKeys:
 
 
 def check_endpoint(endpoint: str, *, with_keys: bool) -> None:
-    """Whether the service may listen there: ipc, loopback, or with keys. Raises ConfigurationError."""
-
-    def refuse(reason: str) -> ConfigurationError:
-        return ConfigurationError(reason, field="control.endpoint")
-
-    if endpoint.startswith("ipc://"):
-        path = endpoint.removeprefix("ipc://")
-        if not os.path.isabs(path):
-            raise refuse(f"'{endpoint}' needs an absolute path (ipc:///run/...).")
-        if len(os.fsencode(path)) > LONGEST_SOCKET_PATH:
-            raise refuse(f"'{path}' is longer than the {LONGEST_SOCKET_PATH} bytes a socket's name may have.")
-        return
-    found = _TCP.fullmatch(endpoint)
-    try:
-        address = ipaddress.IPv4Address(found["host"] if found else "")
-    except ValueError:
-        raise refuse(f"'{endpoint}' is neither ipc:///PATH nor tcp://IPV4-ADDRESS:PORT.") from None
-    if found is None or int(found["port"]) > 65535:
-        raise refuse(f"'{endpoint}' names no TCP port (0 to 65535).")
-    if not address.is_loopback and not with_keys:
-        raise refuse(
-            f"{address} can be reached from other machines: that needs keys (control.server_key and "
-            "control.authorised_clients; `iiwa-ident keys` makes them)."
-        )
+    """Whether the service may listen there. Raises ConfigurationError."""
+    reason = endpoint_reason(endpoint, with_keys=with_keys)
+    if reason:
+        raise ConfigurationError(reason, field="control.endpoint")
 
 
 class ControlSocket:

@@ -14,12 +14,11 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
 
-__all__ = ["LONGEST_SOCKET_PATH", "default_endpoint", "lock_port", "runtime_folder"]
+__all__ = ["default_endpoint", "lock_port", "runtime_folder"]
 
-LONGEST_SOCKET_PATH = 107
-"""Bytes; sun_path of unix(7) less its closing zero."""
 _LONGEST_NAME = len("/daemon-65535")
 
 

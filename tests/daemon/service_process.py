@@ -57,7 +57,7 @@ def wait_for(condition: Callable[[], Any], allowance_s: float = 90.0) -> Any:
 class ServiceProcess:
     """One service on a port of its own; restartable, since its files stay."""
 
-    def __init__(self, folder: Path, **fri: Any) -> None:
+    def __init__(self, folder: Path, *, control: dict[str, str] | None = None, **fri: Any) -> None:
         self.folder = folder
         self.port = free_port()
         self.output = folder / "runs"
@@ -71,7 +71,12 @@ class ServiceProcess:
         self.endpoint = default_endpoint(self.port)
         self.log = folder / "service.log"
 
-    def start(self, **environment: str) -> subprocess.Popen[bytes]:
+    def start(self, **environment: str) -> None:
+        """Start it and wait until it answers."""
+        self.launch(**environment)
+        wait_for(self._answers)
+
+    def launch(self, **environment: str) -> None:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 [*COMMAND, "daemon", "--config", str(self.config)],
@@ -81,8 +86,6 @@ class ServiceProcess:
                 stderr=log,
                 env={**os.environ, **environment},
             )
-        wait_for(self._answers)
-        return self.process
 
     def _answers(self) -> bool:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -35,6 +36,26 @@ def test_what_is_written_reaches_the_run_request(tmp_path: Path) -> None:
     assert request.external_torque_limit == (60, 60, 60, 30, 12, 12, 6)
 
 
+def test_the_example_is_complete_and_its_values_are_the_defaults_but_for_the_lab(tmp_path: Path) -> None:
+    text = (Path(__file__).resolve().parents[2] / "packaging" / "config.example.yaml").read_text()
+    config = load_config(_written(tmp_path / "c.yaml", text))
+    shown, defaults = msgspec.to_builtins(config), msgspec.to_builtins(DaemonConfig())
+    written = msgspec.yaml.decode(text)
+    lab = {("fri", "bind_host"), ("fri", "robot_host"), ("run", "external_torque_limit")}
+    for section, default in defaults.items():
+        if not isinstance(default, dict):
+            assert written[section] == default
+            continue
+        assert set(written[section]) == set(default), section
+        for key, value in default.items():
+            assert (shown[section][key] != value) == ((section, key) in lab), f"{section}.{key}"
+
+
+def _written(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
+
+
 @pytest.mark.parametrize(
     ("text", "field"),
     [
@@ -45,6 +66,11 @@ def test_what_is_written_reaches_the_run_request(tmp_path: Path) -> None:
         ("fri: {version: '3.0'}", "fri.version"),
         ("fri: {bind_host: robot}", "fri.bind_host"),
         ("fri: {start_timeout_s: -1}", "fri.start_timeout_s"),
+        ("fri: {bind_host: 0.0.0.0}", "fri.robot_host"),
+        ("control: {server_key: a.key_secret}", "control.server_key"),
+        ("control: {endpoint: 'tcp://0.0.0.0:5555'}", "control.endpoint"),
+        ("control: {endpoint: 'tcp://10.0.0.1:5555'}", "control.endpoint"),
+        ("control: {endpoint: 'udp://127.0.0.1:5555'}", "control.endpoint"),
         ("run: {periods: 0}", "run.periods"),
         ("run: {amplitude: 2}", "run.amplitude"),
         ("run: {external_torque_limit: [1, 2]}", "run.external_torque_limit"),

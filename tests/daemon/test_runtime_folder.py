@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
-from daemon.runtime_folder import LONGEST_SOCKET_PATH, default_endpoint, lock_port, runtime_folder
+from daemon.runtime_folder import default_endpoint, lock_port, runtime_folder
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 HOLDER = (

@@ -34,6 +34,7 @@ from daemon.control_api import (
     decode_reply,
     encode,
 )
+from daemon.control_socket import ServiceUnreachableError, ask
 from daemon.service import run_acquisition
 from daemon.stop_handle import StopHandle
 from tests.daemon.service_process import (
@@ -251,6 +252,36 @@ def test_where_an_arm_may_move_nothing_is_queued_or_released_without_confirmatio
         assert running.jobs() == {}
         job = submit(running, trajectory, confirmed=True)
         assert running.phase(job) != "cancelled"
+
+
+def test_with_keys_the_service_obeys_those_who_have_one_and_nobody_else(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    assert iiwa_ident("keys", "--out", keys, "--client", "office").returncode == 0
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    control = {
+        "endpoint": endpoint,
+        "server_key": str(keys / "server.key_secret"),
+        "authorised_clients": str(keys / "authorised"),
+    }
+    running = ServiceProcess(tmp_path, control=control)
+    mine = ("--endpoint", endpoint, "--key", keys / "office.key_secret", "--server-key", keys / "server.key")
+    try:
+        running.launch()
+        wait_for(lambda: iiwa_ident("ping", *mine).returncode == 0)
+        assert iiwa_ident("stop", *mine).returncode == 0
+        with pytest.raises(ServiceUnreachableError):
+            ask(endpoint, StopMotion(), timeout_s=1.0)
+    finally:
+        running.kill()
+
+
+def test_an_address_for_everybody_is_refused_without_keys(tmp_path: Path) -> None:
+    running = ServiceProcess(tmp_path, control={"endpoint": "tcp://0.0.0.0:30201"})
+    refused = iiwa_ident("daemon", "--config", running.config)
+    assert refused.returncode == 78
+    assert "control.endpoint" in refused.stderr
 
 
 def test_stop_without_a_motion_says_so_and_may_be_repeated(idle: ServiceProcess) -> None:
