@@ -81,8 +81,8 @@ class LadderError(DaemonError):
         self.allowed = allowed
         so_far = f"only {done:g} was completed so far" if done else "nothing was completed yet"
         super().__init__(
-            f"Amplitude {amplitude:g} has to wait: of this trajectory in this workspace {so_far} on this arm ({arm}). "
-            f"Run --amplitude {allowed:g} first."
+            f"Amplitude {amplitude:g} has to wait: {so_far} with this trajectory in this workspace on this arm "
+            f"({arm}). Run --amplitude {allowed:g} first."
         )
 
 

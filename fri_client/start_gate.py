@@ -57,6 +57,7 @@ class StartGate:
         self._words = words
         self._header = header
         self._asked: tuple[float, ...] = ()
+        self._asked_pace = (0.0, 0)
 
     # The loop's side.
 
@@ -65,9 +66,13 @@ class StartGate:
         words = self._words
         if not words[_W_CLOSED]:
             return True
-        asked = self._asked
-        if not asked or any(abs(a - b) > SAME_POSITION_RAD for a, b in zip(position, asked, strict=True)):
-            self._asked = tuple(position)
+        asked, pace = self._asked, (command_period_s, samples_per_command)
+        if (
+            not asked
+            or pace != self._asked_pace
+            or any(abs(a - b) > SAME_POSITION_RAD for a, b in zip(position, asked, strict=True))
+        ):
+            self._asked, self._asked_pace = tuple(position), pace
             _POSITION.pack_into(self._header, _POSITION_OFFSET, *position)
             words[_W_PERIOD] = round(command_period_s * 1e3)
             words[_W_SAMPLES] = samples_per_command

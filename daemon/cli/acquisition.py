@@ -97,6 +97,7 @@ def check(
         from daemon.picture import draw_motion
 
         draw_motion(motion, picture)
+        message(f"The picture is in {picture}.")
     if json_file is not None:
         write_json(json_file, motion.preflight.to_json())
     if not wants_json_on_stdout(json_file):

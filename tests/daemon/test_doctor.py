@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.cli import main
 from daemon.doctor import DoctorCheck, DoctorReport, check_address, check_interfaces, examine, port_holder
 from daemon.fri_guess import guess_version
 from daemon.link_checks import check_link
@@ -231,3 +232,14 @@ def test_a_robot_that_sends_to_another_address_of_this_machine_is_found() -> Non
     found = {check.name: check for check in report.checks}
     assert found["robot"].status == "failed"
     assert "another address" in found["other address"].sentence
+
+
+def test_address_and_folder_come_from_a_configuration_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "robot.yaml"
+    config.write_text(f"fri: {{bind_host: 127.0.0.3, bind_port: 0, version: '2.5'}}\noutput: {tmp_path}/data/runs\n")
+    with pytest.raises(SystemExit) as ending:
+        main(["doctor", "--config", str(config), "--listen", "0.1", "--json", "-"])
+    assert ending.value.code == 1
+    found = {check["name"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert "127.0.0.3" in found["port"]["sentence"]
+    assert f"in {tmp_path}:" in found["disk"]["sentence"]

@@ -78,6 +78,9 @@ def test_a_moved_arm_is_asked_about_anew_and_an_answer_to_the_old_question_opens
     second = gate.question
     assert second is not None
     assert second.position == moved
+    gate.answer(second.number)
+    assert gate.passes(moved, 0.001, 1)
+    assert not gate.passes(moved, 0.002, 1)  # another send period is another ramp
 
 
 def test_no_is_raised_with_its_reason(ring: HandoverRing) -> None:
