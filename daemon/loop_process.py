@@ -36,9 +36,10 @@ from daemon.api import (
 )
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
 from daemon.spare_folder import write_run_file
+from fri_client.channel import forget_backlog, open_socket
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
-from fri_client.loop import FriLoop, open_socket
+from fri_client.loop import FriLoop
 from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
 from fri_client.motion import MotionPhase, MotionProgram
@@ -122,6 +123,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
         )
         try:
             with realtime(settings) as obtained:
+                forget_backlog(channel)
                 result = loop.run()
         finally:
             for number, handler in handlers.items():

@@ -5,10 +5,11 @@ Here only how it is made; `loop` receives and sends, the loop process decides wh
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 
-__all__ = ["open_socket"]
+__all__ = ["forget_backlog", "open_socket"]
 
 RECEIVE_BUFFER_BYTES = 64 * 1024
 """Of the socket: some 50 messages, 50 ms at 1 kHz. More would only keep what is too old to be worth an answer."""
@@ -32,3 +33,13 @@ def open_socket(host: str, port: int) -> socket.socket:
         channel.close()
         raise
     return channel
+
+
+def forget_backlog(channel: socket.socket) -> None:
+    """Drop what the kernel kept while the motion was prepared: too old to answer, and what no longer fitted is missing.
+
+    A bounded number, so that a robot that sends faster than we read cannot hold this up.
+    """
+    with contextlib.suppress(BlockingIOError):
+        for _ in range(RECEIVE_BUFFER_BYTES // 100):
+            channel.recv(1, socket.MSG_DONTWAIT)
