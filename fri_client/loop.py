@@ -399,6 +399,7 @@ class FriLoop:
             hindrance=self._hindrance,
             refused=self._refused,
             version=self._version_sentence() if outcome == "version_mismatch" else "",
+            foreign=self._foreign,
         )
         if motion.commanded and not standstill.confirmed:
             result.sentence += " The stop is NOT confirmed: fresh samples showed no standstill; look at the arm."

@@ -122,15 +122,18 @@ def explain(
     hindrance: str = "",
     refused: Exception | None = None,
     version: str = "",
+    foreign: int = 0,
 ) -> LoopResult:
     """The result for an outcome: the event behind it, one sentence with joint and numbers, and how the arm was stopped.
 
     hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
-    the sentence of `version_sentence`.
+    the sentence of `version_sentence`. foreign: datagrams of senders that are not the robot.
     """
     result = _explain(outcome, motion, session, settings, hindrance=hindrance, refused=refused, version=version)
     if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
         result.criterion = motion.stop_reason.criterion
+    if outcome == "no_robot" and foreign:
+        result.sentence += f" {foreign} datagrams came from elsewhere: only {settings.robot_host} is listened to."
     result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
     result.overruled = motion.overruled
     return result
