@@ -202,7 +202,8 @@ def _what_is_around() -> Iterator[FaultCase]:
     yield FaultCase("no-robot", "no robot sends", "none", "no_robot", 69, ("No FRI message arrived within 1 s",),
                     robot=None, request={"start_timeout_s": 1.0})  # fmt: skip
     yield FaultCase("other-host", "only a host that is not the robot's sends", "none", "no_robot", 69,
-                    ("No FRI message arrived",), request={"start_timeout_s": 2.0, "robot_host": "127.0.0.9"})
+                    ("No FRI message arrived", "came from elsewhere.*only 127.0.0.9 is listened to"),
+                    request={"start_timeout_s": 2.0, "robot_host": "127.0.0.9"})  # fmt: skip
     for robot, told in (("2.7", "1.15"), ("1.15", "2.7"), ("2.5", "2.7")):
         yield FaultCase(f"version-{robot}-for-{told}", f"the robot speaks FRI {robot}, the run was told {told}", "none",
                         "version_mismatch", 76, (f"robot speaks FRI {robot}.*choose --fri-version {robot}",),

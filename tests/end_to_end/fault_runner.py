@@ -36,7 +36,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_S = 2.0
 LEAD_IN_S = 0.3
 REST_RAD_S = 1e-6
-QUICK_SESSION = {"lockstep_timeout_s": 0.5, "overlay_start_delay_s": 0.05, "application_close_delay_s": 0.1}
+QUICK_SESSION = {"lockstep_timeout_s": 0.5, "overlay_start_delay_s": 0.05}
 """Waits of the robot that no case is about, shortened."""
 MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
 
@@ -71,7 +71,7 @@ class FaultResult:
         if self.samples is None:
             return "no file"
         how = "whole after `recover`" if self.recovered else "whole"
-        lost = f"{self.gap} counters missing" if self.gap else "no gap"
+        lost = f"counters missing: {self.gap}" if self.gap else "no gap"
         return f"{how}, {self.samples} samples, {lost}"
 
 
@@ -101,7 +101,7 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         robot_answered=summary.get("counts", {}).get("answered", 0),
         outcome=outcome,
         exit_code=exit_code,
-        read=lines[0] if lines else "",
+        read=lines[0].replace(str(folder), "FOLDER") if lines else "",
         transcript=transcript,
         samples=samples,
         answered_samples=answered,
