@@ -12,7 +12,8 @@ __all__ = ["FaultCase", "Step"]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Once the operator has read `when`, `number` is sent to each of `targets`, and SIGCONT `resume_after_s` later.
+    """Once the operator has read `when` (a regular expression), `number` is sent to each of `targets`, and SIGCONT
+    `resume_after_s` later.
 
     targets: supervisor, recorder, loop, worker.
     """

@@ -6,7 +6,7 @@ What a row says of the arm is measured at the robot's side. See `fault_case` for
 from __future__ import annotations
 
 from collections.abc import Iterator
-from signal import SIGINT, SIGKILL, SIGSTOP, SIGTERM
+from signal import SIGCONT, SIGINT, SIGKILL, SIGSTOP, SIGTERM
 from typing import Any
 
 from tests.end_to_end.fault_case import FaultCase, Step
@@ -146,7 +146,7 @@ def _who_stops() -> Iterator[FaultCase]:
     yield FaultCase("term-loop", "SIGTERM to the loop alone", "ramp", "stopped", 1, ("SIGTERM asked for a stop",),
                     steps=(Step(EXCITATION, ("loop",), SIGTERM),))  # fmt: skip
     yield FaultCase("int-impatient", "Ctrl-C three times", "ramp", "stopped", 130, operator,
-                    steps=(Step(EXCITATION, supervisor, SIGINT), *(Step("[", supervisor, SIGINT),) * 2))
+                    steps=(Step(EXCITATION, supervisor, SIGINT), *(Step(r"\[", supervisor, SIGINT),) * 2))
     for where, when, more in (
         ("start ramp", ramp_up, slow), ("excitation", EXCITATION, {}),
     ):  # fmt: skip
@@ -171,12 +171,14 @@ def _who_stops() -> Iterator[FaultCase]:
     yield FaultCase("kill-all", "kill -9 of all three at once", "held", None, -9, unsaved=500, session=QUICK,
                     steps=(Step(EXCITATION, ("loop", "recorder", "supervisor"), SIGKILL),))
     yield FaultCase("kill-worker", "kill -9 of the fit", "finished", "completed", 0,
-                    request={"periods": 2, "fit": True}, steps=(Step("[worker]", ("worker",), SIGKILL),))  # fmt: skip
+                    request={"periods": 2, "fit": True},
+                    steps=(Step(r"\[worker\]", ("worker",), SIGKILL),))  # fmt: skip
     yield FaultCase("pause-recorder", "the recorder is paused for 0.5 s", "finished", "completed", 0,
                     request={"periods": 3}, steps=(Step(EXCITATION, ("recorder",), SIGSTOP, 0.5),))
     yield FaultCase("pause-recorder-long", "the recorder is paused until the ring fills", "ramp", "stopped", 1,
                     ("recorder is .* records behind",), request={"ring_slots": 8192},
-                    steps=(Step(EXCITATION, ("recorder",), SIGSTOP, 8.0),))  # fmt: skip
+                    steps=(Step(EXCITATION, ("recorder",), SIGSTOP),
+                           Step("Motion: (stop ramp|hold|done)", ("recorder",), SIGCONT)))  # fmt: skip
     yield FaultCase("pause-loop", "the loop is paused for 12 ms, robot by the clock", "finished", "completed", 0,
                     request={"periods": 1}, clock=True, session=PATIENT,
                     steps=(Step(EXCITATION, ("loop",), SIGSTOP, 0.012),))  # fmt: skip

@@ -196,7 +196,7 @@ def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
         for line in stream:
             lines.append(line)
             family.update(_family(process.pid))
-            while steps and steps[0].when in line:
+            while steps and re.search(steps[0].when, line):
                 step = steps.pop(0)
                 chosen = [family[target] for target in step.targets]
                 for each in chosen:

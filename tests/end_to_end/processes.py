@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import secrets
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
@@ -30,13 +31,14 @@ def start_iiwa_ident(*words: object) -> subprocess.Popen[str]:
 
 
 def free_udp_port() -> int:
-    """A UDP port on loopback that nobody holds."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A UDP port on loopback that nobody holds, and that the kernel gives to nobody who asks for any."""
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", secrets.choice(range(20_000, 32_000))))
+            return int(probe.getsockname()[1])
 
 
-@contextmanager
+@contextlib.contextmanager
 def fake_robot(port: int, summary: Path, *options: object) -> Iterator[subprocess.Popen[bytes]]:
     """A fake robot that sends to `port` while the block runs; its summary is written when the block ends."""
     process = subprocess.Popen(
