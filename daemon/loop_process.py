@@ -36,7 +36,7 @@ from daemon.api import (
 )
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
 from daemon.spare_folder import write_run_file
-from fri_client.channel import forget_backlog, open_socket
+from fri_client.channel import unbound_socket
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
 from fri_client.loop import FriLoop
@@ -103,19 +103,14 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
     """Run one acquisition's loop in this process; its report and the exit code. Never raises for a request that is
     wrong.
     """
-    try:
-        version = FriVersion.parse(request.fri_version)
-        limits = limits_for(request.robot)
-        table = load_table(request.table_file)
-        channel = bind(request.bind_host, request.bind_port)
-    except PortInUseError as error:
-        return _not_run("port_in_use", error), error.exit_code
-    except (DaemonError, FriError, SafetyError) as error:
-        return _not_run("refused", error), error.exit_code
+    channel = unbound_socket()
     with channel:
         try:
+            version = FriVersion.parse(request.fri_version)
+            limits = limits_for(request.robot)
+            table = load_table(request.table_file)
             loop = _make_loop(request, channel, version, limits, table, ring)
-        except (FriError, SafetyError) as error:
+        except (DaemonError, FriError, SafetyError) as error:
             return _not_run("refused", error), error.exit_code
         handlers = {number: signal.signal(number, loop.stop_from_signal) for number in STOP_SIGNALS}
         settings = RealtimeSettings(
@@ -123,8 +118,13 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
         )
         try:
             with realtime(settings) as obtained:
-                forget_backlog(channel)
+                # Last of all: what comes before the loop listens would be answered late, and count against the link.
+                bind(channel, request.bind_host, request.bind_port)
                 result = loop.run()
+        except PortInUseError as error:
+            return _not_run("port_in_use", error), error.exit_code
+        except ConfigurationError as error:
+            return _not_run("refused", error), error.exit_code
         finally:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
@@ -148,10 +148,10 @@ def load_table(path: str) -> NDArray[np.float64]:
     return table.astype(np.float64)
 
 
-def bind(host: str, port: int) -> socket.socket:
-    """The loop's UDP socket. Raises PortInUseError, ConfigurationError for an address that is not this machine's."""
+def bind(channel: socket.socket, host: str, port: int) -> None:
+    """Bind the loop's socket. Raises PortInUseError, ConfigurationError for an address that is not this machine's."""
     try:
-        return open_socket(host, port)
+        channel.bind((host, port))
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise PortInUseError(host, port) from error

@@ -22,7 +22,7 @@ from fri_client.messages import JOINT_COUNT, FriVersion
 from fri_client.schema import Field, Kind, Rule, rows_of
 from fri_client.wire import FIXED64, LENGTH_DELIMITED, VARINT, varint
 
-__all__ = ["Layout", "LayoutBook"]
+__all__ = ["Layout", "LayoutBook", "Sketch", "sketch_group"]
 
 Values = tuple[Any, ...]
 
@@ -55,7 +55,7 @@ class Layout:
 
     __slots__ = ("_base", "_expected", "_joined", "_mask", "_steps", "_take", "_unpack")
 
-    def __init__(self, sketch: _Sketch) -> None:
+    def __init__(self, sketch: Sketch) -> None:
         offsets = {
             _Shelf.CONSTANT: 0,
             _Shelf.TAKEN: len(sketch.constants),
@@ -115,8 +115,8 @@ class LayoutBook:
         """Keep the shape of `payload`, which the reader has read as `message`, unless the book is full."""
         if self._pages >= self.MOST_PAGES:
             return
-        sketch = _Sketch()
-        _sketch_group(sketch, self._group, self._version, message)
+        sketch = Sketch()
+        sketch_group(sketch, self._group, self._version, message)
         mask = int.from_bytes(sketch.mask, "little")
         same_length = len(sketch.mask) == len(payload)
         if same_length and int.from_bytes(payload, "little") & mask == int.from_bytes(sketch.expected, "little"):
@@ -124,8 +124,11 @@ class LayoutBook:
             self._pages += 1
 
 
-class _Sketch:
-    """A shape while it is drawn: fixed bits, struct format, and how the message is put together."""
+class Sketch:
+    """A shape while it is drawn: fixed bits, struct format, and how the message is put together.
+
+    places: where among the unpacked numbers a field stands, by its attribute; of a field that comes twice, the last.
+    """
 
     def __init__(self) -> None:
         self.mask = bytearray()
@@ -136,6 +139,12 @@ class _Sketch:
         self.taken: list[int | slice] = []
         self.joined: list[tuple[Callable[[Values, int], int], int]] = []
         self.built: list[tuple[Callable[..., Any], list[_Part]]] = []
+        self.places: dict[str, slice] = {}
+
+    def holds(self, row: Field) -> bool:
+        """True where the value of an integer field belongs to the shape."""
+        # The identifier has been checked; any other is another shape.
+        return row.name == "messageIdentifier"
 
     def fix(self, data: bytes) -> None:
         """Bytes that belong to the shape."""
@@ -152,18 +161,22 @@ class _Sketch:
         return self.unpacked - 1
 
     def constant(self, value: Any) -> _Part:
+        """A part of the message that is the same in every datagram of the shape."""
         self.constants.append(value)
         return _Part(_Shelf.CONSTANT, len(self.constants) - 1)
 
     def take(self, item: int | slice) -> _Part:
+        """A part that is one of the unpacked numbers, or a tuple of them."""
         self.taken.append(item)
         return _Part(_Shelf.TAKEN, len(self.taken) - 1)
 
     def join(self, function: Callable[[Values, int], int], start: int) -> _Part:
+        """A part that is put together from the bytes of a varint."""
         self.joined.append((function, start))
         return _Part(_Shelf.JOINED, len(self.joined) - 1)
 
     def build(self, function: Callable[..., Any], parts: list[_Part]) -> _Part:
+        """A part that is made of parts."""
         self.built.append((function, parts))
         return _Part(_Shelf.BUILT, len(self.built) - 1)
 
@@ -177,21 +190,23 @@ class _Sketch:
         return self.take(slice(start, self.unpacked))
 
 
-def _sketch_group(sketch: _Sketch, group: type[Any], version: FriVersion, message: Any) -> _Part:
+def sketch_group(sketch: Sketch, group: type[Any], version: FriVersion, message: Any) -> _Part:
+    """Draw the shape of a whole message, `group` being its type."""
     parts = {attribute: _EMPTY if getattr(message, attribute) == () else _NONE for attribute in group.__struct_fields__}
     for row in rows_of(group, version):
         value = getattr(message, row.attribute)
         if value is not None and value != row.default:
+            start = sketch.unpacked
             parts[row.attribute] = _sketch_field(sketch, row, value, version)
+            sketch.places[row.attribute] = slice(start, sketch.unpacked)
     return sketch.build(group, list(parts.values()))
 
 
-def _sketch_field(sketch: _Sketch, row: Field, value: Any, version: FriVersion) -> _Part:
+def _sketch_field(sketch: Sketch, row: Field, value: Any, version: FriVersion) -> _Part:
     match row.kind:
         case Kind.UINT32 | Kind.UINT64 | Kind.INT32:
             sketch.fix(varint(row.number << 3 | VARINT))
-            # The identifier has been checked; any other is another shape.
-            return _sketch_integer(sketch, row.kind, value, fixed=row.name == "messageIdentifier")
+            return _sketch_integer(sketch, row.kind, value, fixed=sketch.holds(row))
         case Kind.DOUBLE:
             sketch.fix(varint(row.number << 3 | FIXED64))
             return sketch.take(sketch.free("d", bytes(8), bytes(8)))
@@ -218,13 +233,13 @@ def _sketch_field(sketch: _Sketch, row: Field, value: Any, version: FriVersion) 
             return _sketch_part(sketch, row, value, version)
 
 
-def _sketch_part(sketch: _Sketch, row: Field, value: Any, version: FriVersion) -> _Part:
+def _sketch_part(sketch: Sketch, row: Field, value: Any, version: FriVersion) -> _Part:
     """A sub-message: its length comes first and is known last, so its bits are drawn behind a gap that is filled in."""
     assert row.group is not None
     outer_mask, outer_expected = sketch.mask, sketch.expected
     place = len(sketch.formats)
     sketch.mask, sketch.expected = bytearray(), bytearray()
-    part = _sketch_group(sketch, row.group, version, value)
+    part = sketch_group(sketch, row.group, version, value)
     head = varint(row.number << 3 | LENGTH_DELIMITED) + varint(len(sketch.mask))
     sketch.formats.insert(place, f"{len(head)}x")
     sketch.mask = outer_mask + b"\xff" * len(head) + sketch.mask
@@ -232,7 +247,7 @@ def _sketch_part(sketch: _Sketch, row: Field, value: Any, version: FriVersion) -
     return part
 
 
-def _sketch_integer(sketch: _Sketch, kind: Kind, value: int, *, fixed: bool) -> _Part:
+def _sketch_integer(sketch: Sketch, kind: Kind, value: int, *, fixed: bool) -> _Part:
     data = varint(value & 0xFFFFFFFFFFFFFFFF)
     width = len(data)
     if fixed or width > _WIDEST_FREE or (width == _WIDEST_FREE and kind is Kind.INT32):
@@ -248,9 +263,9 @@ def _sketch_integer(sketch: _Sketch, kind: Kind, value: int, *, fixed: bool) -> 
     return sketch.join(_JOIN[width], start)
 
 
-def _sketch_integers(sketch: _Sketch, row: Field, values: tuple[int, ...]) -> _Part:
+def _sketch_integers(sketch: Sketch, row: Field, values: tuple[int, ...]) -> _Part:
     tag = varint(row.number << 3 | VARINT)
-    if all(0 <= value < 0x80 for value in values):
+    if all(0 <= value < 0x80 for value in values) and not sketch.holds(row):
         start = sketch.unpacked
         for _ in values:
             sketch.fix(tag)

@@ -15,12 +15,12 @@ answers to the older ones repeat the last command, are counted late, and their s
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from collections.abc import Callable, Sequence
 
-from fri_client.channel import open_socket
+from fri_client.answer_ahead import AnswerAhead
+from fri_client.channel import Queue, open_socket
 from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError, FriError
 from fri_client.handover import Disposition, EventCode, HandoverRing
@@ -74,7 +74,8 @@ class FriLoop:
         SafetyError.
         """
         self._channel = channel
-        self._codec = Codec(version)
+        self._codec = Codec(version, learn_later=True)
+        self._codec.warm_up()
         self._make_motion = make_motion
         self._ring = ring
         self._settings = settings
@@ -86,8 +87,8 @@ class FriLoop:
         self._prepared_for = (settings.expected_period_s, 1)
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
-        self._next = bytearray(2048)
-        self._next_view = memoryview(self._next)
+        self._queue = Queue(channel, self._codec)
+        self._ahead = AnswerAhead(self._codec)
         self._robot: tuple[str, int] | None = None
         self._foreign = 0
         self._restarts = 0
@@ -100,8 +101,6 @@ class FriLoop:
         self._undecodable_error = ""
         self._refused: FriError | SafetyError | None = None
         self._faults = 0
-        self._poll = select.poll()
-        self._poll.register(channel, select.POLLIN)
         self._recorder_patience = RecorderPatience(ring)
 
     def stop_from_signal(self, signal_number: int, frame: object = None) -> None:
@@ -166,7 +165,28 @@ class FriLoop:
             self._idle(receive_ns)
             return
         datagram = self._view[:size]
-        session, journal = self.session, self._journal
+        command = self._ahead.command_for(bytes(datagram))
+        if command is None or self._queue.holds_newer_than(self._ahead.counter, address):
+            self._receive_unforeseen(datagram, address, receive_ns)
+            return
+        send_ns = self._send(command, address)
+        self._after_answer_ahead(datagram, receive_ns, send_ns, command)
+
+    def _after_answer_ahead(self, datagram: memoryview, receive_ns: int, send_ns: int, command: bytes) -> None:
+        """All that the answer did not have to wait for, and the proof that it was the right one."""
+        session, foreseen = self.session, self._ahead.foreseen
+        assert foreseen is not None
+        self.motion.take(foreseen)
+        self._last_position = foreseen.command
+        message = self._codec.decode_monitoring(datagram)
+        disposition = session.judge(message, receive_ns)
+        if disposition != _FRESH or not session.answer_due or session.drop is not None:
+            raise RuntimeError(f"the message {message.header.sequence_counter} was not what it looked like")
+        self._journal.tick += 1
+        self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=False)
+
+    def _receive_unforeseen(self, datagram: memoryview, address: tuple[str, int], receive_ns: int) -> None:
+        session = self.session
         reason = self._stop_watch.poll(receive_ns)
         if reason is not None:
             self.motion.stop(reason)
@@ -181,33 +201,55 @@ class FriLoop:
         if disposition != _FRESH and not session.answer_due:
             self._not_fresh(disposition, message, datagram, receive_ns)
             return
-        journal.tick += 1
+        self._journal.tick += 1
         if session.drop is not None and self.motion.phase < _LATCHED:
             self._drop()
-        queued = session.answer_due and self._is_queued(message.header.sequence_counter)
-        usable = disposition == _FRESH
+        counter = message.header.sequence_counter
+        queued = session.answer_due and self._queue.holds_newer_than(counter, self._robot)
+        self._repeated += queued
         command: bytes | None = None
         send_ns = 0
-        counter = message.header.sequence_counter
         if session.answer_due:
-            position = session.answer_position(message, self._decide(message, queued, usable))
+            position = session.answer_position(message, self._decide(message, queued, disposition == _FRESH))
             if position is not None:
                 command = self._codec.encode_position_command(session.own_counter, counter, position)
             else:
                 header = MessageHeader(COMMAND_IDENTIFIER, session.own_counter, counter)
                 command = self._codec.encode_command(CommandMessage(header))
-            try:
-                self._channel.sendto(command, address)
-            except OSError:
-                command = None  # the network refused this one; for robot and log alike it is a command that never was
-            else:
-                send_ns = self._last_answer_ns = time.monotonic_ns()
-                session.sent()
+            send_ns = self._send(command, address)
         else:
             self.motion.skip()
-        # From here on the robot has its answer.
-        motion = self.motion
+        self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=queued)
+        if disposition == _FRESH:
+            self._ahead.learn(datagram, message)
+        self._codec.catch_up()
+
+    def _send(self, command: bytes, address: tuple[str, int]) -> int:
+        """When it was sent, ns; 0 where the network refused it: for robot and log alike it then never was."""
+        try:
+            self._channel.sendto(command, address)
+        except OSError:
+            return 0
+        self._last_answer_ns = time.monotonic_ns()
+        return self._last_answer_ns
+
+    def _finish(
+        self,
+        message: MonitoringMessage,
+        datagram: memoryview,
+        receive_ns: int,
+        send_ns: int,
+        command: bytes | None,
+        disposition: int,
+        *,
+        queued: bool,
+    ) -> None:
+        """The rest of a tick once the robot has its answer: book it, hand it over, and get ready for the next one."""
+        session, journal, motion = self.session, self._journal, self.motion
+        if send_ns:
+            session.sent()
         phase, period, sample = motion.phase, motion.period, motion.sample_in_period
+        usable = disposition == _FRESH
         if queued or not usable:
             period = sample = -1
         if not usable:
@@ -216,15 +258,21 @@ class FriLoop:
         if session.counts.restarts != self._restarts:
             self._restarts = session.counts.restarts
             self.statistics.restart()
+        counter = message.header.sequence_counter
         self.statistics.observe(counter, receive_ns, send_ns, session.send_period_ms)
         journal.note_session(session, receive_ns)
         journal.note_motion(motion, phase, period)
-        journal.record(receive_ns, send_ns, phase, period, sample, datagram, command, disposition)
+        journal.record(receive_ns, send_ns, phase, period, sample, datagram, command if send_ns else None, disposition)
         if phase >= _HOLD and message.monitor_data is not None:
             motion.observe(message.monitor_data.measured_joint_position or ())
         self._publish(receive_ns)
         if self._settings.simulated_time:
             self._recorder_patience.wait()
+        reason = self._stop_watch.poll(receive_ns)
+        if reason is not None:
+            motion.stop(reason)
+        if usable:
+            self._ahead.prepare(session, motion, counter)
 
     def _decide(self, message: MonitoringMessage, queued: bool, usable: bool) -> Sequence[float] | None:
         """The position the motion wants to send; None: what the session mirrors."""
@@ -286,42 +334,23 @@ class FriLoop:
                 return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"
         return ""
 
-    def _is_queued(self, counter: int) -> bool:
-        """True when a newer message waits already, so that this one is late; one system call of 1 µs where none does.
-
-        Looked at is the next datagram alone: a duplicate or an older message behind this one does not make it late.
-        """
-        if not self._poll.poll(0):
-            return False
-        try:
-            size, address = self._channel.recvfrom_into(self._next, 0, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except BlockingIOError:  # it had a wrong UDP checksum, which the kernel notices only now
-            return False
-        if address != self._robot:
-            return False
-        try:
-            waiting = self._codec.decode_monitoring(self._next_view[:size]).header.sequence_counter
-        except CodecError:
-            return False
-        if not 0 < (waiting - counter & 0xFFFFFFFF) < 1 << 31:
-            return False
-        self._repeated += 1
-        return True
-
     # Drops, faults, silence, and what is not fresh.
 
     def _drop(self) -> None:
         # A robot without answers holds the last command; one that has just had its answer is still moving.
+        self._ahead.forget()
         self.motion.latch(at_rest=time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9)
         self._journal.dropped(self.session, time.monotonic_ns())
 
     def _survive(self, error: Exception) -> None:
         self._faults += 1
+        self._ahead.forget()
         sentence = f"Internal error in the loop ({type(error).__name__}: {error})."
         # The plainest stop there is: what failed may be what the other one needs.
         self.motion.stop(StopReason(EventCode.FAULT, sentence, path_is_good=False))
 
     def _idle(self, now: int) -> None:
+        self._ahead.forget()
         reason = self._stop_watch.poll(now)
         if reason is not None:
             self.motion.stop(reason)

@@ -18,8 +18,11 @@ or late message delays the path and cannot make a step larger than planned.
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +32,12 @@ from fri_client.motion_table import MotionError, checked_table, command_stride, 
 from fri_client.standstill import Standstill
 from fri_client.stop_reason import StopKind, StopReason, too_much_torque
 from safety.errors import RampError
-from safety.guard import CommandGuard
+from safety.guard import CommandGuard, MotionState
 from safety.limits import JointLimits
 from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
-__all__ = ["MotionError", "MotionPhase", "MotionProgram", "StopKind", "StopReason", "command_stride"]
+__all__ = ["Foreseen", "MotionError", "MotionPhase", "MotionProgram", "StopKind", "StopReason", "command_stride"]
 
 FloatArray = NDArray[np.float64]
 
@@ -56,6 +59,17 @@ class MotionPhase(IntEnum):
 
 
 _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
+
+
+class Foreseen(NamedTuple):
+    """The next command, 7 positions in rad, and what its sample has to lie within (limits included) to be answered so:
+
+    measured position in rad, 7, then external torque in Nm, 7.
+    """
+
+    command: Sequence[float]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
 
 class MotionProgram:
@@ -108,6 +122,7 @@ class MotionProgram:
         self._start_ticks = 0
         self._stop_ramp: Ramp | PathStop | None = None
         self._last: Sequence[float] = ()
+        self._foreseen_state: MotionState | None = None
         self._start_done = 0
         self._on_path = 0
         self._stop_steps = 0
@@ -201,6 +216,34 @@ class MotionProgram:
             self._begin_stop()
         return self._next_of_stop(measured_position)
 
+    def foresee(self) -> Foreseen | None:
+        """The command that `tick` will return, if the next sample lies within the bounds; judged in all other respects.
+
+        None: nothing moves along a path, a stop was asked for, or the guard would refuse. Nothing is changed by it.
+        """
+        if self._stop_asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
+            return None
+        command = self._upcoming()
+        state = None if command is None else self._guard.foresee(command)
+        if command is None or state is None:
+            return None
+        self._foreseen_state = state
+        # Narrower than the guard's by more than the round-off of a difference, so that the guard would agree.
+        gaps = [distance - 1e-9 for distance in self._guard.distances]
+        torque = self._external_torque_limit or (math.inf,) * len(gaps)
+        return Foreseen(
+            command,
+            (*map(operator.sub, command, gaps), *map(operator.neg, torque)),
+            (*map(operator.add, command, gaps), *torque),
+        )
+
+    def take(self, foreseen: Foreseen) -> None:
+        """The same as the `tick` that returns what was just foreseen, for a sample within the bounds."""
+        assert self._foreseen_state is not None
+        self._guard.accept(foreseen.command, self._foreseen_state)
+        self._next_on_path()
+        self._last = foreseen.command
+
     def skip(self) -> None:
         """A fresh sample that is not answered (receive multiplier above 1): only its label moves on."""
         if self.phase == _EXCITATION:
@@ -259,27 +302,31 @@ class MotionProgram:
 
     def _next_on_path(self) -> Sequence[float] | None:
         """The next command of ramp, lead-in or table; None when the table is done. Moves the labels."""
-        step = self._step
+        command = self._upcoming()
         if self.phase == _START_RAMP:
-            if step < self._start_ticks and self._start_ramp is not None:
-                self._step = step + 1
-                self._start_done = step + 1
-                return self._start_ramp.position_at(step * self.command_period_s)
+            if self._step < self._start_ticks:
+                self._step += 1
+                self._start_done = self._step
+                return command
             self.phase = _LEAD_IN
-            self._step = step = 0
-        place = self._on_path
-        count = len(self._path)
-        if place < self._lead_in:
-            self._on_path = place + 1
-            return self._path[(self._first + place) % count]
-        place -= self._lead_in
-        if place >= self._total:
+            self._step = 0
+        if command is None:
             return None
+        place = self._on_path - self._lead_in
         self._on_path += 1
-        self.phase = _EXCITATION
-        self.period, sample = divmod(place, count)
-        self.sample_in_period = sample * self._samples_per_command
-        return self._path[sample]
+        if place >= 0:
+            self.phase = _EXCITATION
+            self.period, sample = divmod(place, len(self._path))
+            self.sample_in_period = sample * self._samples_per_command
+        return command
+
+    def _upcoming(self) -> Sequence[float] | None:
+        """The next command of ramp, lead-in or table; None when the table is done. Nothing moves."""
+        if self.phase == _START_RAMP and self._step < self._start_ticks and self._start_ramp is not None:
+            return self._start_ramp.position_at(self._step * self.command_period_s)
+        if self._on_path >= self._lead_in + self._total:
+            return None
+        return self._path[(self._first + self._on_path) % len(self._path)]
 
     def _step_back(self) -> None:
         """The command last taken from the path was refused, so it does not count as driven."""

@@ -29,6 +29,10 @@ ACCELERATION_TOLERANCE = 1e-3
 """Relative slack on accelerations: a second difference at 1 ms turns a planner's 1e-9 rad into 1e-3 rad/s²."""
 
 
+MotionState = tuple[list[float], list[float]]
+"""Velocity, rad/s, and acceleration, rad/s², of every joint."""
+
+
 @dataclass(frozen=True, slots=True)
 class GuardVerdict:
     """Why a command was refused.
@@ -133,6 +137,8 @@ class CommandGuard:
         self._position = [0.0] * n
         self._velocity = [0.0] * n  # (q_k - q_{k-1}) / T, the velocity half a period before the tick
         self._acceleration = [0.0] * n  # (q_k - 2 q_{k-1} + q_{k-2}) / T²
+        self.distances = tuple(distances)
+        """Largest distance of a command to the measured position, rad, per joint."""
 
     @property
     def limits(self) -> JointLimits:
@@ -185,6 +191,20 @@ class CommandGuard:
         """Forget where the arm is: every command is refused until the next anchor."""
         self._anchored = False
 
+    def foresee(self, command: Sequence[float]) -> MotionState | None:
+        """Judge a command before the sample it will answer is there: everything but the distance to that.
+
+        Returns what `accept` needs once the sample is there and lies within `distances` of the command; None where
+        `judge` would refuse. Nothing is remembered.
+        """
+        outcome = self._outcome(command, command, stopping=False) if self._anchored else None
+        return None if isinstance(outcome, GuardVerdict) else outcome
+
+    def accept(self, command: Sequence[float], state: MotionState) -> None:
+        """Remember a command as the last accepted one, in the state that `foresee` gave for it."""
+        self._position = list(command)
+        self._velocity, self._acceleration = state
+
     def judge(
         self,
         command: Sequence[float] | FloatArray,
@@ -208,6 +228,16 @@ class CommandGuard:
         if len(wanted) != self._n or len(measured) != self._n:
             wrong = len(wanted) if len(wanted) != self._n else len(measured)
             return GuardVerdict("shape", 0, float(wrong), float(self._n), "")
+        outcome = self._outcome(wanted, measured, stopping=stopping)
+        if isinstance(outcome, GuardVerdict):
+            return outcome
+        self.accept(wanted, outcome)
+        return None
+
+    def _outcome(
+        self, wanted: Sequence[float], measured: Sequence[float], *, stopping: bool
+    ) -> GuardVerdict | MotionState:
+        """The first criterion that fails, or what the guard has to remember of the command."""
         rate = self._rate
         period = self._period
         velocities = []
@@ -242,10 +272,7 @@ class CommandGuard:
                         return verdict
             velocities.append(v)
             accelerations.append(a)
-        self._position = list(wanted)
-        self._velocity = velocities
-        self._acceleration = accelerations
-        return None
+        return velocities, accelerations
 
     def _stopping_position(self, joint: int, q: float, velocity: float, acceleration: float) -> GuardVerdict | None:
         row = self._rows[joint - 1]

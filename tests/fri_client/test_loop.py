@@ -546,15 +546,14 @@ def test_an_internal_error_stops_the_arm_by_ramp_and_is_reported_as_a_fault() ->
     with running() as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
-        tick = client.loop.motion.tick
+        foresee = client.loop.motion.foresee
 
-        def broken(*_: Any) -> Any:
-            client.loop.motion.tick = tick  # type: ignore[method-assign]
+        def broken() -> Any:
+            client.loop.motion.foresee = foresee  # type: ignore[method-assign]
             raise ZeroDivisionError("in the middle of a motion")
 
-        client.loop.motion.tick = broken  # type: ignore[method-assign]
-        robot.send(ACTIVE)
-        pause()
+        client.loop.motion.foresee = broken  # type: ignore[method-assign]
+        robot.exchange(ACTIVE)
         robot.until_done(client)
         result = client.finish()
     assert (result.outcome, result.reason, result.standstill_confirmed) == ("fault", "FAULT", True)
