@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 
 from daemon.control_api import ControlReply, ControlRequest, GetJobs, GetStatus, JobsReply, JobView, StatusReply
@@ -36,15 +37,20 @@ def iiwa_ident(*words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def short_trajectory(file: Path, *, scale: float = 0.15) -> Path:
-    """A gentle motion of 2 s a period."""
+NEAR_THE_ROBOT = (0.1, 0.4, -0.1, -1.2, 0.1, 0.9, 0.1)
+"""rad; beside the pose in which the fake robot begins, so that the start ramp is short."""
+
+
+def short_trajectory(file: Path, *, scale: float = 0.05, offset: tuple[float, ...] | None = NEAR_THE_ROBOT) -> Path:
+    """A gentle motion of 2 s a period about `offset`, none: about that of the shipped motion."""
     shipped = default_trajectory()
-    short = FourierTrajectory(0.5, scale * shipped.a, scale * shipped.b, shipped.offset, shipped.robot)
+    middle = shipped.offset if offset is None else np.array(offset)
+    short = FourierTrajectory(0.5, scale * shipped.a, scale * shipped.b, middle, shipped.robot)
     file.write_text(json.dumps(short.to_json()))
     return file
 
 
-def wait_for(condition: Callable[[], Any], allowance_s: float = 90.0) -> Any:
+def wait_for(condition: Callable[[], Any], allowance_s: float = 200.0) -> Any:
     """What the condition returns once it is true."""
     for _ in range(int(allowance_s / 0.1)):
         found = condition()
@@ -63,11 +69,8 @@ class ServiceProcess:
         self.output = folder / "runs"
         settings = {"bind_port": self.port, "start_timeout_s": 60.0, "receive_timeout_s": 5.0, **fri}
         self.config = folder / "service.yaml"
-        self.config.write_text(
-            json.dumps(
-                {"fri": settings, "realtime": {"priority": 0}, "run": {"fit": False}, "output": str(self.output)}
-            )
-        )
+        document = {"fri": settings, "realtime": {"priority": 0}, "run": {"fit": False}, "control": control or {}}
+        self.config.write_text(json.dumps({**document, "output": str(self.output)}))
         self.endpoint = default_endpoint(self.port)
         self.log = folder / "service.log"
 
@@ -111,7 +114,7 @@ class ServiceProcess:
     def phase(self, job_id: str) -> str:
         return self.jobs()[job_id].phase
 
-    def wait_phase(self, job_id: str, *phases: str, allowance_s: float = 90.0) -> JobView:
+    def wait_phase(self, job_id: str, *phases: str, allowance_s: float = 200.0) -> JobView:
         wait_for(lambda: self.phase(job_id) in phases, allowance_s)
         return self.jobs()[job_id]
 

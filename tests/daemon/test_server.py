@@ -65,8 +65,13 @@ def loop_report(running: ServiceProcess, job_id: str) -> dict[str, Any]:
     return report
 
 
-def in_excitation(running: ServiceProcess) -> bool:
-    return running.status().motion_phase == "EXCITATION"
+def until_excitation(running: ServiceProcess, job_id: str) -> None:
+    def there() -> bool:
+        job = running.jobs()[job_id]
+        assert job.phase in ("checking", "queued", "preparing", "running"), job.sentence
+        return running.status().motion_phase == "EXCITATION"
+
+    wait_for(there)
 
 
 def test_from_submission_to_a_stop_in_the_motion_and_what_waits_stays_where_it_is(tmp_path: Path) -> None:
@@ -78,7 +83,7 @@ def test_from_submission_to_a_stop_in_the_motion_and_what_waits_stays_where_it_i
         first = json.loads(told.stdout)["job_id"]
         second = submit(running, trajectory, periods=1)
         running.wait_phase(second, "queued")
-        wait_for(lambda: in_excitation(running))
+        until_excitation(running, first)
         status = json.loads(iiwa_ident("status", "--port", running.port, "--json", "-").stdout)
         assert (status["state"], status["run"], status["periods"], status["waiting"]) == ("running", first, 500, 1)
 
@@ -108,7 +113,7 @@ def test_a_killed_service_leaves_an_arm_at_rest_and_finds_its_jobs_again(tmp_pat
         first = submit(running, trajectory, periods=500)
         second = submit(running, trajectory, periods=1)
         running.wait_phase(second, "queued")
-        wait_for(lambda: in_excitation(running))
+        until_excitation(running, first)
         children = psutil.Process(running.process.pid).children()
         running.process.send_signal(signal.SIGKILL)
         running.process.wait()
@@ -153,7 +158,7 @@ def test_sigterm_ramps_the_arm_down_and_then_the_service_ends_and_systemd_is_tol
         try:
             with fake_robot(running.port, tmp_path / "robot.json"):
                 job = submit(running, trajectory, periods=500)
-                wait_for(lambda: in_excitation(running))
+                until_excitation(running, job)
                 running.process.terminate()
                 assert running.process.wait(60) == 0
         finally:
@@ -183,7 +188,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
 
 
 def test_a_finished_run_is_fitted_and_a_fit_survives_the_service(tmp_path: Path) -> None:
-    trajectory = short_trajectory(tmp_path / "short.json")
+    trajectory = short_trajectory(tmp_path / "short.json", scale=0.15, offset=None)
     with service(tmp_path) as running:
         with fake_robot(running.port, tmp_path / "robot.json"):
             job = submit(running, trajectory, periods=3, fit=True)
@@ -207,7 +212,7 @@ def test_a_port_has_one_service_and_a_run_in_the_foreground_is_refused_too(idle:
 
 
 def test_an_unsafe_motion_is_refused_at_submission_and_says_why(idle: ServiceProcess, tmp_path: Path) -> None:
-    wild = short_trajectory(tmp_path / "wild.json", scale=4.0)
+    wild = short_trajectory(tmp_path / "wild.json", scale=4.0, offset=None)
     told = iiwa_ident("submit", wild, "--port", idle.port, "--json", "-")
     assert told.returncode == 1
     job = json.loads(told.stdout)
