@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from daemon.api import (
@@ -174,6 +175,9 @@ class _Acquisition:
         )
         host, port = self._request.bind_host, self._request.bind_port
         self._tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
+        # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
+        checker = ThreadPoolExecutor(1, thread_name_prefix="start-check")
+        check = checker.submit(self._start_check.poll)
         try:
             while loop.alive:
                 # Where the operator's stop would not be heard any more, the loop is to stop by itself.
@@ -182,9 +186,12 @@ class _Acquisition:
                 self._listen(POLL_S)
                 self._watch_recorder()
                 self._follow_loop()
-                if sentence := self._start_check.poll():
-                    self._tell("preflight", sentence)
+                if check.done():
+                    if sentence := check.result():
+                        self._tell("preflight", sentence)
+                    check = checker.submit(self._start_check.poll)
         finally:
+            checker.shutdown()
             loop.close()
         if not self._ring.finished:
             # A killed loop can neither keep what it saw last nor say that no record will follow.
