@@ -2,9 +2,9 @@
 
 Reproduce: `python benchmarks/loop.py` (60 s per contender; `--quick`: 10 s; `--help`: FRI version, seconds, block).
 One scripted robot in a process of its own sends prepared monitoring messages at 1 kHz on loopback and times each round
-trip (send to reply received). The contenders take turns in short blocks, so that a drift of the machine meets all alike;
-each block is a fresh process with the same real-time settings and the same socket. Turn-around is receive return to send
-return inside that process. Contenders:
+trip (send to reply received). The contenders take turns in short blocks, so that a drift of the machine meets all
+alike; each block is a fresh process with the same real-time settings and the same socket. Turn-around is receive return
+to send return inside that process. Contenders:
 
   echo      receives and sends the datagram back.
   protobuf  google.protobuf (upb): parses the message, reads counter, state, quality, safety state, measured and IPO
@@ -112,8 +112,8 @@ def robot_side(pipe: Connection, version: FriVersion, block_s: float, seed: int)
 def _play(channel: socket.socket, address: tuple[str, int], datagrams: list[bytes]) -> NDArray[np.int64]:
     """Send at 1 kHz, each after the reply to the one before; a reply that does not come in 20 ms counts as lost (-1).
 
-    Turning while it waits for the reply, as a network card would: its own wake-up is then in no figure, and the client's
-    send does not pay for it.
+    Turning while it waits for the reply, as a network card would: its own wake-up is then in no figure, and the
+    client's send does not pay for it.
     """
     clock, buffer = time.monotonic_ns, bytearray(2048)
     round_trip = np.full(len(datagrams), -1, dtype=np.int64)
@@ -201,7 +201,8 @@ def _protobuf(version: FriVersion) -> Callable[[memoryview], Any]:
         header = command.header
         header.sequenceCounter = counter
         header.reflectedSequenceCounter = monitoring.header.sequenceCounter
-        if connection.sessionState >= 3 and connection.quality >= 0 and measured and not monitoring.robotInfo.safetyState:
+        in_command = connection.sessionState >= 3 and connection.quality >= 0
+        if in_command and measured and not monitoring.robotInfo.safetyState:
             command.commandData.jointPosition.value[:] = position
         counter += 1
         return datagrams.frame(command.SerializeToString())
