@@ -19,8 +19,11 @@ lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# benchmarks/endurance.py takes 30 minutes by default and faults.py several: both have a short form here.
 bench: $(VENV)/.installed-test
-	for benchmark in benchmarks/*.py; do echo "== $$benchmark"; $(BIN)/python $$benchmark || exit 1; done
+	for benchmark in loop recorder stops pipelines real_recordings excitation "endurance --minutes 3"; do \
+	  set -- $$benchmark; script=$$1; shift; echo "== $$script"; \
+	  OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/$$script.py "$$@" || exit 1; done
 
 clean:
 	rm -rf $(VENV) $(DEMO_OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
