@@ -23,7 +23,7 @@ lint: $(VENV)/.installed-test
 bench: $(VENV)/.installed-test
 	for benchmark in loop recorder stops pipelines real_recordings excitation "endurance --minutes 3"; do \
 	  set -- $$benchmark; script=$$1; shift; echo "== $$script"; \
-	  OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/$$script.py "$$@" || exit 1; done
+	  OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.$$script "$$@" || exit 1; done
 
 clean:
 	rm -rf $(VENV) $(DEMO_OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
