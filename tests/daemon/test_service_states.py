@@ -49,11 +49,15 @@ def test_grid_and_table_name_every_pair() -> None:
 
 @given(sequences)
 def test_an_arm_that_may_move_is_always_reached_by_a_stop(events: list[Event]) -> None:
-    state, moving = State.IDLE, False
+    state, moving, preparing = State.IDLE, False, False
     for event in events:
-        if event in (Event.COMPLETED, Event.FAILED) and not moving:
+        # Nothing ends that was not begun, and a preparation answers once.
+        if (event in (Event.COMPLETED, Event.FAILED) and not moving) or (
+            event in (Event.PREPARED, Event.REFUSED) and not preparing
+        ):
             continue
         state, actions = transition(state, event)
+        preparing = (preparing or Action.PREPARE_NEXT in actions) and event not in (Event.PREPARED, Event.REFUSED)
         moving = (moving or Action.START_RUN in actions) and event not in (Event.COMPLETED, Event.FAILED)
         for request in (Event.STOP, Event.TERMINATE):
             assert (Action.SET_STOP_FLAG in transition(state, request)[1]) >= moving
