@@ -1,0 +1,130 @@
+"""The shape of an effect: what every file of the effect library provides, and nothing else.
+
+An effect turns a motion into torque columns per unit of its coefficients, for one place (joint, link) and one set of
+its nonlinear parameters. It does not see measured torque and does not decide anything. Called by the search.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Place:
+    """Where an effect sits. joint: counted from 1, None for all joints or none in particular. link: from 1, or None.
+
+    other_joint: the second joint of an effect between two (crosstalk, coupling), from 1, or None.
+    """
+
+    joint: int | None = None
+    link: int | None = None
+    other_joint: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Torque of an effect per unit of each coefficient, on the time grid of the motion.
+
+    joints: joints, counted from 0, whose torque it touches. values: (S, len(joints), m) Nm per unit. For an effect that
+    differs from period to period, period_weights: (K, m) factor of each coefficient's column in each period; None for
+    an effect that repeats (all ones). values_by_period: (K, S, len(joints), m) where the factor is not enough (a
+    change in the middle of a period); then `values` is its mean over the periods.
+    """
+
+    joints: tuple[int, ...]
+    values: FloatArray
+    period_weights: FloatArray | None = None
+    values_by_period: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One physical parameter of a finding. std: nan where it is not known."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeParameter:
+    """One nonlinear parameter: the grid of the search and the bounds of its refinement, in `unit`.
+
+    integer: refine to whole numbers only (an order, a link).
+    """
+
+    name: str
+    unit: str
+    grid: tuple[float, ...]
+    lower: float
+    upper: float
+    integer: bool = False
+    logarithmic: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What the search hands to an effect to describe itself in words and numbers.
+
+    coefficients: (m,) with covariance (m, m). shape and shape_std: nonlinear parameters by name.
+    """
+
+    place: Place
+    shape: Mapping[str, float]
+    coefficients: FloatArray
+    covariance: FloatArray
+    shape_std: Mapping[str, float] = field(default_factory=dict)
+
+
+Stage = Literal["repeatable", "between_periods"]
+
+
+class Effect(ABC):
+    """One physical effect of the library; one file, one class, one instance.
+
+    Class attributes: name (contract §7), code (short name in the design notes), stage, equation (plain text), source
+    (publication), units of the m coefficients, plausible (range of the leading parameter on an iiwa, with unit, words),
+    look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
+    """
+
+    name: ClassVar[str]
+    code: ClassVar[str]
+    stage: ClassVar[Stage] = "repeatable"
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    units: ClassVar[tuple[str, ...]]
+    plausible: ClassVar[str]
+    look_alikes: ClassVar[tuple[str, ...]] = ()
+    separating_experiment: ClassVar[str]
+
+    @abstractmethod
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """Every place at which this effect can sit on this robot."""
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """Nonlinear parameters with their grids; none for a linear effect. Several: the search takes the product."""
+        del motion, place
+        return ()
+
+    @abstractmethod
+    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
+        """Torque columns; None when the motion does not let the effect act there (then it is not identifiable)."""
+
+    @abstractmethod
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """The physical parameters of an estimate, by the names and units that diagnosis.json shows."""
+
+    @abstractmethod
+    def sentence(self, estimate: Estimate) -> str:
+        """What an operator reads: the effect, the joint, the size, in one sentence."""

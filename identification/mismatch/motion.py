@@ -1,0 +1,57 @@
+"""The motion of one stretch of a recording, and everything an effect may look at. No noise and no rows here.
+
+Called by the effects, which turn a motion into torque columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One stretch on a uniform time grid: the mean period of a periodic recording, or one gap-free stretch.
+
+    time: (S,) s from the start of the stretch. position, velocity, acceleration: (S, n) rad, rad/s, rad/s² (m for
+    prismatic joints), smooth. torque: (S, n) Nm, the nominal model's fitted torque, sign of eq. (1) — never the
+    measured one, whose noise would leak into the columns. full_parameters: (full,) dynamic parameters in the order of
+    `BaseRegressor.full_names` without friction columns of the effect library, whose inverse dynamics is `torque`
+    (the minimum-norm ones where the motion does not determine them). periodic: whether the stretch wraps around; then
+    states with memory start in their periodic steady state. start_s: (K,) times at which the K periods of the
+    recording began, s from its first sample; (1,) for a stretch that is not periodic.
+    command_position, link_position: (S, n) rad or None.
+    """
+
+    robot: RobotModel
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    full_parameters: FloatArray
+    periodic: bool
+    start_s: FloatArray
+    command_position: FloatArray | None = None
+    link_position: FloatArray | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.position.shape[1])
+
+    @property
+    def samples(self) -> int:
+        """Number of samples S."""
+        return int(self.time.shape[0])
+
+    @property
+    def sampling_period_s(self) -> float:
+        """Distance of the samples, s."""
+        return float(self.time[1] - self.time[0])
