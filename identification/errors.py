@@ -8,7 +8,10 @@
     ├── TrajectoryError                    65  a trajectory file that cannot be used
     │   └── TrajectoryNotFoundError        66  no such trajectory
     ├── ModelFileError                     65  a model.json that cannot be used
-    │   └── ModelFileNotFoundError         66  no such model file
+    │   ├── ModelFileNotFoundError         66  no such model file
+    │   └── InconsistentParametersError    65  parameters that no body can have; names link and slack
+    ├── ExportCheckError                   70  a written simulator model that says something else when read back
+    ├── SimulationError                     1  a simulation that did not stay finite
     ├── DesignError                         1  no trajectory meets what was asked for
     └── EstimationError                    65  data from which the parameters cannot be computed
         ├── UndeterminedParametersError    65  the motion leaves parameters undetermined; names them
@@ -24,13 +27,16 @@ from pathlib import Path
 __all__ = [
     "DesignError",
     "EstimationError",
+    "ExportCheckError",
     "IdentificationError",
+    "InconsistentParametersError",
     "ModelFileError",
     "ModelFileNotFoundError",
     "RecordingError",
     "RecordingNotFoundError",
     "RobotError",
     "RobotNotFoundError",
+    "SimulationError",
     "SolverError",
     "TrajectoryError",
     "TrajectoryNotFoundError",
@@ -101,6 +107,36 @@ class ModelFileNotFoundError(ModelFileError):
     """The model file does not exist."""
 
     exit_code = 66
+
+
+class InconsistentParametersError(ModelFileError):
+    """A link's parameters belong to no body: `link` (from 1) and `slack`, by how much, kg m² (kg for a mass)."""
+
+    def __init__(self, message: str, *, link: int, slack: float, file: str | Path | None = None) -> None:
+        super().__init__(message, file=file, field="physical_parameters")
+        self.link = link
+        self.slack = slack
+
+
+class ExportCheckError(IdentificationError):
+    """A simulator model just written gives other torques when it is read back; `file`, `program`, `difference_nm`."""
+
+    def __init__(self, message: str, *, file: str | Path, program: str, difference_nm: float) -> None:
+        super().__init__(message)
+        self.file = Path(file)
+        self.program = program
+        self.difference_nm = difference_nm
+
+
+class SimulationError(IdentificationError):
+    """A forward simulation left the finite numbers at `time_s`, in `joint` (from 1)."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, time_s: float, joint: int) -> None:
+        super().__init__(message)
+        self.time_s = time_s
+        self.joint = joint
 
 
 class DesignError(IdentificationError):

@@ -85,6 +85,7 @@ class FitResult:
             "physical_parameters": self._physical_json(),
             "friction": self._friction_json(),
             "drives": self._drives_json(),
+            "consistent_parameters": self._consistent_json(),
             "effects": [],
             "rms_nm": self._rms_json(),
             "rms_table": self.rms.to_json(),
@@ -111,6 +112,25 @@ class FitResult:
             }
             for link in range(self.physical.n)
         ]
+
+    def _consistent_json(self) -> dict[str, Any]:
+        """The set of the pseudo-inertia program, for simulators: real bodies can have it. Empty if not asked for."""
+        if self.consistent is None:
+            return {}
+        physical = self.consistent.physical
+        drives = {
+            name: np.zeros(physical.n) if (values := self.regressor.extra_of(self.consistent.full, symbol)) is None
+            else values
+            for name, symbol in (("rotor_inertia", "IA"), ("offset", "OFF"))
+        }  # fmt: skip
+        return {
+            "mass": physical.mass.tolist(),
+            "com": physical.center_of_mass.tolist(),
+            "inertia": physical.inertia.tolist(),
+            "viscous": physical.viscous.tolist(),
+            "coulomb": physical.coulomb.tolist(),
+            **{name: values.tolist() for name, values in drives.items()},
+        }
 
     def _named(self, symbol: str, joint: int) -> float | None:
         """A parameter of the physical set where there is one, else of the base parameters, else None."""
