@@ -1,0 +1,374 @@
+"""What a diagnosis says: findings, figures' arrays and the verdict, as value objects and as `diagnosis.json`.
+
+Here: the shapes and their JSON (contract §6). Not here: how anything was decided (`search`, `verdict`). Read by the
+command line, the worker and the report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Parameter, Place
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
+MODEL_FORMAT = "iiwa-ident/model/1"
+
+Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another name that this data cannot rule out. joint: from 1, or None. score: its score in the finding's place."""
+
+    effect: str
+    joint: int | None
+    score: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Residual of one joint against one coordinate, for a figure. No claim of physics.
+
+    joint: from 1. coordinate: what runs along the axis ("velocity", "position", "torque", "time", "period"), in `unit`.
+    centre: (B,) middle of each bin. before, after: (B,) Nm, mean residual in each bin without and with the effect.
+    std: (B,) Nm, noise of those means. fitted: (B,) Nm, mean of the effect's own torque, None for a mere residual.
+    """
+
+    joint: int
+    coordinate: str
+    unit: str
+    centre: FloatArray
+    before: FloatArray
+    after: FloatArray
+    std: FloatArray
+    fitted: FloatArray | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The curve as plain JSON types."""
+        result: dict[str, Any] = {"joint": self.joint, "coordinate": self.coordinate, "unit": self.unit}
+        for name in ("centre", "before", "after", "std", "fitted"):
+            values = getattr(self, name)
+            result[name] = None if values is None else json_list(values)
+        return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """Residual of every joint over frequency, for a figure.
+
+    frequency: (F,) Hz. before, after, noise: (F, n) Nm, RMS amplitude per spectral line.
+    """
+
+    frequency: FloatArray
+    before: FloatArray
+    after: FloatArray
+    noise: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeSeries:
+    """One recording over time, for a figure. time: (S,) s; measured, before, after: (S, n) Nm, the last two residuals.
+
+    Within the compared bandwidth. position, velocity: (S, n) rad, rad/s.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """One claim: an effect at a place, how large, how sure, and what else it could be.
+
+    where: joint, bands, time windows, state region, periods (contract §6). absorbed_fraction: share of the effect's
+    energy that base parameters would swallow. score: log-likelihood units; significance: probability of such a gain by
+    noise alone, all candidates counted. heldout_gain_nm: (n,) Nm, RMS before minus RMS after on held-out recordings;
+    empty without them. confirmed: whether held-out data support it, None without any. coefficients, shape: what
+    evaluates the effect again. share_removed: share of the excess misfit energy on its joints that it removes.
+    """
+
+    effect: str
+    place: Place
+    parameters: tuple[Parameter, ...]
+    coefficients: FloatArray
+    covariance: FloatArray
+    shape: Mapping[str, float]
+    absorbed_fraction: float
+    score: float
+    significance: float
+    sentence: str
+    where: Mapping[str, Any] = field(default_factory=dict)
+    heldout_gain_nm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    confirmed: bool | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    separating_experiment: str | None = None
+    share_removed: float = float("nan")
+    curve: Curve | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The finding as plain JSON types, with what is needed to evaluate the effect again under `model`."""
+        return {
+            "effect": self.effect,
+            "joint": self.place.joint,
+            "link": self.place.link,
+            "where": plain(dict(self.where)),
+            "parameters": {
+                item.name: {"value": number(item.value), "std": number(item.std), "unit": item.unit}
+                for item in self.parameters
+            },
+            "absorbed_fraction": number(self.absorbed_fraction),
+            "score": number(self.score),
+            "significance": number(self.significance),
+            "heldout_gain_nm": json_list(self.heldout_gain_nm),
+            "confirmed": self.confirmed,
+            "alternatives": [{"effect": other.effect, "joint": other.joint} for other in self.alternatives],
+            "separating_experiment": self.separating_experiment,
+            "share_removed": number(self.share_removed),
+            "sentence": self.sentence,
+            "model": {
+                "other_joint": self.place.other_joint,
+                "coefficients": json_list(self.coefficients),
+                "shape": {name: number(value) for name, value in self.shape.items()},
+            },
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class DataFault:
+    """A fault of the data, not of the robot. joints: from 1. ratio: true rate over stated rate. rows: first, last, count."""
+
+    fault: str
+    joints: tuple[int, ...]
+    sentence: str
+    ratio: float | None = None
+    rows: tuple[int, int, int] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The fault as plain JSON types."""
+        return {
+            "fault": self.fault,
+            "joints": list(self.joints),
+            "ratio": self.ratio,
+            "rows": None if self.rows is None else list(self.rows),
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class NotIdentifiable:
+    """An effect that this motion cannot show at a place, with the reason in words."""
+
+    effect: str
+    place: Place
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """The smallest size of an effect that this recording would have shown at a place, and the share absorbed."""
+
+    effect: str
+    place: Place
+    size: float
+    unit: str
+    absorbed_fraction: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """The nominal fit, per joint (n,): RMS and noise floor over time in Nm, excess misfit with interval, detection.
+
+    excess_nm: square root of mean square residual minus noise. excess_low_nm, excess_high_nm: its 95 % interval.
+    """
+
+    rms_nm: FloatArray
+    noise_floor_nm: FloatArray
+    excess_nm: FloatArray
+    excess_low_nm: FloatArray
+    excess_high_nm: FloatArray
+    detected: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """The held-out recordings, per joint: RMS before and after in Nm, 95 % interval of the latter (n, 2), noise floor.
+
+    Coefficients and base parameters come from the fitted recordings only. excess_before, excess_after: Nm, without the
+    noise and the scatter of the predicted parameters.
+    """
+
+    rms_before_nm: FloatArray
+    rms_after_nm: FloatArray
+    ci95_after_nm: FloatArray
+    noise_floor_nm: FloatArray
+    excess_before_nm: FloatArray
+    excess_after_nm: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterShift:
+    """One base parameter without and with the findings; std of the latter."""
+
+    name: str
+    before: float
+    after: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """All that a diagnosis says. `to_json` is contract §6, `extended_model_json` contract §5.
+
+    mode: "complete" where the findings leave nothing but noise, "background" where unknown model error remains.
+    spectra, series: one per fitted stretch, for figures; heldout_series: one per held-out stretch. curves: residual
+    curves of what is not explained. notes: sentences on how the data were handled.
+    """
+
+    robot: str
+    verdict: Verdict
+    mode: Literal["complete", "background"]
+    baseline: Baseline
+    findings: tuple[Finding, ...]
+    data_faults: tuple[DataFault, ...]
+    not_identifiable: tuple[NotIdentifiable, ...]
+    minimum_detectable: tuple[Detectable, ...]
+    heldout: HeldOut | None
+    parameter_shift: tuple[ParameterShift, ...]
+    remaining: str
+    curves: tuple[Curve, ...] = ()
+    spectra: tuple[Spectrum, ...] = ()
+    series: tuple[TimeSeries, ...] = ()
+    heldout_series: tuple[TimeSeries, ...] = ()
+    rms_after_nm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """`diagnosis.json`, contract §6. Numbers that are not known are null."""
+        baseline, heldout = self.baseline, self.heldout
+        return {
+            "format": DIAGNOSIS_FORMAT,
+            "verdict": self.verdict,
+            "mode": self.mode,
+            "robot": self.robot,
+            "baseline": {
+                "rms_nm": json_list(baseline.rms_nm),
+                "noise_floor_nm": json_list(baseline.noise_floor_nm),
+                "excess_nm": json_list(baseline.excess_nm),
+                "excess_ci95_nm": json_list(np.column_stack([baseline.excess_low_nm, baseline.excess_high_nm])),
+                "detected": [bool(value) for value in baseline.detected],
+                "rms_after_nm": json_list(self.rms_after_nm),
+            },
+            "findings": [finding.to_json() for finding in self.findings],
+            "data_faults": [fault.to_json() for fault in self.data_faults],
+            "not_identifiable_here": [
+                {"effect": item.effect, "joint": item.place.joint, "reason": item.reason}
+                for item in self.not_identifiable
+            ],
+            "minimum_detectable": [
+                {
+                    "effect": item.effect,
+                    "joint": item.place.joint,
+                    "size": number(item.size),
+                    "unit": item.unit,
+                    "absorbed_fraction": number(item.absorbed_fraction),
+                }
+                for item in self.minimum_detectable
+            ],
+            "heldout": None
+            if heldout is None
+            else {
+                "rms_before_nm": json_list(heldout.rms_before_nm),
+                "rms_after_nm": json_list(heldout.rms_after_nm),
+                "ci95_after_nm": json_list(heldout.ci95_after_nm),
+                "noise_floor_nm": json_list(heldout.noise_floor_nm),
+                "excess_before_nm": json_list(heldout.excess_before_nm),
+                "excess_after_nm": json_list(heldout.excess_after_nm),
+            },
+            "parameter_shift": [
+                {
+                    "name": item.name,
+                    "before": number(item.before),
+                    "after": number(item.after),
+                    "std": number(item.std),
+                    "unit": item.unit,
+                }
+                for item in self.parameter_shift
+            ],
+            "remaining": self.remaining,
+            "curves": [curve.to_json() for curve in self.curves],
+            "notes": list(self.notes),
+            "provenance": plain(dict(self.provenance)),
+        }
+
+    def extended_model_json(self) -> dict[str, Any]:
+        """`model.json`, contract §5: base parameters fitted together with the findings, and the findings as effects."""
+        values = {item.name: item for item in self.parameter_shift}
+        joints = self.baseline.rms_nm.size
+        friction = [
+            {
+                "joint": joint,
+                "viscous": number(values[f"FV_{joint}"].after) if f"FV_{joint}" in values else None,
+                "coulomb": number(values[f"FS_{joint}"].after) if f"FS_{joint}" in values else None,
+            }
+            for joint in range(1, joints + 1)
+        ]
+        heldout = [] if self.heldout is None else json_list(self.heldout.rms_after_nm)
+        return {
+            "format": MODEL_FORMAT,
+            "robot": self.robot,
+            "base_parameters": [
+                {"name": item.name, "value": number(item.after), "std": number(item.std), "unit": item.unit}
+                for item in self.parameter_shift
+            ],
+            "physical_parameters": [],
+            "friction": friction,
+            "effects": [finding.to_json() for finding in self.findings],
+            "rms_nm": {"fit": json_list(self.rms_after_nm), "heldout": heldout},
+            "certificate": {},
+            "provenance": plain(dict(self.provenance)),
+        }
+
+
+def number(value: float) -> float | None:
+    """A float for JSON: None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def json_list(values: npt.ArrayLike) -> list[Any]:
+    """An array as nested lists, None where a number is not finite."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim > 1:
+        return [json_list(row) for row in array]
+    return [number(float(value)) for value in array]
+
+
+def plain(value: Any) -> Any:
+    """Plain JSON types of nested mappings, sequences, arrays and numpy numbers."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return number(float(value))
+    return value

@@ -1,0 +1,34 @@
+"""Every threshold of the diagnosis, in one place, with what it was tuned on.
+
+Called by all stages; the defaults are what `prove` scores. Nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """Thresholds and bandwidths of one diagnosis.
+
+    Scores are log-likelihood units (half a χ²), penalties included. complete_score: what an effect must gain where the
+    accepted ones explain the data down to the noise; background_score: where unknown model error remains;
+    between_score: for changes between periods. consistency_probability: smallest probability, over joints and bands, at
+    which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
+    stay this close are named as alternatives. share_removed, heldout_share_removed: share of the excess misfit energy
+    on the joints of a finding that must be removed on the fitted and on the held-out recordings for a name to be given.
+    largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
+    and harmonics of the position that count as motion.
+    """
+
+    complete_score: float = 17.0
+    background_score: float = 60.0
+    between_score: float = 30.0
+    consistency_probability: float = 1e-4
+    margin_of_indistinguishable: float = 10.0
+    share_removed: float = 0.7
+    heldout_share_removed: float = 0.5
+    largest_findings: int = 5
+    torque_bandwidth_hz: float = 60.0
+    motion_bandwidth_hz: float = 20.0
