@@ -184,7 +184,7 @@ def validate(
 
 @app.command()
 def design(
-    objective: Annotated[str, typer.Option("--objective", help="cond, d or a.")] = "cond",
+    objective: Annotated[str, typer.Option("--objective", help="cond, d, a, or a mix: cond:1,d:2.")] = "cond",
     harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
     period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
     limits: Annotated[str, typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|.")] = "paper",

@@ -33,6 +33,7 @@ from identification.excitation.local_search import DesignSettings, LocalSearch, 
 from identification.excitation.objective import (
     BaseMatrix,
     achieved_figures,
+    mixture_weights,
 )
 from identification.robots import RobotModel
 
@@ -213,8 +214,14 @@ def _one_blas_thread_each() -> Iterator[None]:
 
 
 def _figure(objective: str, achieved: dict[str, float]) -> float:
-    """The achieved value of what was asked for, smaller is better."""
-    return {"cond": achieved["cond"], "d": -achieved["log_det"], "a": achieved["trace_inverse"]}[objective]
+    """The achieved value of what was asked for, as `criterion_of` mixes it, smaller is better."""
+    size = achieved["parameters"]
+    terms = {
+        "cond": np.log(achieved["cond"]),
+        "d": -0.5 * achieved["log_det"] / size,
+        "a": 0.5 * np.log(achieved["trace_inverse"] / size),
+    }
+    return float(sum(weight * terms[name] for name, weight in mixture_weights(objective).items()))
 
 
 def _best_result(

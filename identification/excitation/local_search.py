@@ -25,7 +25,7 @@ from identification.excitation.constraints import (
     rest_null_space,
 )
 from identification.excitation.limits import ExcitationLimits
-from identification.excitation.objective import CRITERIA, SIGN_WIDTH_RAD_S, BaseMatrix, FourierObjective
+from identification.excitation.objective import SIGN_WIDTH_RAD_S, BaseMatrix, FourierObjective, mixture_weights
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,7 +54,8 @@ STAGES = (Stage(1.0, 50, 0.55), Stage(0.25, 100, 0.75, 2), Stage(0.08, 150, 0.85
 class DesignSettings:
     """What to design.
 
-    objective: "cond", "d" or "a". limits: "paper" = (14c-g), corrected; "true" = |q|, |q̇|, |q̈| along the path.
+    objective: "cond", "d", "a" or a mix such as "cond:1,d:2". limits: "paper" = (14c-g), corrected; "true" = |q|, |q̇|,
+    |q̈| along the path.
     budget_s: no new local search begins after this time (needs a clock); without it all starts run, and the result
     depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
     offset_rad: centre of each joint's motion, zero by default.
@@ -74,8 +75,7 @@ class DesignSettings:
 
     def __post_init__(self) -> None:
         """Refuse settings nothing can be designed for."""
-        if self.objective not in CRITERIA:
-            raise DesignError(f"Unknown objective '{self.objective}'; known are {', '.join(CRITERIA)}.")
+        mixture_weights(self.objective)
         if self.limits not in ("paper", "true"):
             raise DesignError(f"Unknown limits '{self.limits}'; known are paper, true.")
         if not (np.isfinite(self.period_s) and self.period_s > 0.0):

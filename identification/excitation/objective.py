@@ -1,8 +1,9 @@
 """What a trajectory is worth for identification: scalars of the stacked base regressor, with exact gradients.
 
-Here: log cond(Y_b) of eq. (13), the D criterion -log det(Y_bᵀ Y_b) and the A criterion log trace((Y_bᵀ Y_b)⁻¹), each
-with ∂/∂Y_b in closed form; the chain rule down to the coefficients of eq. (12). Not here: bounds (`constraints`) and
-the search (`design`). Called by `design`, by its tests, and by whoever wants the figures of a trajectory.
+Here: log cond(Y_b) of eq. (13), the D criterion -log det(Y_bᵀ Y_b), the A criterion log trace((Y_bᵀ Y_b)⁻¹) and
+weighted mixes of them, each with ∂/∂Y_b in closed form; the chain rule down to the coefficients of eq. (12). Not here:
+bounds (`constraints`) and the search (`design`). Called by `design`, by its tests, and by whoever wants the figures of
+a trajectory.
 """
 
 from __future__ import annotations
@@ -64,7 +65,51 @@ CRITERIA: dict[str, Criterion] = {
     "d": negative_log_determinant,
     "a": log_trace_of_inverse,
 }
-"""The objectives by the names of `design --objective`."""
+"""The single objectives by the names of `design --objective`."""
+
+
+def mixture_weights(text: str) -> dict[str, float]:
+    """The weights of an objective's text: "cond", or a mix such as "cond:1,d:2" ("cond,d" weighs all alike).
+
+    Raises DesignError for a name that is none of `CRITERIA`, a weight that is not positive, or a name given twice.
+    """
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, weight = part.strip().partition(":")
+        try:
+            value = float(weight) if weight else 1.0
+        except ValueError:
+            value = np.nan
+        if name not in CRITERIA or name in weights or not (np.isfinite(value) and value > 0.0):
+            raise DesignError(
+                f"Unknown objective '{text}'; known are {', '.join(CRITERIA)} and mixes such as 'cond:1,d:2'."
+            )
+        weights[name] = value
+    return weights
+
+
+def criterion_of(text: str) -> Criterion:
+    """The criterion of an objective's text, see `mixture_weights`.
+
+    A mix adds its terms as logarithms that can be compared, each larger by 0.1 when 10 % worse: log cond, the mean of
+    log σ over the p parameters (-log det / 2p), and the logarithm of the root mean square of σ (½ log(trace / p)).
+    """
+    weights = mixture_weights(text)
+    if len(weights) == 1:
+        return CRITERIA[next(iter(weights))]
+
+    def mix(gram: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = 0.0, np.zeros_like(gram)
+        for name, weight in weights.items():
+            term, slope = CRITERIA[name](gram)
+            if not np.isfinite(term):
+                return np.inf, np.zeros_like(gram)
+            scale = weight * {"cond": 1.0, "d": 0.5 / len(gram), "a": 0.5}[name]
+            value += scale * (term - np.log(len(gram)) if name == "a" else term)
+            gradient += scale * slope
+        return value, gradient
+
+    return mix
 
 
 class BaseMatrix:
@@ -136,10 +181,8 @@ class FourierObjective:
         samples: int,
         sign_width_rad_s: float = SIGN_WIDTH_RAD_S,
     ) -> None:
-        if criterion not in CRITERIA:
-            raise DesignError(f"unknown objective '{criterion}'; known are {', '.join(CRITERIA)}")
         self._base = base
-        self._criterion = CRITERIA[criterion]
+        self._criterion = criterion_of(criterion)
         self._sign_width = sign_width_rad_s
         times = np.arange(samples) / (samples * fundamental_frequency_hz)
         self._basis = fourier_basis(times, fundamental_frequency_hz, harmonics)
@@ -156,7 +199,9 @@ class FourierObjective:
 
 
 def achieved_figures(base: BaseRegressor, trajectory: Trajectory, rate_hz: float = 100.0) -> dict[str, float]:
-    """What a trajectory achieves at the paper's 100 Hz with the true sign(): cond, log_det, trace_inverse, samples.
+    """What a trajectory achieves at the paper's 100 Hz with the true sign().
+
+    Keys: cond, log_det, trace_inverse, samples, parameters (p).
 
     cond is the ratio of the singular values of the (n S) × p matrix itself, not of its square; all by the regressor
     that fits use, not by the one the search differentiates.
@@ -165,10 +210,14 @@ def achieved_figures(base: BaseRegressor, trajectory: Trajectory, rate_hz: float
     stacked, _ = base.stacked(*trajectory.evaluate(np.arange(samples) * (trajectory.period_s / samples)))
     singular = np.linalg.svd(stacked, compute_uv=False)
     if singular[-1] <= 0.0:
-        return {"cond": float("inf"), "log_det": float("-inf"), "trace_inverse": float("inf"), "samples": samples}
+        return {
+            "cond": float("inf"), "log_det": float("-inf"), "trace_inverse": float("inf"),
+            "samples": samples, "parameters": base.size,
+        }  # fmt: skip
     return {
         "cond": float(singular[0] / singular[-1]),
         "log_det": float(2.0 * np.sum(np.log(singular))),
         "trace_inverse": float(np.sum(singular**-2.0)),
         "samples": samples,
+        "parameters": base.size,
     }

@@ -8,8 +8,16 @@ import pinocchio
 import pytest
 
 from identification.base_parameters import BaseRegressor
+from identification.errors import DesignError
 from identification.excitation.fourier import FourierTrajectory, fourier_basis
-from identification.excitation.objective import CRITERIA, BaseMatrix, FourierObjective, achieved_figures
+from identification.excitation.objective import (
+    CRITERIA,
+    BaseMatrix,
+    FourierObjective,
+    achieved_figures,
+    criterion_of,
+    mixture_weights,
+)
 from identification.excitation.regressor_adjoint import ChainRegressor
 from identification.robots import Kinematics, load_robot
 
@@ -76,7 +84,7 @@ def test_gradient_of_any_weighting_equals_finite_differences() -> None:
             np.testing.assert_allclose(exact[kind][:, joint], difference, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("criterion", sorted(CRITERIA))
+@pytest.mark.parametrize("criterion", [*sorted(CRITERIA), "cond:1,d:2", "cond,d:0.5,a"])
 def test_gradient_in_the_coefficients_equals_finite_differences(criterion: str) -> None:
     base = BaseMatrix(load_robot("iiwa14"))
     objective = FourierObjective(base, criterion, 0.1, 5, 60)
@@ -112,6 +120,23 @@ def test_criteria_are_what_their_names_say() -> None:
     assert np.exp(CRITERIA["cond"](gram)[0]) == pytest.approx(np.linalg.cond(matrix), rel=1e-9)
     assert CRITERIA["d"](gram)[0] == pytest.approx(-np.linalg.slogdet(gram)[1], rel=1e-12)
     assert np.exp(CRITERIA["a"](gram)[0]) == pytest.approx(np.trace(np.linalg.inv(gram)), rel=1e-9)
+
+
+def test_a_mix_adds_log_cond_the_mean_log_deviation_and_the_log_root_mean_square_deviation() -> None:
+    matrix = np.random.default_rng(8).normal(size=(40, 6)) * np.array([1.0, 2.0, 3.0, 0.5, 5.0, 0.1])
+    covariance = np.linalg.inv(matrix.T @ matrix)
+    expected = (
+        2.0 * np.log(np.linalg.cond(matrix))
+        + 0.5 * (0.5 * np.linalg.slogdet(covariance)[1] / 6)
+        + 3.0 * np.log(np.sqrt(np.trace(covariance) / 6))
+    )
+    assert criterion_of("cond:2,d:0.5,a:3")(matrix.T @ matrix)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("text", ["", "beauty", "cond:0", "cond:-1", "cond:x", "cond,cond", "cond:nan"])
+def test_an_objective_nobody_can_mean_is_refused(text: str) -> None:
+    with pytest.raises(DesignError, match="mixes such as"):
+        mixture_weights(text)
 
 
 @pytest.mark.parametrize("criterion", sorted(CRITERIA))
