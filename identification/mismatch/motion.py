@@ -15,7 +15,7 @@ from identification.robots import RobotModel
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Motion:
     """One stretch on a uniform time grid: the mean period of a periodic recording, or one gap-free stretch.
 
