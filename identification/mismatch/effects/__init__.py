@@ -1,1 +1,60 @@
 """The library of effects: one file per physical effect, and the list of all of them."""
+
+from __future__ import annotations
+
+from identification.mismatch.effects.asymmetric_viscous_friction import AsymmetricViscousFriction
+from identification.mismatch.effects.base import (
+    Columns,
+    Effect,
+    Estimate,
+    Parameter,
+    Place,
+    ShapeParameter,
+)
+from identification.mismatch.effects.cable_spring import CableSpring
+from identification.mismatch.effects.joint_crosstalk import JointCrosstalk
+from identification.mismatch.effects.load_dependent_friction import LoadDependentFriction
+from identification.mismatch.effects.nonlinear_viscous_friction import NonlinearViscousFriction
+from identification.mismatch.effects.position_dependent_friction import PositionDependentFriction
+from identification.mismatch.effects.position_dependent_torque import PositionDependentTorque
+from identification.mismatch.effects.rotor_inertia import RotorInertia
+from identification.mismatch.effects.stribeck_friction import StribeckFriction
+from identification.mismatch.effects.torque_offset import TorqueOffset
+from identification.mismatch.effects.torque_ripple import TorqueRipple
+from identification.mismatch.effects.torque_sensor_gain import TorqueSensorGain
+
+EFFECTS: tuple[Effect, ...] = (
+    TorqueOffset(),
+    StribeckFriction(),
+    TorqueSensorGain(),
+    JointCrosstalk(),
+    AsymmetricViscousFriction(),
+    NonlinearViscousFriction(),
+    LoadDependentFriction(),
+    PositionDependentFriction(),
+    PositionDependentTorque(),
+    CableSpring(),
+    TorqueRipple(),
+    RotorInertia(),
+)
+"""Every effect of the library, simplest first: of two that explain alike, the earlier one is reported."""
+
+
+def effect_named(name: str) -> Effect:
+    """The effect of that name (contract §7). Raises KeyError with the known names."""
+    for effect in EFFECTS:
+        if effect.name == name:
+            return effect
+    raise KeyError(f"no effect is named {name}; known are {', '.join(effect.name for effect in EFFECTS)}")
+
+
+__all__ = [
+    "EFFECTS",
+    "Columns",
+    "Effect",
+    "Estimate",
+    "Parameter",
+    "Place",
+    "ShapeParameter",
+    "effect_named",
+]

@@ -1,0 +1,46 @@
+"""Viscous friction that differs between the two directions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class AsymmetricViscousFriction(OwnJointEffect):
+    """b |q̇|: with viscous coefficients F₊ and F₋ of the two directions, b = ½(F₊ − F₋). Even in the velocity."""
+
+    name = "asymmetric_viscous_friction"
+    code = "absv"
+    equation = "τ_j = b |q̇_j|"
+    source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994 (direction-dependent friction)"
+    units = ("Nm s/rad",)
+    plausible = "0.02 to 0.2 Nm s/rad"
+    look_alikes = ("torque_offset", "cable_spring")
+    separating_experiment = "Use a wider range of speeds in both directions; an offset does not grow with speed."
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """|q̇|."""
+        del shape
+        return np.abs(motion.velocity[:, joint, None])
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Half the difference of the two viscous coefficients."""
+        return (linear("half_difference", estimate, "Nm s/rad"),)
+
+    def sentence(self, estimate: Estimate) -> str:
+        """Which direction brakes more."""
+        (half,) = self.parameters(estimate)
+        direction = "positive" if half.value > 0.0 else "negative"
+        return (
+            f"{joint_name(estimate)} brakes more in the {direction} direction: its viscous coefficients of the two "
+            f"directions differ from their mean by {size_of(half)} (asymmetric viscous friction)."
+        )

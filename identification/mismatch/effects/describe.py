@@ -1,0 +1,69 @@
+"""Numbers and words that the effects' parameters and sentences share. Called by the files of the effects."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from identification.mismatch.effects.base import Estimate, Parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """a sin x + b cos x as A sin(x + φ): amplitude A ≥ 0, phase φ in rad, with first-order standard deviations."""
+
+    amplitude: float
+    amplitude_std: float
+    phase: float
+    phase_std: float
+
+
+def linear(name: str, estimate: Estimate, unit: str, *, index: int = 0, scale: float = 1.0) -> Parameter:
+    """A coefficient as a parameter; scale: what one unit of the coefficient is in `unit`."""
+    std = deviation(estimate, index)
+    return Parameter(name, scale * float(estimate.coefficients[index]), abs(scale) * std, unit)
+
+
+def shaped(name: str, estimate: Estimate, unit: str, *, scale: float = 1.0) -> Parameter:
+    """A nonlinear parameter by its own name; its standard deviation is nan where the search gives none."""
+    return Parameter(
+        name, scale * float(estimate.shape[name]), scale * float(estimate.shape_std.get(name, math.nan)), unit
+    )
+
+
+def deviation(estimate: Estimate, index: int) -> float:
+    """Standard deviation of one coefficient."""
+    return math.sqrt(max(0.0, float(estimate.covariance[index, index])))
+
+
+def harmonic(estimate: Estimate, sine: int = 0, cosine: int = 1) -> Harmonic:
+    """Amplitude and phase of the coefficients of a sine and a cosine; a coefficient that is missing counts as zero."""
+    a = float(estimate.coefficients[sine])
+    b = float(estimate.coefficients[cosine])
+    amplitude = math.hypot(a, b)
+    if amplitude == 0.0:
+        return Harmonic(0.0, deviation(estimate, sine), 0.0, math.nan)
+    along = (a / amplitude, b / amplitude)
+    across = (-b / amplitude, a / amplitude)
+    block = ((sine, along[0], across[0]), (cosine, along[1], across[1]))
+    variance = sum(p[1] * r[1] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
+    turned = sum(p[2] * r[2] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
+    return Harmonic(amplitude, math.sqrt(max(0.0, variance)), math.atan2(b, a), math.sqrt(max(0.0, turned)) / amplitude)
+
+
+def size(value: float, std: float, unit: str) -> str:
+    """'0.31 ± 0.02 Nm', with the half width of the 95 % interval; without it where std is not known."""
+    text = f"{value:.3g}"
+    if math.isfinite(std) and std > 0.0:
+        text += f" ± {1.96 * std:.1g}"
+    return f"{text} {unit}".rstrip()
+
+
+def size_of(parameter: Parameter) -> str:
+    """`size` of a parameter."""
+    return size(parameter.value, parameter.std, parameter.unit)
+
+
+def joint_name(estimate: Estimate) -> str:
+    """'Joint 3' or 'Every joint'."""
+    return "Every joint" if estimate.place.joint is None else f"Joint {estimate.place.joint}"

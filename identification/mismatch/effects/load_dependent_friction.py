@@ -1,0 +1,45 @@
+"""Friction that grows with the torque the joint carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect, friction_sign
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class LoadDependentFriction(OwnJointEffect):
+    """c |τ̂_j| sign(q̇_j): tooth and bearing friction in proportion to the load."""
+
+    name = "load_dependent_friction"
+    code = "loadf"
+    equation = "τ_j = c |τ̂_j| sign(q̇_j)"
+    source = "Hamon, Gautier, Garrec, Janot, AIM 2010 (hal-00583169)"
+    units = ("1",)
+    plausible = "0.2 to 3 % of the load"
+    look_alikes = ("position_dependent_friction", "stribeck_friction", "presliding_hysteresis")
+    separating_experiment = "Drive the same path with and without a known payload: only this friction grows with it."
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Load times direction."""
+        del shape
+        return (np.abs(motion.torque[:, joint]) * friction_sign(motion, joint))[:, None]
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Friction per load in per cent."""
+        return (linear("friction_per_load", estimate, "%", scale=100.0),)
+
+    def sentence(self, estimate: Estimate) -> str:
+        """Friction as a share of load."""
+        (share,) = self.parameters(estimate)
+        return (
+            f"{joint_name(estimate)}'s friction changes with the torque it carries, by {size_of(share)} of the load "
+            "(load-dependent friction)."
+        )

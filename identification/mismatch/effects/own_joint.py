@@ -1,0 +1,55 @@
+"""What effects on one joint's own torque share: a place per joint, columns in that joint's row alone.
+
+Called by the files of those effects. Units throughout the library are those of a revolute joint; for a prismatic joint
+read N for Nm and m for rad.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Columns, Effect, Place
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class OwnJointEffect(Effect):
+    """An effect that adds torque to the joint it sits on, and to no other.
+
+    revolute_only: whether the law needs an angle.
+    """
+
+    revolute_only: ClassVar[bool] = False
+
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """One place per joint (per revolute joint where the law needs an angle)."""
+        revolute = motion.robot.kinematics.revolute
+        return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint] or not self.revolute_only)
+
+    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
+        """The joint's own row; None where the effect exerts no torque during this motion."""
+        joint = joint_index(place)
+        values = self.own_torque(motion, joint, shape)
+        return Columns((joint,), values[:, None, :]) if values.any() else None
+
+    @abstractmethod
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Torque per unit of each coefficient, (S, m) Nm. joint: counted from 0."""
+
+
+def joint_index(place: Place) -> int:
+    """The joint of a place, counted from 0. Raises ValueError for a place without one."""
+    if place.joint is None:
+        raise ValueError("this effect sits on one joint, and the place names none")
+    return place.joint - 1
+
+
+def friction_sign(motion: Motion, joint: int) -> FloatArray:
+    """sign(q̇) as the nominal Coulomb column has it: 0 at rest. (S,)."""
+    return np.sign(motion.velocity[:, joint])

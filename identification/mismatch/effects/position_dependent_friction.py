@@ -1,0 +1,55 @@
+"""Friction that changes over the turn of the joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.describe import harmonic, joint_name, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect, friction_sign
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class PositionDependentFriction(OwnJointEffect):
+    """(a sin q + b cos q) sign(q̇): a bearing or seal that is tighter on one side."""
+
+    name = "position_dependent_friction"
+    code = "posf"
+    equation = "τ_j = (a sin q_j + b cos q_j) sign(q̇_j)"
+    source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994 (position-dependent friction)"
+    units = ("Nm", "Nm")
+    plausible = "10 to 50 % of the Coulomb friction, 0.01 to 0.2 Nm"
+    look_alikes = ("load_dependent_friction",)
+    separating_experiment = (
+        "Repeat the path with another load, or with the base axis turned: friction that follows the angle stays where "
+        "it was."
+    )
+    revolute_only = True
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Sine and cosine of the angle, each times the direction."""
+        del shape
+        angle = motion.position[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)]) * friction_sign(motion, joint)[:, None]
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Amplitude, and the angle at which friction is highest."""
+        wave = harmonic(estimate)
+        return (
+            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
+            Parameter("angle_of_maximum", math.pi / 2.0 - wave.phase, wave.phase_std, "rad"),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """By how much, and where it is tightest."""
+        amplitude, angle = self.parameters(estimate)
+        return (
+            f"{joint_name(estimate)}'s friction changes over its turn by ± {size_of(amplitude)}, highest at "
+            f"{math.degrees(angle.value):.0f}° (position-dependent friction)."
+        )

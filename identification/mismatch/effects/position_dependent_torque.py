@@ -1,0 +1,59 @@
+"""A torque that repeats a few times per turn: eccentricity, magnetic pull, a dress pack."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class PositionDependentTorque(OwnJointEffect):
+    """a sin(N q) + b cos(N q) with a low order N, at any speed and in both directions alike.
+
+    Order 1 is left out: for an axis that is not vertical it is a shift of the link's centre of mass.
+    """
+
+    name = "position_dependent_torque"
+    code = "poslow"
+    equation = "τ_j = a sin(N q_j) + b cos(N q_j), N = 2 … 6"
+    source = "Chawda, Niemeyer, Toward Torque Control of a KUKA LBR IIWA, IROS 2017 (periodic deflection)"
+    units = ("Nm", "Nm")
+    plausible = "0.02 to 0.3 % of full scale, 0.02 to 0.5 Nm"
+    look_alikes = ("torque_offset", "cable_spring", "joint_crosstalk")
+    separating_experiment = "Let the joint turn through more than one period of the harmonic (beyond 360°/N)."
+    revolute_only = True
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The order N per turn."""
+        del motion, place
+        return (ShapeParameter("order", "per turn", (2.0, 3.0, 4.0, 5.0, 6.0), 2.0, 12.0, True, False),)
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Sine and cosine of N q."""
+        angle = shape["order"] * motion.position[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Amplitude, phase φ of A sin(N q + φ), order."""
+        wave = harmonic(estimate)
+        return (
+            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
+            Parameter("phase", wave.phase, wave.phase_std, "rad"),
+            shaped("order", estimate, "per turn"),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """How often per turn, how large."""
+        amplitude, _, order = self.parameters(estimate)
+        return (
+            f"{joint_name(estimate)} carries a torque that repeats {order.value:.0f} times per turn, amplitude "
+            f"{size_of(amplitude)}, at any speed (position-dependent torque)."
+        )

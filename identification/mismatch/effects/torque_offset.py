@@ -1,0 +1,52 @@
+"""A constant torque on one joint: sensor zero, or friction that differs between the directions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class TorqueOffset(OwnJointEffect):
+    """Constant torque b.
+
+    Coulomb friction F₊ forwards and F₋ backwards is ½(F₊ + F₋) sign(q̇) + ½(F₊ − F₋): asymmetric Coulomb friction is
+    this effect and no other, and so is the rest torque of a cable.
+    """
+
+    name = "torque_offset"
+    code = "offset"
+    equation = "τ_j = b"
+    source = "Swevers, Verdonck, De Schutter, IEEE Control Systems Magazine 27(5), 2007 (offset per joint torque)"
+    units = ("Nm",)
+    plausible = "0.05 to 2 Nm (0.1 to 1 % of the sensor's full scale)"
+    look_alikes = ("cable_spring", "asymmetric_viscous_friction", "position_dependent_torque")
+    separating_experiment = (
+        "Turn the joint in one direction only, then in the other: a sensor offset stays, asymmetric friction changes "
+        "sides."
+    )
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Ones."""
+        del joint, shape
+        return np.ones((motion.samples, 1))
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """The offset."""
+        return (linear("offset", estimate, "Nm"),)
+
+    def sentence(self, estimate: Estimate) -> str:
+        """Size, and that the cause has two readings."""
+        (offset,) = self.parameters(estimate)
+        return (
+            f"{joint_name(estimate)} carries a constant torque of {size_of(offset)}: the zero of its torque sensor is "
+            "off, or its friction differs between the two directions (this motion cannot tell which)."
+        )

@@ -1,0 +1,73 @@
+"""Torque that repeats with every turn of the motor: gear error and ripple of the wave generator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect, joint_index
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+# Ratios of harmonic drives in arms and their doubles (the wave generator has two lobes); the iiwa's is about 160.
+USUAL_ORDERS = (50.0, 80.0, 100.0, 120.0, 160.0, 200.0, 240.0, 320.0)
+# Around the iiwa's two orders the grid covers this many orders to either side: a ratio is rarely a round number.
+NEIGHBOURHOOD = 1.6
+
+
+class TorqueRipple(OwnJointEffect):
+    """a sin(N q) + b cos(N q) with N near the gear ratio or twice it: a chirp up to N q̇/2π, 25 to 50 Hz on an iiwa.
+
+    Nothing else looks like it, and nothing of it is absorbed; but it needs torque lines up to 60 Hz.
+    """
+
+    name = "torque_ripple"
+    code = "ripple"
+    equation = "τ_j = a sin(N q_j) + b cos(N q_j), N near 160 or 320"
+    source = "Taghirad, Bélanger, harmonic drives, 1998; Godler et al.; Chawda, Niemeyer, IROS 2017"
+    units = ("Nm", "Nm")
+    plausible = "0.05 to 0.3 % of full scale, 0.02 to 0.5 Nm"
+    look_alikes = ()
+    separating_experiment = "None needed; record torque with at least 60 Hz of bandwidth."
+    revolute_only = True
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The order N per turn of the joint.
+
+        Two orders decorrelate when they differ by 2π over the joint's range; the grid is twice as fine as that.
+        """
+        travel = max(float(np.ptp(motion.position[:, joint_index(place)])), 1e-3)
+        step = math.pi / travel
+        steps = min(int(NEIGHBOURHOOD / step), 4)
+        near = {
+            centre + k * NEIGHBOURHOOD / max(steps, 1) for centre in (160.0, 320.0) for k in range(-steps, steps + 1)
+        }
+        return (ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), 20.0, 500.0),)
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """Sine and cosine of N q."""
+        angle = shape["order"] * motion.position[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Amplitude, phase φ of A sin(N q + φ), order."""
+        wave = harmonic(estimate)
+        return (
+            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
+            Parameter("phase", wave.phase, wave.phase_std, "rad"),
+            shaped("order", estimate, "per turn"),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """How large, how often per turn."""
+        amplitude, _, order = self.parameters(estimate)
+        return (
+            f"{joint_name(estimate)} shows torque ripple of {size_of(amplitude)} that repeats {order.value:.1f} times "
+            "per turn of the joint, as the gear's teeth or the motor's poles do."
+        )
