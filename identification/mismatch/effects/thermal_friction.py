@@ -1,0 +1,85 @@
+"""Thermal friction: a cold joint rubs more, and the excess fades while the joint warms up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class ThermalFriction(EnvelopedEffect):
+    """Friction that fades with time: exp(−t/T) · (ΔFV · q̇ + ΔFS · sign(q̇)).
+
+    Parameters ΔFV in Nm s/rad and ΔFS in Nm, the excess at the start of the recording, each estimated by itself (the
+    two need not change in proportion); T in s, searched over [10, 1200]. Seen: own joint, changes over the periods with
+    the joint's velocity; the mean of the periods hides it wholly in FV and FS. Looks like: wear, redistribution of
+    grease (same course, but does not come back after a night). Source: Bittencourt, Wernholt, Sander-Tavallaey,
+    Brogårdh, IROS 2010; Simoni, Beschi, Legnani, Visioli.
+    """
+
+    name: ClassVar[str] = "thermal_friction"
+    code: ClassVar[str] = "tempf"
+    equation: ClassVar[str] = "exp(-t/T) (dFV dq + dFS sign(dq))"
+    source: ClassVar[str] = "Bittencourt et al., IROS 2010; Simoni et al. 2015"
+    units: ClassVar[tuple[str, ...]] = ("Nm s/rad", "Nm")
+    plausible: ClassVar[str] = "10 to 50 % of the warm friction, T 30 to 600 s"
+    look_alikes: ClassVar[tuple[str, ...]] = ("torque_sensor_drift",)
+    separating_experiment: ClassVar[str] = (
+        "Record for half an hour from a cold start, and again at once: only warm-up is absent the second time."
+    )
+
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """Every joint that moves."""
+        moving = np.ptp(motion.position, axis=0) > 1e-3
+        return tuple(Place(joint=int(joint) + 1) for joint in np.flatnonzero(moving))
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The time constant."""
+        del motion, place
+        return (ShapeParameter("time_constant_s", "s", (30.0, 65.0, 140.0, 300.0, 600.0), 10.0, 1200.0),)
+
+    def repeated_columns(
+        self, motion: Motion, place: Place, shape: Mapping[str, float]
+    ) -> tuple[tuple[int, ...], FloatArray] | None:
+        """Velocity and its sign on one joint."""
+        del shape
+        assert place.joint is not None
+        velocity = motion.velocity[:, place.joint - 1]
+        if not np.any(velocity):
+            return None
+        return (place.joint - 1,), np.stack([velocity, np.sign(velocity)], axis=1)[:, None, :]
+
+    def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+        """exp(−t/T)."""
+        return np.asarray(np.exp(-record_time(motion) / shape["time_constant_s"]), dtype=np.float64)
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Excess of both frictions at the start, and the time constant."""
+        std = np.sqrt(np.diag(estimate.covariance))
+        return (
+            Parameter("viscous_excess", float(estimate.coefficients[0]), float(std[0]), "Nm s/rad"),
+            Parameter("coulomb_excess", float(estimate.coefficients[1]), float(std[1]), "Nm"),
+            Parameter(
+                "time_constant",
+                estimate.shape["time_constant_s"],
+                estimate.shape_std.get("time_constant_s", np.nan),
+                "s",
+            ),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """One sentence for the operator."""
+        viscous, coulomb = estimate.coefficients
+        return (
+            f"Joint {estimate.place.joint} warms up: at the start of the recording its friction differs by "
+            f"{coulomb:+.3g} Nm and {viscous:+.3g} Nm s/rad, fading with a time constant of "
+            f"{estimate.shape['time_constant_s']:.3g} s."
+        )
