@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.table import Table
 
@@ -15,7 +16,10 @@ from daemon.cli.output import JsonOption, data, message, show_table, wants_json_
 from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording, write_recording
 from identification.recordings.reader import robot_of
-from identification.robots import BUILT_IN_ROBOTS, load_robot
+from identification.robots import BUILT_IN_ROBOTS, RobotModel, load_robot
+
+if TYPE_CHECKING:
+    from identification.excitation import PredictedDeviations, Trajectory
 
 LogsArgument = Annotated[list[Path], typer.Argument(help="Recordings: .mcap, .npz or .csv.")]
 RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
@@ -74,7 +78,13 @@ def fit(
         str | None,
         typer.Option("--hold-out", help="first:0.6 = fit the first 60 %; blocks:0.5:3 = hold out each third 0.5 s."),
     ] = None,
-    weighting: Annotated[str, typer.Option("--weighting", help="auto, spectral, per_joint or none.")] = "auto",
+    estimator: Annotated[
+        str,
+        typer.Option("--estimator", help="auto, ols, weighted, maximum_likelihood, huber or instrumental."),
+    ] = "auto",
+    delay_correction: Annotated[
+        str, typer.Option("--delay-correction", help="Shift the torque by its delay: no, common or per_joint.")
+    ] = "no",
     rotor_inertia: Annotated[str, typer.Option("--rotor-inertia", help="auto, yes or no.")] = "auto",
     offset: Annotated[str, typer.Option("--offset", help="Constant torque per joint: auto, yes or no.")] = "auto",
     flip_torque: Annotated[bool, typer.Option("--flip-torque", help="Turn the sign of all torques first.")] = False,
@@ -91,7 +101,8 @@ def fit(
         pipeline=pipeline,  # type: ignore[arg-type]  # FitSettings refuses other texts with a sentence
         low_pass_hz=low_pass,
         split=hold_out,
-        weighting=weighting,  # type: ignore[arg-type]
+        estimator=estimator,  # type: ignore[arg-type]
+        delay_correction=delay_correction,  # type: ignore[arg-type]
         rotor_inertia=rotor_inertia,  # type: ignore[arg-type]
         offset=offset,  # type: ignore[arg-type]
         flip_torque=flip_torque,
@@ -192,6 +203,10 @@ def design(
     seed: Annotated[int, typer.Option("--seed")] = 0,
     budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,
     table: Annotated[bool, typer.Option("--table", help="Also write the 1 kHz table into the file.")] = False,
+    periods: Annotated[int, typer.Option("--periods", min=1, help="Periods of the run that σ is predicted for.")] = 16,
+    noise: Annotated[
+        str | None, typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,…")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Trajectory to write; default: excitation.json.")] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -226,9 +241,35 @@ def design(
     document = result.trajectory.to_json(table_rate_hz=1000.0 if table else None)
     target = out or Path("excitation.json")
     target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    predicted = _predicted(model, result.trajectory, noise, periods)
     if json_file is not None:
-        write_json(json_file, document)
+        rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
+        promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
+        write_json(json_file, {**document, "predicted_std": promised})
     if not wants_json_on_stdout(json_file):
         data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
-        for name, value in result.verified.items():
-            data(f"  {name}: {value}")
+        for key, value in result.verified.items():
+            data(f"  {key}: {value}")
+        if predicted is None:
+            data("No σ is predicted: state the torque noise of each joint with --noise.")
+            return
+        data(f"σ that {periods} periods will give, torque noise {', '.join(f'{x:g}' for x in predicted.noise_nm)} Nm:")
+        for name, std, unit in zip(predicted.names, predicted.std, predicted.units, strict=True):
+            data(f"  {name:<8} {std:.2g} {unit}")
+
+
+def _predicted(
+    model: RobotModel, trajectory: Trajectory, noise: str | None, periods: int
+) -> PredictedDeviations | None:
+    """σ before the motion; None where no noise is known for this robot. Raises DesignError for a noise that is none."""
+    from identification.base_parameters import BaseRegressor
+    from identification.errors import DesignError
+    from identification.excitation import predict_deviations
+
+    if noise is None and model.name not in BUILT_IN_ROBOTS:
+        return None
+    try:
+        values = None if noise is None else np.array([float(part) for part in noise.split(",")])
+    except ValueError as error:
+        raise DesignError(f"--noise '{noise}' is no list of numbers such as 0.17,0.17,0.12") from error
+    return predict_deviations(BaseRegressor(model), trajectory, noise_nm=values, periods=periods)

@@ -17,6 +17,7 @@ from identification.excitation.limits import ExcitationLimits, iiwa_limits, limi
 from identification.excitation.local_search import DesignSettings, Stage
 from identification.excitation.objective import CRITERIA, achieved_figures
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
+from identification.excitation.prediction import PredictedDeviations, predict_deviations
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
 from identification.excitation.trajectory_files import (
     TableTrajectory,
@@ -36,6 +37,7 @@ __all__ = [
     "ExcitationLimits",
     "FourierTrajectory",
     "PolynomialTrajectory",
+    "PredictedDeviations",
     "SineSeriesTrajectory",
     "Stage",
     "TableTrajectory",
@@ -46,6 +48,7 @@ __all__ = [
     "iiwa_limits",
     "limits_of_robot",
     "load_trajectory",
+    "predict_deviations",
     "reference_trajectory",
     "trajectory_from_json",
     "validation_trajectory",

@@ -52,8 +52,7 @@ def process_periodic(recording: Recording, settings: PeriodicSettings | None = N
     samples = average.position.shape[0]
     harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
     position, velocity, acceleration = differentiate_harmonics(average.position, average.period_s, harmonics)
-    wanted = max(FEWEST_LINES, int(settings.torque_bandwidth_hz * average.period_s))
-    lines = min(wanted, (samples - 1) // 2)
+    lines = torque_lines(samples, average.period_s, settings)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
     noise = None
@@ -85,6 +84,12 @@ def process_periodic(recording: Recording, settings: PeriodicSettings | None = N
             "notes": list(average.notes),
         },
     )
+
+
+def torque_lines(samples: int, period_s: float, settings: PeriodicSettings) -> int:
+    """Number B of spectral lines compared on both sides, for one period of so many samples."""
+    wanted = max(FEWEST_LINES, int(settings.torque_bandwidth_hz * period_s))
+    return min(wanted, (samples - 1) // 2)
 
 
 def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> int:

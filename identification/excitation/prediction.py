@@ -1,0 +1,80 @@
+"""How well a motion will determine the base parameters, before the robot moves.
+
+Here: the standard deviations that the periodic fit will report for a given torque noise, from the same rows it solves
+(spectral lines of the base regressor up to the torque bandwidth). Not here: objectives of the design (`objective`).
+Called by the command line (`design`) and by whoever plans an experiment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import DesignError
+from identification.excitation.fourier import Trajectory
+from identification.signals.periodic import PeriodicSettings, to_lines, torque_lines
+
+FloatArray = npt.NDArray[np.float64]
+
+DEFAULT_TORQUE_NOISE_NM = (0.17, 0.17, 0.12, 0.12, 0.08, 0.04, 0.03)
+"""Standard deviation of one torque sample at 1 kHz, Nm, joints 1 to 7: the order of what iiwa joint sensors show (the
+design notes' noise model). A recording of the robot at hand tells better; give its noise instead."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedDeviations:
+    """names, units: of the p base parameters. std: (p,) predicted σ. noise_nm: (n,) Nm per sample at rate_hz, assumed.
+
+    periods: number of periods averaged. torque_bandwidth_hz: band of the fit.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    std: FloatArray
+    noise_nm: FloatArray
+    periods: int
+    rate_hz: float
+    torque_bandwidth_hz: float
+
+
+def predict_deviations(
+    regressor: BaseRegressor,
+    trajectory: Trajectory,
+    *,
+    noise_nm: FloatArray | None = None,
+    periods: int = 16,
+    rate_hz: float = 1000.0,
+    settings: PeriodicSettings | None = None,
+) -> PredictedDeviations:
+    """Standard deviations of the weighted fit on `periods` periods of a trajectory with white torque noise.
+
+    They are the Cramér–Rao bound for this noise: σ² = diag((Σ_j Y_jᵀ Y_j / s_j²)⁻¹) / periods, rows Y_j the spectral
+    lines of joint j. noise_nm: (n,) Nm per sample at rate_hz; the iiwa's default for seven joints. Errors of the model
+    are not in it. Raises DesignError for a noise that does not fit the robot or a motion that leaves parameters
+    undetermined.
+    """
+    settings = settings if settings is not None else PeriodicSettings()
+    n = regressor.robot.n
+    if noise_nm is None and n != len(DEFAULT_TORQUE_NOISE_NM):
+        raise DesignError(f"State the torque noise of the {n} joints of {regressor.robot.name}, Nm per sample.")
+    noise = np.asarray(DEFAULT_TORQUE_NOISE_NM if noise_nm is None else noise_nm, dtype=np.float64)
+    if noise.shape != (n,) or not np.all(np.isfinite(noise) & (noise > 0.0)):
+        raise DesignError(f"The torque noise needs one positive number for each of the {n} joints, Nm.")
+    samples = round(trajectory.period_s * rate_hz)
+    matrix = regressor.matrix(*trajectory.evaluate(np.arange(samples) / rate_hz))
+    lines = torque_lines(samples, trajectory.period_s, settings)
+    information = np.zeros((regressor.size, regressor.size))
+    for joint in range(n):
+        rows = to_lines(matrix[:, joint], lines) / noise[joint]
+        information += rows.T @ rows
+    norms = np.sqrt(np.diag(information))
+    values, vectors = np.linalg.eigh(information / np.outer(norms, norms)) if np.all(norms > 0.0) else ([0.0], None)
+    if vectors is None or values[0] <= 1e-14 * values[-1]:
+        raise DesignError("The motion leaves base parameters undetermined; σ would be infinite.")
+    variance = np.sum(vectors**2 / values, axis=1) / norms**2 / periods
+    return PredictedDeviations(
+        regressor.names, regressor.units, np.sqrt(variance), noise, periods, rate_hz, settings.torque_bandwidth_hz
+    )
