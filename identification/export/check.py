@@ -1,0 +1,208 @@
+"""Simulator models read back by other programs and compared with the model they came from, in inverse dynamics.
+
+Pinocchio always; MuJoCo and Drake where installed. Here: reading back and comparing. Not here: writing. Called by
+`write` after every export. Truth is Pinocchio's inverse dynamics of the identified numbers, built without any file.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.errors import ExportCheckError
+from identification.export.parameters import ModelParameters
+from identification.export.xml_text import place
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""(q, q̇, q̈), each (n,) → torque (n,)."""
+
+TOLERANCE = 1e-9
+STATES = 20
+_SEED = 87
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """What one program makes of the file. covers: the terms compared. difference_nm: the largest, over all states."""
+
+    program: str
+    covers: str
+    difference_nm: float
+
+    def sentence(self) -> str:
+        """For the operator."""
+        return f"{self.program} reads it back: inverse dynamics ({self.covers}) within {self.difference_nm:.1e} Nm."
+
+
+def check_export(path: Path, form: str, robot: RobotModel, parameters: ModelParameters) -> tuple[Agreement, ...]:
+    """Read a written file back with every program that is there, at random states (seed fixed).
+
+    Raises ExportCheckError where a torque differs by more than 1e-9 of the largest torque, at least 1e-9 Nm.
+    """
+    readers = {
+        "urdf": (_pinocchio_urdf, _drake), "sdf": (_pinocchio_sdf, _drake), "mjcf": (_pinocchio_mjcf, _mujoco),
+    }[form]  # fmt: skip
+    model = parameters.pinocchio_model(robot)
+    generator = np.random.default_rng(_SEED)
+    states = [_state(robot, generator) for _ in range(STATES)]
+    agreements = []
+    for reader in readers:
+        read = reader(path, robot)
+        if read is None:
+            continue
+        program, terms, inverse_dynamics = read
+        model.armature = parameters.rotor_inertia if "rotor inertia" in terms else np.zeros(robot.n)
+        data = model.createData()
+        largest, difference = 0.0, 0.0
+        for q, dq, ddq in states:
+            expected = pinocchio.rnea(model, data, q, dq, ddq).copy()
+            if "viscous friction" in terms:
+                expected += parameters.physical.viscous * dq
+            if "Coulomb friction" in terms:
+                expected += parameters.physical.coulomb * np.sign(dq)
+            largest = max(largest, float(np.abs(expected).max()))
+            difference = max(difference, float(np.abs(inverse_dynamics(q, dq, ddq) - expected).max()))
+        covers = ", ".join(("rigid body", *terms))
+        if not difference <= TOLERANCE * max(1.0, largest):
+            raise ExportCheckError(
+                f"{path}: {program} reads other torques from it, by up to {difference:.2g} Nm ({covers}); "
+                "do not use it.",
+                file=path,
+                program=program,
+                difference_nm=difference,
+            )
+        agreements.append(Agreement(program, covers, difference))
+    return tuple(agreements)
+
+
+def _state(robot: RobotModel, generator: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A position within ±π (±1 m) and, for dry friction to be fully sliding, a velocity of at least 0.2."""
+    span = np.where(robot.kinematics.revolute, np.pi, 1.0)
+    lower, upper = np.fmax(robot.position_lower, -span), np.fmin(robot.position_upper, span)
+    dq = generator.uniform(0.2, 1.5, robot.n) * generator.choice([-1.0, 1.0], robot.n)
+    return generator.uniform(lower, upper), dq, generator.normal(size=robot.n)
+
+
+Read = tuple[str, tuple[str, ...], InverseDynamics]
+"""The program with its version, what it read beside the rigid body, and its inverse dynamics."""
+
+_ROTOR, _VISCOUS, _COULOMB = "rotor inertia", "viscous friction", "Coulomb friction"
+
+
+def _pinocchio_urdf(path: Path, robot: RobotModel) -> Read | None:
+    return _by_pinocchio(pinocchio.buildModelFromXML(path.read_text("utf-8")), robot, ())
+
+
+def _pinocchio_mjcf(path: Path, robot: RobotModel) -> Read | None:
+    return _by_pinocchio(pinocchio.buildModelFromMJCF(str(path)), robot, (_ROTOR,))
+
+
+def _by_pinocchio(model: pinocchio.Model, robot: RobotModel, terms: tuple[str, ...]) -> Read:
+    model.gravity.linear = robot.gravity
+    data, order = model.createData(), [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+
+    def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        by_file = np.zeros((3, robot.n))
+        by_file[:, order] = q, dq, ddq
+        # A continuous joint has two position numbers there: reach it from zero.
+        position = pinocchio.integrate(model, pinocchio.neutral(model), by_file[0])
+        return np.asarray(pinocchio.rnea(model, data, position, by_file[1], by_file[2])[order])
+
+    return f"Pinocchio {pinocchio.__version__}", terms, inverse_dynamics
+
+
+def _pinocchio_sdf(path: Path, robot: RobotModel) -> Read | None:
+    """Pinocchio's wheel cannot read SDF: the poses and inertias are read here, from the file alone."""
+    model_element = ElementTree.parse(path).getroot()[0]
+    links = {link.get("name"): link for link in model_element.findall("link")}
+    model, index = pinocchio.Model(), {"world": 0}
+    for joint in model_element.findall("joint"):
+        parent, child = str(joint.findtext("parent")), str(joint.findtext("child"))
+        if joint.get("type") == "fixed":
+            index[child] = index[parent]
+            continue
+        axis = np.array(str(joint.findtext("axis/xyz")).split(), dtype=np.float64)
+        kind = (
+            pinocchio.JointModelPrismaticUnaligned
+            if joint.get("type") == "prismatic"
+            else pinocchio.JointModelRevoluteUnaligned
+        )
+        index[child] = model.addJoint(index[parent], kind(axis), _sdf_pose(joint), str(joint.get("name")))
+        inertial = links[child].find("inertial")
+        if inertial is None:
+            raise ExportCheckError(f"{path}: link {child} has no inertia.", file=path, program="", difference_nm=np.inf)
+        xx, xy, xz, yy, yz, zz = (
+            float(str(inertial.findtext(f"inertia/{name}"))) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        pose = _sdf_pose(inertial)
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        body = pinocchio.Inertia(float(str(inertial.findtext("mass"))), np.zeros(3), tensor)
+        model.appendBodyToJoint(index[child], body, pose)
+    return _by_pinocchio(model, robot, ())
+
+
+def _sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
+    words = (element.findtext("pose") or "0 0 0 0 0 0").split()
+    return place(" ".join(words[:3]), " ".join(words[3:]))
+
+
+def _mujoco(path: Path, robot: RobotModel) -> Read | None:
+    if importlib.util.find_spec("mujoco") is None:
+        return None
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in robot.joint_names]
+    order = model.jnt_dofadr[joints]
+
+    def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        data.qpos[order], data.qvel[order], data.qacc[order] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        return np.asarray(data.qfrc_inverse[order])
+
+    return f"MuJoCo {mujoco.__version__}", (_ROTOR, _VISCOUS, _COULOMB), inverse_dynamics
+
+
+def _drake(path: Path, robot: RobotModel) -> Read | None:
+    """Drake's inverse dynamics has rotor inertia and damping; dry friction it does not know."""
+    if importlib.util.find_spec("pydrake") is None:
+        return None
+    from importlib.metadata import version
+
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import MultibodyForces_
+
+    # It warns of each joint that it leaves dry friction out; our note says so once.
+    logging.getLogger("drake").setLevel(logging.ERROR)
+    plant = MultibodyPlant(0.0)
+    (instance,) = Parser(plant).AddModels(path)
+    base = plant.get_body(plant.GetBodyIndices(instance)[0])
+    if path.suffix == ".urdf":
+        plant.WeldFrames(plant.world_frame(), base.body_frame())
+    plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    order = [plant.GetJointByName(name).velocity_start() for name in robot.joint_names]
+
+    def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        by_file = np.zeros((3, robot.n))
+        by_file[:, order] = q, dq, ddq
+        plant.SetPositions(context, by_file[0])
+        plant.SetVelocities(context, by_file[1])
+        forces = MultibodyForces_[float](plant)
+        plant.CalcForceElementsContribution(context, forces)
+        return np.asarray(plant.CalcInverseDynamics(context, by_file[2], forces)[order])
+
+    return f"Drake {version('drake')}", (_ROTOR, _VISCOUS), inverse_dynamics

@@ -1,0 +1,53 @@
+"""What a simulator model can hold of the effects that a diagnosis found, and what must stay beside it.
+
+Here: one table and one function. Not here: finding effects, or simulating them (`simulation` takes them as a torque).
+Called by `write`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from identification.model_file import Model
+
+IN_THE_PARAMETERS = {
+    "payload": "is part of the last link's mass and inertia",
+    "rotor_inertia": "is the joint's rotor inertia",
+}
+"""Effects that the exported numbers already hold, because the extended model was fitted with them."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectsNote:
+    """included: effects that stand in the simulator model; left_out: those it cannot hold, as in the findings.
+
+    sentences: one for each effect, for the file's head and the operator.
+    """
+
+    included: tuple[dict[str, Any], ...]
+    left_out: tuple[dict[str, Any], ...]
+    sentences: tuple[str, ...]
+
+
+def effects_note(model: Model) -> EffectsNote:
+    """Sort the model's effects into those the simulator model holds and those that go into a file beside it.
+
+    A constant torque offset per joint is in `drives`, and no format has a place for it: it is left out as an effect.
+    """
+    included, left_out, sentences = [], [], []
+    offsets = [
+        {"effect": "torque_offset", "joint": joint, "parameters": {"offset": {"value": float(value), "unit": "Nm"}}}
+        for joint, value in enumerate(model.offset, start=1)
+        if value != 0.0
+    ]
+    for effect in [*model.data.get("effects", []), *offsets]:
+        name = str(effect.get("effect"))
+        where = f" of joint {effect['joint']}" if effect.get("joint") else ""
+        if name in IN_THE_PARAMETERS:
+            included.append(effect)
+            sentences.append(f"{name}{where} {IN_THE_PARAMETERS[name]}.")
+        else:
+            left_out.append(effect)
+            sentences.append(f"{name}{where} has no place in a simulator model: apply it as a joint torque.")
+    return EffectsNote(tuple(included), tuple(left_out), tuple(sentences))

@@ -1,0 +1,92 @@
+"""URDF of an identified arm: the robot's own file with the identified numbers put in, or a new one for built-in arms.
+
+Names, meshes, limits and everything else of the file stay. Here: inertials, <dynamics>, Drake's rotor tags. Not here:
+which numbers (`parameters`) and the reading back (`check`). Called by `write`.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from identification.export.arm import attachments, joint_placement, origin
+from identification.export.parameters import ModelParameters
+from identification.export.xml_text import DRAKE, add, number, numbers, roll_pitch_yaw
+from identification.robots import RobotModel
+
+_SYMBOLS = ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz"))
+
+
+def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelParameters) -> ElementTree.Element:
+    """Put the identified numbers into a URDF tree (changed in place) and return it.
+
+    The parameters of link i are those of everything that joint i moves and no later joint does: links fixed to it lose
+    their own inertials. Joint origins are rewritten only where the file's right angles were rounded.
+    """
+    attached = attachments(urdf, robot)
+    physical = parameters.physical
+    for link in urdf.findall("link"):
+        body, _ = attached[link.get("name", "")]
+        if body < 0:
+            continue
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+    for joint in (item for item in urdf.findall("joint") if item.get("name") in robot.joint_names):
+        index = robot.joint_names.index(joint.get("name", ""))
+        _set_origin(joint, urdf, robot, index)
+        child = joint.find("child")
+        name = "" if child is None else child.get("link", "")
+        link = next(item for item in urdf.findall("link") if item.get("name") == name)
+        inertial = ElementTree.Element("inertial")
+        link.insert(0, inertial)
+        add(inertial, "origin", xyz=numbers(physical.center_of_mass[index]), rpy="0 0 0")
+        add(inertial, "mass", value=number(physical.mass[index]))
+        tensor = physical.inertia[index]
+        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in _SYMBOLS})
+        for stated in joint.findall("dynamics"):
+            joint.remove(stated)
+        add(joint, "dynamics", damping=number(physical.viscous[index]), friction=number(physical.coulomb[index]))
+        _set_drake_actuator(urdf, robot.joint_names[index], float(parameters.rotor_inertia[index]))
+    return urdf
+
+
+def _set_origin(joint: ElementTree.Element, urdf: ElementTree.Element, robot: RobotModel, index: int) -> None:
+    parent = joint.find("parent")
+    _, carrier = attachments(urdf, robot)["" if parent is None else parent.get("link", "")]
+    exact = carrier.inverse() * joint_placement(robot, urdf, index)
+    if np.abs(exact.homogeneous - origin(joint).homogeneous).max() < 1e-14:
+        return
+    for stated in joint.findall("origin"):
+        joint.remove(stated)
+    add(joint, "origin", xyz=numbers(exact.translation), rpy=numbers(roll_pitch_yaw(exact.rotation)))
+
+
+def _set_drake_actuator(urdf: ElementTree.Element, joint: str, rotor_inertia: float) -> None:
+    """Drake reads rotor inertias from a joint's actuator: inertia as seen at the joint, hence a gear ratio of 1."""
+    transmission = next(
+        (t for t in urdf.findall("transmission") for j in t.findall("joint") if j.get("name") == joint), None
+    )
+    if transmission is None:
+        if rotor_inertia == 0.0:
+            return
+        transmission = add(urdf, "transmission", name=f"{joint}_transmission")
+        add(transmission, "type", "transmission_interface/SimpleTransmission")
+        add(transmission, "joint", name=joint)
+    actuator = transmission.find("actuator")
+    if actuator is None:
+        actuator = add(transmission, "actuator", name=f"{joint}_motor")
+    for tag, value in (("gear_ratio", 1.0), ("rotor_inertia", rotor_inertia)):
+        for stated in actuator.findall(f"{{{DRAKE}}}{tag}"):
+            actuator.remove(stated)
+        add(actuator, f"{{{DRAKE}}}{tag}", value=number(value))
+
+
+def move_meshes(urdf: ElementTree.Element, source_folder: Path, target_folder: Path) -> None:
+    """Make relative mesh file names, which count from the file they stand in, count from the target folder."""
+    for mesh in urdf.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name and not os.path.isabs(name):
+            mesh.set("filename", os.path.relpath(source_folder / name, target_folder))

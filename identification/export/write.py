@@ -1,0 +1,139 @@
+"""The door of `export`: a model into a file for a simulator, checked by reading it back.
+
+Here: which skeleton, which numbers, the notes, the file beside it for effects. Not here: the formats' own rules
+(`urdf`, `sdf`, `mjcf`) and the comparison (`check`). Called by the command line.
+"""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import ModelFileError
+from identification.export.arm import arm_of
+from identification.export.check import Agreement, check_export
+from identification.export.effects import effects_note
+from identification.export.kinematic_urdf import arm_without_inertias
+from identification.export.mjcf import write_mjcf
+from identification.export.parameters import ModelParameters, parameters_of, refuse_inconsistent
+from identification.export.sdf import write_sdf
+from identification.export.urdf import move_meshes, write_urdf
+from identification.export.xml_text import document
+from identification.model_file import Model
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMATS = ("urdf", "sdf", "mjcf")
+
+_FRICTION_NOTES = {
+    "urdf": (
+        "<dynamics> holds viscous (damping) and Coulomb friction (friction). MuJoCo uses both. Drake uses damping and "
+        "ignores friction. Pinocchio stores both; its dynamics algorithms use neither.",
+    ),
+    "sdf": (
+        "<dynamics> holds viscous (damping) and Coulomb friction (friction). Gazebo hands both to its physics engine; "
+        "Drake uses damping and ignores friction.",
+        "Gazebo's world has 9.8 m/s² unless told otherwise: set <gravity>0 0 -9.81</gravity> in yours.",
+    ),
+    "mjcf": ("damping and frictionloss hold viscous and Coulomb friction; MuJoCo knows no velocity limits.",),
+}
+_ROTOR_NOTES = {
+    "urdf": "Rotor inertia stands in drake:rotor_inertia (Drake). Elsewhere URDF has no place for it: set armature "
+    "(Pinocchio, MuJoCo) to {values} kg m² yourself.",
+    "sdf": "Rotor inertia stands in drake:rotor_inertia (Drake); Gazebo has no place for it ({values} kg m²).",
+    "mjcf": "Rotor inertia stands in armature.",
+}
+_NO_ROTOR_NOTE = (
+    "No rotor inertia: the torque was measured behind the gear, where it cannot be seen. Stiff controllers need one to "
+    "be stable in simulation."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """path: the file written. agreements: what other programs read from it. notes: what the format cannot say.
+
+    effects_path: the file with effects that no simulator model holds, None if there are none.
+    """
+
+    path: Path
+    agreements: tuple[Agreement, ...]
+    notes: tuple[str, ...]
+    effects_path: Path | None
+
+
+def export_model(
+    model: Model,
+    path: str | Path,
+    form: str,
+    *,
+    parameter_set: str = "physical",
+    motor_inertia: FloatArray | None = None,
+) -> ExportResult:
+    """Write a model as "urdf", "sdf" or "mjcf" and read it back with every simulator that is installed.
+
+    parameter_set: "physical" or "consistent". motor_inertia: (n,) kg m² added to each joint's rotor inertia, for
+    simulators with stiff controllers; torques are then those of the motors, not those behind the gears. Raises
+    InconsistentParametersError (65) for links that no body can have, ModelFileError, RobotError, ExportCheckError.
+    """
+    if form not in FORMATS:
+        raise ModelFileError(f"There is no format '{form}'; known are {', '.join(FORMATS)}.")
+    path, robot = Path(path), model.load_robot()
+    parameters = parameters_of(model, parameter_set)
+    refuse_inconsistent(parameters.physical, file=model.path, advice=_advice(model, parameter_set))
+    notes = _notes(form, parameters)
+    if motor_inertia is not None:
+        parameters = replace(parameters, rotor_inertia=parameters.rotor_inertia + motor_inertia)
+        notes = (
+            *_notes(form, parameters),
+            "Part of the rotor inertia is a data-sheet prior, not identified: joint torques are those of the motors.",
+        )
+    effects = effects_note(model)
+    notes = (*notes, *effects.sentences)
+    skeleton = _skeleton(robot, path)
+    if form == "urdf":
+        root = write_urdf(skeleton, robot, parameters)
+    else:
+        writer = write_sdf if form == "sdf" else write_mjcf
+        root = writer(arm_of(skeleton, robot), skeleton, robot, parameters)
+    source = f"{robot.name}, identified; from {Path(model.path).name or 'a model'}, {parameter_set} parameters."
+    path.write_text(document(root, (source, *notes)), encoding="utf-8")
+    beside = None
+    if effects.left_out:
+        beside = path.with_name(path.name + ".effects.json")
+        content = {"format": "iiwa-ident/effects/1", "model": path.name, "effects": list(effects.left_out)}
+        beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return ExportResult(path, check_export(path, form, robot, parameters), notes, beside)
+
+
+def _skeleton(robot: RobotModel, target: Path) -> ElementTree.Element:
+    """The robot's own URDF where it came from one, its comments kept; else one made from its kinematics."""
+    if robot.modified_denavit_hartenberg is not None:
+        return arm_without_inertias(robot)
+    source = Path(robot.source)
+    builder = ElementTree.TreeBuilder(insert_comments=True)
+    root = ElementTree.fromstring(source.read_text("utf-8"), parser=ElementTree.XMLParser(target=builder))
+    move_meshes(root, source.resolve().parent, target.resolve().parent)
+    return root
+
+
+def _advice(model: Model, parameter_set: str) -> str:
+    if parameter_set == "consistent":
+        return ""
+    if model.data.get("consistent_parameters"):
+        return " Export the consistent set that the model also holds: --parameters consistent."
+    return " Fit the recording again: the model then holds a consistent set too, for --parameters consistent."
+
+
+def _notes(form: str, parameters: ModelParameters) -> tuple[str, ...]:
+    rotor = parameters.rotor_inertia
+    if not rotor.any():
+        return (*_FRICTION_NOTES[form], _NO_ROTOR_NOTE)
+    values = ", ".join(f"{value:.4g}" for value in rotor)
+    return (*_FRICTION_NOTES[form], _ROTOR_NOTES[form].format(values=values))

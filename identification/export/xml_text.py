@@ -1,0 +1,63 @@
+"""Numbers and elements of the XML that every exporter writes: no digit lost, no file opened.
+
+Called by the exporters.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+FloatArray = npt.NDArray[np.float64]
+
+DRAKE = "http://drake.mit.edu"
+"""Name space of the elements that only Drake reads."""
+
+ElementTree.register_namespace("drake", DRAKE)
+
+
+def add(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
+    """Append an element with attributes and, where given, a text."""
+    element = ElementTree.SubElement(parent, tag, attributes)
+    element.text = text
+    return element
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back as the same double; minus zero is written as zero."""
+    return repr(float(value) + 0.0)
+
+
+def numbers(values: Iterable[float] | FloatArray) -> str:
+    """Several numbers, separated by blanks."""
+    return " ".join(number(value) for value in values)
+
+
+def place(xyz: str | None, rpy: str | None) -> pinocchio.SE3:
+    """The pose that URDF's xyz (m) and rpy (rad, Rz Ry Rx) texts state; zeros where absent."""
+    translation, angles = (np.array([float(v) for v in (text or "0 0 0").split()]) for text in (xyz, rpy))
+    return pinocchio.SE3(pinocchio.rpy.rpyToMatrix(*angles), translation)
+
+
+def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
+    """(3,) angles of Rz(yaw) Ry(pitch) Rx(roll), rad, of a rotation matrix."""
+    return np.asarray(pinocchio.rpy.matrixToRpy(rotation), dtype=np.float64)
+
+
+def quaternion(rotation: FloatArray) -> FloatArray:
+    """(4,) quaternion w, x, y, z of a rotation matrix, as MuJoCo orders it."""
+    x, y, z, w = pinocchio.Quaternion(rotation).coeffs()
+    return np.array([w, x, y, z])
+
+
+def document(root: ElementTree.Element, notes: Iterable[str] = ()) -> str:
+    """The file's text, with the notes as comments at the top of the root element."""
+    for line in reversed(list(notes)):
+        # Two hyphens would end a comment.
+        root.insert(0, ElementTree.Comment(f" {line.replace('--', '- -')} "))
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
