@@ -21,11 +21,20 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
-from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
+from identification.estimators.feasibility import rules_for
+from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
-from identification.fitting.blocks import Block, build_block, observation, rms_over, whiten
+from identification.fitting.blocks import Block, build_block, rms_over
+from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.drives import choose_drive_parameters
-from identification.fitting.processing import Processed, process
+from identification.fitting.estimate import (
+    Estimate,
+    default_estimator,
+    estimate_parameters,
+    estimate_with_bounded_outliers,
+)
+from identification.fitting.instruments import estimate_with_instruments, instrument_pairs
+from identification.fitting.processing import Processed, process, process_stretches
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
@@ -67,7 +76,16 @@ def fit_recordings(
     report("regressor", 0.3)
     regressor, blocks, facts = _blocks_with_drives(processed, robot, settings)
     report("least squares", 0.5)
-    least_squares, equation_15, blocks = _least_squares(blocks, regressor, processed, settings)
+    estimator, estimate = _estimate(blocks, regressor, processed, settings)
+    delay = _delay(blocks, regressor, estimate, estimator)
+    if settings.delay_correction != "no":
+        shift = delay.of(settings.delay_correction)
+        processed = [
+            replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
+        ]
+        blocks = _build_blocks(processed, regressor, settings)
+        estimator, estimate = _estimate(blocks, regressor, processed, settings)
+    least_squares = estimate.least_squares
     sign = _torque_sign(regressor, least_squares, blocks)
     if settings.check_torque_sign:
         _refuse_wrong_sign(sign, processed)
@@ -76,9 +94,12 @@ def fit_recordings(
     consistent: SemidefiniteResult | None = None
     if settings.physical:
         report("physically consistent parameters (semidefinite program)", 0.6)
-        consistent = solve_semidefinite(least_squares.reduced, regressor)
+        rules = rules_for(robot).with_bounds(settings.bounds)
+        consistent = solve_semidefinite(least_squares.reduced, regressor, rules)
         report("feasible parameters (program 10)", 0.7)
-        constrained = solve_constrained(least_squares.reduced, regressor, starts=settings.starts, seed=settings.seed)
+        constrained = solve_constrained(
+            least_squares.reduced, regressor, rules, starts=settings.starts, seed=settings.seed
+        )
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
     sets = {"base": least_squares.values}
@@ -89,7 +110,9 @@ def fit_recordings(
         regressor=regressor,
         settings=settings,
         least_squares=least_squares,
-        equation_15_std=equation_15.std,
+        estimator=estimator,
+        equation_15_std=estimate.ordinary.std,
+        torque_delay=delay,
         constrained=constrained,
         consistent=consistent,
         rms=_rms_table(blocks, sets, noise_floor),
@@ -145,30 +168,36 @@ def _blocks_with_drives(
     return regressor, blocks, {"drive_choice_held_out_cost": decision.scores}
 
 
-def _least_squares(
+def _estimate(
     blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
-) -> tuple[LeastSquaresResult, LeastSquaresResult, list[Block]]:
-    """The estimate asked for, the paper's unweighted one for eq. (15), and the blocks with the weights used."""
-    plain = observation(blocks, regressor.names, weighted=False)
-    equation_15 = solve_least_squares(plain, weighting="none")
-    weighting = settings.weighting
-    pipelines = {item.pipeline for item in processed}
-    if weighting == "auto":
-        weighting = "none" if pipelines == {"paper"} else "spectral" if "periodic" in pipelines else "per_joint"
-    if weighting == "none":
-        return equation_15, equation_15, blocks
-    estimate = solve_least_squares(plain, weighting="per_joint")
-    if weighting == "spectral" and "periodic" in pipelines:
-        blocks = whiten(_scaled_per_joint(blocks, estimate.weights), estimate.values)
-        estimate = solve_least_squares(observation(blocks, regressor.names), weighting="per_joint")
-    # Of the rows as they were measured, not as they were weighted.
-    rms = rms_over([block.evaluation for block in blocks if block.fitted.any()], estimate.values)
-    return replace(estimate, rms_nm=rms, condition_number=equation_15.condition_number), equation_15, blocks
+) -> tuple[str, Estimate]:
+    """The estimator that the settings name, by name, and what it finds."""
+    estimator = settings.estimator
+    if estimator == "auto":
+        estimator = default_estimator({item.pipeline for item in processed})
+    if estimator == "huber":
+        return estimator, estimate_with_bounded_outliers(blocks, regressor)
+    if estimator == "instrumental":
+        if settings.split is not None:
+            raise EstimationError(
+                "The instrumental estimator fits whole recordings; hold out another recording instead"
+            )
+        pairs = [
+            pair
+            for item in processed
+            for pair in instrument_pairs(
+                item.recording, item.stretches, regressor, lambda half: process_stretches(half, settings)
+            )
+        ]
+        if len(pairs) != len(blocks):
+            raise EstimationError("A stretch without usable rows leaves the instruments without their counterpart")
+        return estimator, estimate_with_instruments(blocks, pairs, regressor.names)
+    return estimator, estimate_parameters(blocks, regressor.names, estimator)
 
 
-def _scaled_per_joint(blocks: list[Block], weights: FloatArray) -> list[Block]:
-    """Blocks in the units that whitening gives: rows over their expected deviation, here the joint's."""
-    return [replace(block, scale=block.scale * np.sqrt(weights)) for block in blocks]
+def _delay(blocks: list[Block], regressor: BaseRegressor, estimate: Estimate, estimator: str) -> TorqueDelay:
+    plain = estimator if estimator in ("ols", "weighted") else "maximum_likelihood"
+    return estimate_delay(blocks, estimate.least_squares.values, regressor, plain)
 
 
 def _torque_sign(regressor: BaseRegressor, estimate: LeastSquaresResult, blocks: list[Block]) -> TorqueSign:

@@ -21,6 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
+MISFIT_OVER_NOISE = 3.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
@@ -111,29 +113,45 @@ def observation(blocks: list[Block], names: tuple[str, ...], *, weighted: bool =
 
 
 def whiten(blocks: list[Block], values: FloatArray) -> list[Block]:
-    """Scale each spectral row by one over the noise expected there, from the residuals of a first fit.
+    """Scale each spectral row by one over the deviation expected there (`line_variances`), from a first fit's values.
 
-    The variance on a line is the noise between periods where that is known, or the residual's own power smoothed over
-    neighbouring lines where that is larger (then the model, not the noise, is the limit). Blocks whose rows are times
-    are returned as they are. values: (p,) base parameters of the first fit.
+    Blocks whose rows are times are returned as they are, with the scale they have.
     """
-    result = []
-    for block in blocks:
-        if block.signals.row_time is not None:
-            result.append(block)
-            continue
-        residual = block.torque - block.columns @ values
-        power = residual**2
-        lines = np.concatenate([power[:1], 0.5 * (power[1::2] + power[2::2])])
-        smooth = smooth_over_lines(lines) if lines.shape[0] > 1 else lines
-        # One residual says nothing about the variance of its own line: take the neighbourhood's.
-        smooth[0] = smooth[min(1, len(smooth) - 1)]
-        variance = np.concatenate([smooth[:1], np.repeat(smooth[1:], 2, axis=0)])
-        if block.signals.row_noise is not None:
-            variance = np.maximum(variance, block.signals.row_noise**2)
-        floor = 1e-18 * np.mean(block.torque**2, axis=0)
-        result.append(replace(block, scale=1.0 / np.sqrt(np.maximum(variance, np.maximum(floor, 1e-30)))))
-    return result
+    return [
+        block
+        if block.signals.row_time is not None
+        else replace(block, scale=1.0 / np.sqrt(line_variances(block, block.torque - block.columns @ values)))
+        for block in blocks
+    ]
+
+
+def line_variances(block: Block, residual: FloatArray) -> FloatArray:
+    """(R, n) Nm² variance expected on each spectral row, from the noise between periods and the residual (R, n).
+
+    Where the noise is known it is the answer, except on lines on which the residual's power, averaged over neighbouring
+    lines, is more than three times the noise (chance of that in noise alone: below 1 in 1000): there the model, not
+    the noise, is the limit, and the residual's power stands in. Without known noise it always does.
+    """
+    power = smooth_over_lines(to_line_power(residual))
+    # One residual says nothing about the variance of its own line: take the neighbourhood's.
+    power[0] = power[min(1, len(power) - 1)]
+    noise = block.signals.row_noise
+    if noise is not None:
+        known = to_line_power(noise)
+        power = np.where(power > MISFIT_OVER_NOISE * smooth_over_lines(known), np.maximum(power, known), known)
+    floor = np.maximum(1e-18 * np.mean(block.torque**2, axis=0), 1e-30)
+    return to_rows(np.maximum(power, floor))
+
+
+def to_line_power(rows: FloatArray) -> FloatArray:
+    """Mean square per line of orthonormal real Fourier rows: (2 L + 1, n) → (L + 1, n)."""
+    power = rows**2
+    return np.concatenate([power[:1], 0.5 * (power[1::2] + power[2::2])])
+
+
+def to_rows(lines: FloatArray) -> FloatArray:
+    """One value per line as one value per row, for the cosine and the sine alike: (L + 1, …) → (2 L + 1, …)."""
+    return np.concatenate([lines[:1], np.repeat(lines[1:], 2, axis=0)])
 
 
 def rms_over(parts: list[CompressedObservation], values: FloatArray | None) -> FloatArray:

@@ -81,10 +81,21 @@ def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> P
     ):
         periodic = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
         try:
-            signals = process_periodic(recording, periodic)
+            signals = process_periodic(recording, periodic, bound_outliers=settings.estimator == "huber")
             return Processed(recording, "periodic", (signals,), tuple(signals.facts["notes"]))
         except RecordingError as error:
             if settings.pipeline == "periodic" or error.field != "period_s":
                 raise
             notes = (f"{error}; used as not periodic",)
     return Processed(recording, "aperiodic", tuple(process_aperiodic(recording, aperiodic)), notes)
+
+
+def process_stretches(recording: Recording, settings: FitSettings) -> tuple[ProcessedSignals, ...]:
+    """Another measurement of a checked recording's motion through the pipeline of the settings, sign as it is."""
+    if settings.pipeline == "paper":
+        return (process_as_in_paper(recording),)
+    if settings.pipeline == "periodic" or (settings.pipeline == "auto" and recording.is_periodic):
+        return (
+            process_periodic(recording, PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)),
+        )
+    return tuple(process_aperiodic(recording, AperiodicSettings(low_pass_hz=settings.low_pass_hz)))

@@ -13,6 +13,7 @@ from identification.estimators.constrained import ConstrainedResult
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.physical import PhysicalParameters
 from identification.estimators.semidefinite import SemidefiniteResult
+from identification.fitting.delay import TorqueDelay
 from identification.fitting.rms import RmsTable, json_numbers
 from identification.fitting.settings import FitSettings
 from identification.fitting.torque_sign import TorqueSign
@@ -28,16 +29,17 @@ MODEL_FORMAT = "iiwa-ident/model/1"
 class FitResult:
     """The outcome of `fit_recordings`.
 
-    regressor: names, units and grouping of the p base parameters. least_squares: the estimate used (weighted as the
-    settings say); equation_15_std: (p,) the paper's standard deviations, of the unweighted fit on the same rows.
+    regressor: names, units and grouping of the p base parameters. estimator: the one used, never "auto".
+    least_squares: its values and their covariance on coloured noise (`fitting.covariance`); equation_15_std: (p,) the paper's standard deviations, of the unweighted fit on the same rows.
     constrained: program (10), consistent: the pseudo-inertia program; None if not asked for. rms: lines "fit, base",
     "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's evaluation, nan
-    where the recordings do not tell. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
+    where the recordings do not tell. torque_delay: of the torque against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
     """
 
     robot: RobotModel
     regressor: BaseRegressor
     settings: FitSettings
+    estimator: str
     least_squares: LeastSquaresResult
     equation_15_std: FloatArray
     constrained: ConstrainedResult | None
@@ -45,6 +47,7 @@ class FitResult:
     rms: RmsTable
     noise_floor_nm: FloatArray
     torque_sign: TorqueSign
+    torque_delay: TorqueDelay
     pipelines: tuple[str, ...]
     recordings: tuple[Recording, ...]
     notes: tuple[str, ...]
@@ -92,10 +95,12 @@ class FitResult:
             "certificate": self._certificate_json(),
             "provenance": {
                 **self.provenance,
+                "estimator": self.estimator,
                 "condition_number": least_squares.condition_number,
                 "joint_weights": json_numbers(least_squares.weights),
                 "pipelines": list(self.pipelines),
                 "torque_sign": self.torque_sign.to_json(),
+                "torque_delay": self.torque_delay.to_json(),
                 "notes": list(self.notes),
             },
         }

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.errors import EstimationError
+from identification.estimators.feasibility import FeasibilityRules
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 Pipeline = Literal["auto", "periodic", "paper", "aperiodic"]
-Weighting = Literal["auto", "spectral", "per_joint", "none"]
+Estimator = Literal["auto", "ols", "weighted", "maximum_likelihood", "huber", "instrumental"]
+DelayCorrection = Literal["no", "common", "per_joint"]
 Choice = Literal["auto", "yes", "no"]
 
 
@@ -71,12 +74,15 @@ class FitSettings:
     pipeline: "auto" takes the periodic one where a recording has periods and no split is asked for, else the aperiodic.
     low_pass_hz: cutoff of the aperiodic pipeline, None = 10 Hz or an eighth of the sampling rate.
     motion_bandwidth_hz, torque_bandwidth_hz: of the periodic pipeline.
-    split: text of a `Split`, None = fit all rows. weighting: "spectral" (per joint and frequency, periodic pipeline),
-    "per_joint", "none" (the paper's); "auto" = spectral where the pipeline is periodic, none where it is the paper's.
+    split: text of a `Split`, None = fit all rows. estimator: as listed in `fitting.estimate`; "auto" is
+    maximum_likelihood where the pipeline is periodic, ols where it is the paper's, weighted otherwise.
+    delay_correction: shift the torque by the delay estimated against the position, one for all joints or one each;
+    "no" only reports it.
     rotor_inertia, offset: whether each joint gets that parameter; "auto" = no for the built-in arms, whose torque
     sensors sit behind the gear, else as `fitting.drives` decides. flip_torque: turn the sign of all torques first.
     check_torque_sign: refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible
-    parameters. starts, seed: of the constrained program.
+    parameters. bounds: entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency: program
+    (10) also asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
     """
 
     pipeline: Pipeline = "auto"
@@ -84,21 +90,26 @@ class FitSettings:
     motion_bandwidth_hz: float = 20.0
     torque_bandwidth_hz: float = 10.0
     split: str | None = None
-    weighting: Weighting = "auto"
+    estimator: Estimator = "auto"
+    delay_correction: DelayCorrection = "no"
     rotor_inertia: Choice = "auto"
     offset: Choice = "auto"
     flip_torque: bool = False
     check_torque_sign: bool = True
     physical: bool = True
+    bounds: Mapping[str, Any] | None = None
+    full_consistency: bool = False
     starts: int = 16
     seed: int = 20240607
 
     def __post_init__(self) -> None:
         if self.split is not None:
             Split.parse(self.split)
+        FeasibilityRules().with_bounds(self.bounds)
         for name, allowed in (
             ("pipeline", ("auto", "periodic", "paper", "aperiodic")),
-            ("weighting", ("auto", "spectral", "per_joint", "none")),
+            ("estimator", get_args(Estimator)),
+            ("delay_correction", get_args(DelayCorrection)),
             ("rotor_inertia", ("auto", "yes", "no")),
             ("offset", ("auto", "yes", "no")),
         ):

@@ -9,11 +9,13 @@ nothing is padded. Called by the fit and the diagnosis.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.recordings.recording import Recording
+from identification.signals.outliers import FEWEST_PERIODS, bound_outliers_across_periods
 from identification.signals.periods import PeriodAverage, average_periods, period_table
 from identification.signals.processed import ProcessedSignals, unchanged
 
@@ -41,14 +43,21 @@ class PeriodicSettings:
     torque_bandwidth_hz: float = 10.0
 
 
-def process_periodic(recording: Recording, settings: PeriodicSettings | None = None) -> ProcessedSignals:
+def process_periodic(
+    recording: Recording, settings: PeriodicSettings | None = None, *, bound_outliers: bool = False
+) -> ProcessedSignals:
     """The mean period of a recording with exact derivatives, and the projection onto spectral lines.
 
     Rows of `project` are the orthonormal real Fourier coefficients: line 0, then cosine and sine of lines 1 … B; the
     squares of white noise are as large there as in time. Raises RecordingError as `period_table` does.
     """
     settings = settings if settings is not None else PeriodicSettings()
-    average = average_periods(period_table(recording))
+    table = period_table(recording)
+    bounded: dict[str, Any] = {}
+    if bound_outliers and len(table.periods) >= FEWEST_PERIODS:
+        table, beyond = bound_outliers_across_periods(table)
+        bounded = {"share_beyond_bound": beyond.round(5).tolist()}
+    average = average_periods(table)
     samples = average.position.shape[0]
     harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
     position, velocity, acceleration = differentiate_harmonics(average.position, average.period_s, harmonics)
@@ -82,7 +91,10 @@ def process_periodic(recording: Recording, settings: PeriodicSettings | None = N
             "motion_harmonics": harmonics,
             "torque_lines": lines,
             "notes": list(average.notes),
+            **bounded,
         },
+        noise_freedom=average.noise_freedom,
+        outliers_bounded=bool(bounded),
     )
 
 

@@ -56,6 +56,7 @@ class PeriodAverage:
     torque_spectrum, position_spectrum: (M // 2 + 1, n) variance of the noise of ONE period per spectral line, in the
     units of a white noise's variance (Nm², rad²), from successive differences; None for a single period.
     torque_noise_nm: (n,) standard deviation of one sample of one period, nan for a single period.
+    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period.
     """
 
     position: FloatArray
@@ -67,6 +68,7 @@ class PeriodAverage:
     torque_spectrum: FloatArray | None
     position_spectrum: FloatArray | None
     torque_noise_nm: FloatArray
+    noise_freedom: float = float("inf")
     notes: tuple[str, ...] = ()
 
     @property
@@ -162,6 +164,7 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
         torque_spectrum=_noise_spectrum(table.torque, present) if several else None,
         position_spectrum=_noise_spectrum(table.position, present) if several else None,
         torque_noise_nm=_noise_deviation(table.torque, present),
+        noise_freedom=_noise_freedom(present.shape[0]),
         notes=tuple(notes),
     )
 
@@ -246,6 +249,18 @@ def _noise_deviation(values: FloatArray, present: BoolArray) -> FloatArray:
     return np.asarray(np.sqrt((difference**2).sum(axis=(0, 1)) / (2.0 * max(1, int(both.sum())))), dtype=np.float64)
 
 
+def _noise_freedom(periods: int) -> float:
+    """Degrees of freedom of the variance that K − 1 successive differences of a line and its neighbours give.
+
+    Successive differences share a period, so d of them are worth 2 d²/(3 d − 1) independent ones; a line has two
+    parts, cosine and sine, and at least 2 · 3 + 1 lines are averaged.
+    """
+    differences = periods - 1
+    if differences < 1:
+        return float("inf")
+    return 2.0 * 7.0 * 2.0 * differences**2 / (3.0 * differences - 1.0)
+
+
 def _noise_spectrum(values: FloatArray, present: BoolArray) -> FloatArray:
     """E|T_{k+1} − T_k|² / 2 per line, scaled so that white noise of variance s² gives s² on every line.
 
@@ -262,9 +277,11 @@ def _noise_spectrum(values: FloatArray, present: BoolArray) -> FloatArray:
 
 
 def smooth_over_lines(power: FloatArray) -> FloatArray:
-    """Running mean over ± max(3, 10 %) lines along axis 0, line 0 left as it is. power: (lines ≥ 2, n)."""
+    """Running mean over ± max(3, 10 %) lines along axis 0, line 0 left as it is. power: (lines, …)."""
     lines = power.shape[0]
-    total = np.concatenate([np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)])
+    if lines < 2:
+        return power.copy()
+    total = np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(power, axis=0)])
     number = np.arange(1, lines)
     half = np.maximum(3, number // 10)
     low = np.maximum(1, number - half)

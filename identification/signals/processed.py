@@ -29,7 +29,9 @@ class ProcessedSignals:
     row_noise: (R, n) Nm, standard deviation of the projected torque's noise, None where it is unknown.
     evaluate: linear, along axis 0, for comparing model and measurement in Nm over time (S, …) → (E, …), with
     `evaluated` (E, n) the samples that count and `evaluation_time` (E,) s. noise_floor_nm: (n,) standard deviation of
-    the noise in `evaluate(torque)`, nan where unknown. pipeline: "periodic", "paper" or "aperiodic".
+    the noise in `evaluate(torque)`, nan where unknown. noise_freedom: degrees of freedom of the variance that row_noise
+    gives for a line, inf where it is unknown. outliers_bounded: whether outliers were bounded before the average.
+    pipeline: "periodic", "paper" or "aperiodic".
     """
 
     pipeline: str
@@ -47,6 +49,8 @@ class ProcessedSignals:
     evaluation_time: FloatArray
     noise_floor_nm: FloatArray
     facts: dict[str, Any] = field(default_factory=dict)
+    noise_freedom: float = float("inf")
+    outliers_bounded: bool = False
 
     @property
     def n(self) -> int:

@@ -85,7 +85,7 @@ def test_sigma_holds_on_coloured_noise(shared_folder: Path) -> None:
 def test_equation_15_understates_sigma_on_coloured_noise(shared_folder: Path) -> None:
     result = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False))
     truth = result.regressor.base_from_physical(table_three(shared_folder))
-    plain = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False, weighting="none"))
+    plain = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False, estimator="ols"))
     np.testing.assert_array_equal(plain.values, plain.least_squares.values)
     np.testing.assert_array_equal(plain.equation_15_std, result.equation_15_std)
     assert np.sqrt(np.mean(((plain.values - truth) / plain.equation_15_std) ** 2)) > 1.5

@@ -1,0 +1,136 @@
+"""Is the torque late against the position? One delay for all joints and one per joint, with σ, and the correction.
+
+A torque that is δ late obeys τ(t) = τ_model(t − δ) ≈ τ_model − δ · dτ_model/dt: one more column per delay, estimated
+together with the base parameters by the same estimator. Half a millisecond already moves parameters by a σ. Friction
+that the model does not know looks like a delay too, so it is reported by default and corrected only when asked for.
+Called by the fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from identification.base_parameters import BaseRegressor
+from identification.fitting.blocks import Block
+from identification.fitting.estimate import estimate_parameters
+from identification.fitting.rms import json_numbers
+from identification.signals.paper_chain import wrapped_central_difference
+from identification.signals.processed import ProcessedSignals
+
+FloatArray = npt.NDArray[np.float64]
+
+_MILLISECOND = 1e-3
+_SMALLEST_SHARE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueDelay:
+    """How much later the torque is than the position, s; negative: earlier.
+
+    common, common_std: one for all joints. per_joint, per_joint_std: (n,), nan for a joint without varying torque.
+    """
+
+    common: float
+    common_std: float
+    per_joint: FloatArray
+    per_joint_std: FloatArray
+
+    def of(self, correction: str) -> FloatArray:
+        """(n,) s to shift the torque by: "common", "per_joint" (zero where unknown) or "no"."""
+        if correction == "common":
+            return np.full(len(self.per_joint), self.common)
+        return np.nan_to_num(self.per_joint) if correction == "per_joint" else np.zeros(len(self.per_joint))
+
+    def to_json(self) -> dict[str, Any]:
+        """The delays as plain JSON types, seconds."""
+        return {
+            "common_s": self.common,
+            "common_std_s": self.common_std,
+            "per_joint_s": json_numbers(self.per_joint),
+            "per_joint_std_s": json_numbers(self.per_joint_std),
+        }
+
+    def sentence(self) -> str:
+        """What an operator should know."""
+        joints = ", ".join(
+            f"{1e3 * value:+.2f} ± {1e3 * std:.2f}"
+            for value, std in zip(self.per_joint, self.per_joint_std, strict=True)
+        )
+        return (
+            f"Torque later than position by {1e3 * self.common:+.2f} ± {1e3 * self.common_std:.2f} ms taken together, "
+            f"by joint {joints} ms (friction beyond the model looks like a delay too)."
+        )
+
+
+def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegressor, estimator: str) -> TorqueDelay:
+    """Delays of the recordings together. blocks: of the fit, unweighted. values: (p,) base parameters of the fit.
+
+    estimator: ols, weighted or maximum_likelihood. The model is linear in δ to (2π f δ)², 0.1 % for 5 ms at 1 Hz.
+    """
+    blocks = [block for block in blocks if block.fitted.any()]
+    rates = [block.signals.project(_torque_rate(block.signals, regressor, values)) for block in blocks]
+    joints = rates[0].shape[1]
+    size = np.array([sum(float((rate[:, j] ** 2).sum()) for rate in rates) for j in range(joints)])
+    moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
+    per_joint, per_joint_std = np.full(joints, np.nan), np.full(joints, np.nan)
+    if moving.size == 0:
+        return TorqueDelay(float("nan"), float("nan"), per_joint, per_joint_std)
+    identity = np.eye(joints)
+    delay, std = _solve(blocks, [rate[:, :, None] * identity[:, moving] for rate in rates], regressor, estimator)
+    per_joint[moving], per_joint_std[moving] = delay, std
+    (common,), (common_std,) = _solve(blocks, [rate[:, :, None] for rate in rates], regressor, estimator)
+    return TorqueDelay(float(common), float(common_std), per_joint, per_joint_std)
+
+
+def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
+    """The stretch with each joint's torque moved earlier by its delay (n,) s; a periodic one wraps."""
+    if signals.row_time is None:
+        spectrum = np.fft.rfft(signals.torque, axis=0)
+        cycles = np.fft.rfftfreq(len(signals.torque), _step(signals))[:, None]
+        moved = np.fft.irfft(spectrum * np.exp(2j * np.pi * cycles * delay), n=len(signals.torque), axis=0)
+        return replace(signals, torque=moved)
+    splines = CubicSpline(signals.time, signals.torque)
+    times = np.clip(signals.time[:, None] + delay, signals.time[0], signals.time[-1])
+    moved = np.column_stack([splines(times[:, joint])[:, joint] for joint in range(signals.n)])
+    return replace(signals, torque=moved)
+
+
+def _solve(
+    blocks: list[Block], columns: list[FloatArray], regressor: BaseRegressor, estimator: str
+) -> tuple[FloatArray, FloatArray]:
+    """Delays and their σ in s, one per column (R, n, k) added to the blocks."""
+    count = columns[0].shape[2]
+    names = (*regressor.names, *(f"DELAY_{number}" for number in range(count)))
+    augmented = [
+        replace(
+            block,
+            columns=np.concatenate([block.columns, -_MILLISECOND * column], axis=2),
+            evaluation=_without_rows(block, names),
+        )
+        for block, column in zip(blocks, columns, strict=True)
+    ]
+    result = estimate_parameters(augmented, names, estimator).least_squares
+    return _MILLISECOND * result.values[-count:], _MILLISECOND * result.std[-count:]
+
+
+def _without_rows(block: Block, names: tuple[str, ...]) -> Any:
+    """An evaluation of nothing: RMS values are not asked for here."""
+    zeros = np.zeros((block.torque.shape[1], 1, len(names) + 1))
+    return replace(block.evaluation, blocks=zeros, factored=True, counts=0 * block.evaluation.counts, names=names)
+
+
+def _torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
+    """(S, n) Nm/s, time derivative of the modelled torque."""
+    torque = regressor.matrix(signals.position, signals.velocity, signals.acceleration) @ values
+    if signals.pipeline == "aperiodic":
+        return np.asarray(np.gradient(torque, _step(signals), axis=0), dtype=np.float64)
+    return wrapped_central_difference(torque, _step(signals))
+
+
+def _step(signals: ProcessedSignals) -> float:
+    return float(signals.time[-1] - signals.time[0]) / (len(signals.time) - 1)
