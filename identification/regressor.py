@@ -5,15 +5,19 @@ chunks, and the diagonal columns of viscous and Coulomb friction, reflected roto
 grouping to base parameters (`base_parameters`). Pinocchio computes the same rigid-body columns one sample at a time;
 the tests hold the two together.
 
-How it works: every joint axis k upstream of link j is carried along the chain as the pair (z, u) in link j's frame,
-z its direction and u = z × p with p from the axis to the frame's origin (z = 0 and u the direction for a prismatic
-joint). The torque that a force f and a moment n at link j's origin cause at joint k is z·n + u·f, and the columns of
-link j are that product with the ten unit parameters.
+How it works: the unit twist (z, u) of every joint upstream of link j is carried along the chain to the origin of link
+j's frame: z the axis, u the velocity it gives the origin (z = 0 and u the direction for a prismatic joint). The torque
+that a moment n and a force f at that origin cause at joint k is z_k·n + u_k·f (the transposed Jacobian), and n and f of
+a unit parameter are linear in ω ωᵀ, α and a: a constant table of 6 × 15 numbers per parameter. Link velocity and
+spatial acceleration are twists too, so one map carries everything (Featherstone 2008, sections 2.8–2.11 and 5.3).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +29,9 @@ FloatArray = npt.NDArray[np.float64]
 INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""
 
-_CHUNK = 2000
-_Vector = tuple[FloatArray, FloatArray, FloatArray]
+# Long enough that numpy's calls cost little, short enough that a link's arrays stay in a core's cache.
+CHUNK = 2000
+_FIRST_WITHOUT_FORCE = 4
 _ALL_PARAMETERS = tuple(range(len(INERTIAL_SYMBOLS)))
 
 
@@ -50,20 +55,14 @@ def rigid_body_columns(
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Chosen columns of the rigid-body regressor, chunk by chunk: (slice of samples, array (columns, n, samples)).
 
-    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ). The array is reused by the next
-    chunk: copy what is to be kept.
+    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ), ascending. The array is reused by the
+    next chunk: copy what is to be kept.
     """
     samples = _check_states(robot.n, q, dq, ddq)
-    count = sum(len(parameters) for parameters in wanted)
-    buffer = np.zeros((count, robot.n, min(samples, _CHUNK)))
-    for start in range(0, samples, _CHUNK):
-        rows = slice(start, min(start + _CHUNK, samples))
-        out = buffer[:, :, : rows.stop - rows.start]
-        position, velocity, acceleration = (
-            np.ascontiguousarray(state[rows].T, dtype=np.float64) for state in (q, dq, ddq)
-        )
-        _fill_columns(robot.kinematics, robot.gravity, position, velocity, acceleration, wanted, out)
-        yield rows, out
+    chain = _Chain(robot, wanted, min(samples, CHUNK))
+    for start in range(0, samples, CHUNK):
+        rows = slice(start, min(start + CHUNK, samples))
+        yield rows, chain.columns(q[rows].T, dq[rows].T, ddq[rows].T)
 
 
 def viscous_columns(velocity: FloatArray) -> FloatArray:
@@ -115,209 +114,200 @@ def _check_states(n: int, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> int
     return len(q)
 
 
-def _fill_columns(
-    kinematics: Kinematics,
-    gravity: FloatArray,
-    q: FloatArray,
-    dq: FloatArray,
-    ddq: FloatArray,
-    wanted: Sequence[Sequence[int]],
-    out: FloatArray,
-) -> None:
-    """Write the wanted columns of every link into out (columns, n, samples); q, dq, ddq are (n, samples)."""
-    samples = q.shape[1]
-    zero = np.zeros(samples)
-    still: _Vector = (zero, zero, zero)
-    # A base accelerating upwards stands for gravity: linear accelerations below are "minus gravity".
-    base = (still, still, _constant(-gravity, zero), np.zeros((3, 0, samples)), np.zeros((3, 0, samples)))
-    states: list[tuple[_Vector, _Vector, _Vector, FloatArray, FloatArray]] = []
-    first = 0
-    for link in range(kinematics.n):
-        parent = int(kinematics.parent[link])
-        state = _transport(kinematics, link, states[parent] if parent >= 0 else base, q[link], dq[link], ddq[link])
-        states.append(state)
-        last = first + len(wanted[link])
-        upstream = kinematics.upstream(link)
-        if upstream == tuple(range(len(upstream))):
-            _link_columns(*state, wanted[link], out[first:last, : len(upstream)])
-        else:  # a branch of a tree: its upstream joints are not the first ones
-            columns = np.empty((last - first, len(upstream), samples))
-            _link_columns(*state, wanted[link], columns)
-            out[first:last, list(upstream)] = columns
-        first = last
+def _unit_wrenches() -> FloatArray:
+    """Moment n and force f about a link's origin for unit parameters of eq. (3), as (10, 6, 15) times [ω ωᵀ, α, a].
 
-
-def _transport(
-    kinematics: Kinematics,
-    link: int,
-    parent_state: tuple[_Vector, _Vector, _Vector, FloatArray, FloatArray],
-    q: FloatArray,
-    dq: FloatArray,
-    ddq: FloatArray,
-) -> tuple[_Vector, _Vector, _Vector, FloatArray, FloatArray]:
-    """Angular velocity, angular acceleration, acceleration of the origin and upstream axes, in the frame of `link`."""
-    omega, alpha, linear, directions, moments = parent_state
-    axis = kinematics.axis[link]
-    revolute = bool(kinematics.revolute[link])
-    placement = kinematics.rotation[link]
-    direction: _Vector = (directions[0], directions[1], directions[2])
-    moment: _Vector = (moments[0], moments[1], moments[2])
-
-    offset = kinematics.translation[link]
-    arm: tuple[FloatArray | float, ...] = tuple(offset)
-    if not revolute:
-        slide = placement @ axis
-        arm = tuple(offset[i] + slide[i] * q if slide[i] else float(offset[i]) for i in range(3))
-    if not revolute or np.any(offset):
-        linear = _add(linear, _add(_cross(alpha, arm), _cross(omega, _cross(omega, arm))))
-        moment = _add(moment, _cross(direction, arm))
-
-    turn = _JointTurn(axis, q) if revolute else None
-    omega, alpha, linear, direction, moment = (
-        _into_child(placement, turn, vector) for vector in (omega, alpha, linear, direction, moment)
-    )
-    if revolute:
-        spin = _scaled(axis, dq)
-        alpha = _add(_add(alpha, _cross(omega, spin)), _scaled(axis, ddq))
-        omega = _add(omega, spin)
-    else:
-        drift = _scaled(axis, 2.0 * dq)
-        linear = _add(_add(linear, _cross(omega, drift)), _scaled(axis, ddq))
-
-    count = directions.shape[1]
-    new_directions = np.zeros((3, count + 1, q.shape[0]))
-    new_moments = np.zeros((3, count + 1, q.shape[0]))
-    for i in range(3):
-        new_directions[i, :count] = direction[i]
-        new_moments[i, :count] = moment[i]
-        (new_directions if revolute else new_moments)[i, count] = axis[i]
-    return _arrays(omega, q), _arrays(alpha, q), _arrays(linear, q), new_directions, new_moments
-
-
-def _link_columns(
-    omega: _Vector,
-    alpha: _Vector,
-    linear: _Vector,
-    directions: FloatArray,
-    moments: FloatArray,
-    wanted: Sequence[int],
-    out: FloatArray,
-) -> None:
-    """z·n + u·f for unit values of the wanted parameters of one link; out is (wanted, upstream joints, samples).
-
-    f = m a + (α̂ + ω̂ω̂) h and n = I α + ω × I ω + h × a, with m, h = (MX, MY, MZ) and I of eq. (4).
+    f = m a + α × h + ω × (ω × h) and n = I α + ω × I ω + h × a, with h = (MX, MY, MZ) and I of eq. (4) about the
+    origin; a is the origin's acceleration. The 15 numbers are the nine products ω_i ω_j row by row, α and a.
     """
-    zx, zy, zz = directions
-    ux, uy, uz = moments
-    ox, oy, oz = omega
-    ax, ay, az = alpha
-    lx, ly, lz = linear
-    chosen = set(wanted)
-    if chosen & {1, 2, 3}:
-        xx, yy, zz_ = ox * ox, oy * oy, oz * oz
-        xy, xz, yz = ox * oy, ox * oz, oy * oz
-    if chosen & set(range(4, 10)):
-        wx = zy * oz - zz * oy  # z × ω
-        wy = zz * ox - zx * oz
-        wz = zx * oy - zy * ox
-    for place, parameter in enumerate(wanted):
-        column = out[place]
-        match parameter:
-            case 0:
-                column[...] = ux * lx + uy * ly + uz * lz
-            case 1:
-                column[...] = ly * zz - lz * zy - (yy + zz_) * ux + (xy + az) * uy + (xz - ay) * uz
-            case 2:
-                column[...] = lz * zx - lx * zz + (xy - az) * ux - (xx + zz_) * uy + (yz + ax) * uz
-            case 3:
-                column[...] = lx * zy - ly * zx + (xz + ay) * ux + (yz - ax) * uy - (xx + yy) * uz
-            case 4:
-                column[...] = zx * ax + wx * ox
-            case 5:
-                column[...] = zx * ay + zy * ax + wx * oy + wy * ox
-            case 6:
-                column[...] = zx * az + zz * ax + wx * oz + wz * ox
-            case 7:
-                column[...] = zy * ay + wy * oy
-            case 8:
-                column[...] = zy * az + zz * ay + wy * oz + wz * oy
-            case _:
-                column[...] = zz * az + wz * oz
+    unit = np.eye(3)
+    cross = np.array([[np.cross(unit[j], unit[k]) for k in range(3)] for j in range(3)]).transpose(2, 0, 1)
+    table = np.zeros((10, 6, 15))
+    products, alpha, linear = np.split(table, (9, 12), axis=2)
+    linear[0, 3:] = unit
+    for i in range(3):
+        h = unit[i]
+        alpha[1 + i, 3:] = np.einsum("ijk,k->ij", cross, h)
+        products[1 + i, 3:] = (np.einsum("ij,l->ijl", unit, h) - np.einsum("i,jl->ijl", h, unit)).reshape(3, 9)
+        linear[1 + i, :3] = np.einsum("ijk,j->ik", cross, h)
+    for parameter, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), start=4):
+        tensor = np.zeros((3, 3))
+        tensor[i, j] = tensor[j, i] = 1.0
+        alpha[parameter, :3] = tensor
+        products[parameter, :3] = np.einsum("ijk,kl->ijl", cross, tensor).reshape(3, 9)
+    return table
 
 
-class _JointTurn:
-    """Turns vectors of the frame before a revolute joint into the frame after it: Rot(axis, q)ᵀ v."""
+_UNIT_WRENCHES = _unit_wrenches()
 
-    def __init__(self, axis: FloatArray, q: FloatArray) -> None:
-        self._axis = axis
-        self._cos = np.cos(q)
-        self._sin = np.sin(q)
-        along = int(np.argmax(np.abs(axis)))
-        self._aligned = along if abs(axis[along]) == 1.0 else None
-        if self._aligned is not None and axis[along] < 0.0:
-            self._sin = -self._sin
 
-    def __call__(self, vector: _Vector) -> _Vector:
-        cos, sin = self._cos, self._sin
-        if self._aligned is not None:
-            result = list(vector)
-            first, second = (self._aligned + 1) % 3, (self._aligned + 2) % 3
-            result[first] = cos * vector[first] + sin * vector[second]
-            result[second] = cos * vector[second] - sin * vector[first]
-            return (result[0], result[1], result[2])
-        a = self._axis
-        along = (1.0 - cos) * (a[0] * vector[0] + a[1] * vector[1] + a[2] * vector[2])
-        crossed = _cross(vector, tuple(a))
-        return (
-            cos * vector[0] + sin * crossed[0] + along * a[0],
-            cos * vector[1] + sin * crossed[1] + along * a[1],
-            cos * vector[2] + sin * crossed[2] + along * a[2],
+@dataclass(frozen=True, slots=True, eq=False)
+class _Link:
+    """What is constant about one link and its joint.
+
+    turn: (9, 3) rotation into the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. blocks: which
+    entries of it, rows and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
+    offset + slide · q. axis: (3,) of the joint. own: components of a twist that the joint moves. bracket: (6, 7) with
+    V × S in the first six columns and S in the last, S the joint's unit twist. with_force, without_force: rows of the
+    table of unit wrenches for the mass and first moments (6 k, 15) and for the tensor (3 m, 15), which causes no force.
+    columns, joints: where its columns go, joints from the base outwards, its own last.
+    """
+
+    parent: int
+    turn: FloatArray
+    blocks: tuple[tuple[slice, slice], ...]
+    offset: FloatArray
+    slide: FloatArray
+    axis: FloatArray
+    own: slice
+    bracket: FloatArray
+    with_force: FloatArray
+    without_force: FloatArray
+    columns: slice
+    joints: tuple[int, ...]
+
+    @classmethod
+    def of(cls, kinematics: Kinematics, link: int, wanted: Sequence[int], first: int) -> _Link:
+        axis, placement = kinematics.axis[link], kinematics.rotation[link]
+        along, zero, crossed = np.outer(axis, axis), np.zeros((3, 3)), -_skew(axis)
+        if kinematics.revolute[link]:
+            turn = np.stack([placement @ along, placement @ (np.eye(3) - along), placement @ -crossed], axis=-1)
+            own, slide = slice(0, 3), np.zeros(3)
+            bracket = np.block([[crossed, zero, axis[:, None]], [zero, crossed, zero[:, :1]]])
+        else:
+            turn = np.stack([placement, zero, zero], axis=-1)
+            own, slide = slice(3, 6), placement @ axis
+            bracket = np.block([[zero, zero, zero[:, :1]], [crossed, zero, axis[:, None]]])
+        with_force = [parameter for parameter in wanted if parameter < _FIRST_WITHOUT_FORCE]
+        without_force = list(wanted[len(with_force) :])
+        return cls(
+            parent=int(kinematics.parent[link]),
+            turn=turn.reshape(9, 3),
+            blocks=_blocks(np.asarray(turn.any(axis=-1))),
+            offset=kinematics.translation[link],
+            slide=slide,
+            axis=axis,
+            own=own,
+            bracket=bracket,
+            with_force=_UNIT_WRENCHES[with_force].transpose(1, 0, 2).reshape(-1, 15),
+            without_force=_UNIT_WRENCHES[without_force, :3].transpose(1, 0, 2).reshape(-1, 15),
+            columns=slice(first, first + len(wanted)),
+            joints=kinematics.upstream(link),
         )
 
 
-def _into_child(placement: FloatArray, turn: _JointTurn | None, vector: _Vector) -> _Vector:
-    """placementᵀ v, then the joint's own turn; products with 0 and 1 are not computed."""
-    turned = tuple(_combination(placement[:, row], vector) for row in range(3))
-    placed: _Vector = (turned[0], turned[1], turned[2])
-    return placed if turn is None else turn(placed)
+@lru_cache(maxsize=32)
+def _links(kinematics: Kinematics, wanted: tuple[tuple[int, ...], ...]) -> tuple[_Link, ...]:
+    first = [0, *itertools.accumulate(map(len, wanted))]
+    return tuple(_Link.of(kinematics, link, parameters, first[link]) for link, parameters in enumerate(wanted))
 
 
-def _combination(weights: FloatArray, vector: _Vector) -> FloatArray:
-    total: FloatArray | None = None
-    for weight, component in zip(weights, vector, strict=True):
-        if weight == 0.0:
-            continue
-        if total is None:
-            total = component if weight == 1.0 else -component if weight == -1.0 else weight * component
-        else:
-            total = total + weight * component
-    assert total is not None, "a row of a rotation matrix is never zero"
-    return total
+class _Chain:
+    """The links of a robot with the arrays that one chunk needs, used again by the next: fresh memory costs time.
+
+    Per link a block of twists in its own frame, (2, 3, 2 + k, samples), angular before linear: velocity, spatial
+    acceleration, and the unit twist of each of the k upstream joints, the link's own last (constant in its own frame).
+    """
+
+    def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int) -> None:
+        self._links = _links(robot.kinematics, tuple(map(tuple, wanted)))
+        self._twists = [np.zeros((2, 3, 2 + len(link.joints), samples)) for link in self._links]
+        for link, twists in zip(self._links, self._twists, strict=True):
+            twists[link.own.start // 3, :, -1] = link.axis[:, None]
+        # A base accelerating upwards stands for gravity: linear accelerations are "minus gravity".
+        self._base = np.zeros((2, 3, 2, samples))
+        self._base[1, :, 1] = -robot.gravity[:, None]
+        self._out = np.zeros((sum(map(len, wanted)), robot.n, samples))
+        self._turns = np.ones((robot.n, 3, samples))
+        self._rotation = np.empty((9, samples))
+        self._joint = np.empty((7, samples))
+        self._motion = np.empty((15, samples))
+        self._wrench = np.empty((6 * max(map(len, wanted)), samples))
+
+    def columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """The wanted columns (columns, n, samples) of states (n, samples), valid until the next call."""
+        samples = q.shape[1]
+        out = self._out[..., :samples]
+        turns = self._turns[..., :samples]
+        # tan is vectorised by numpy where cos and sin are not, and cos² + sin² = 1 to rounding in any case.
+        half = np.tan(0.5 * q)
+        ratio = 2.0 / (1.0 + half * half)
+        np.subtract(ratio, 1.0, out=turns[:, 1])
+        np.multiply(ratio, half, out=turns[:, 2])
+        for index, link in enumerate(self._links):
+            parent = (self._twists[link.parent] if link.parent >= 0 else self._base)[..., :samples]
+            twists = self._twists[index][..., :samples]
+            self._carry(link, parent, turns[index], q[index], twists)
+            self._add_joint(link, twists, dq[index], ddq[index])
+            self._project(link, twists, out[link.columns])
+        return out
+
+    def _carry(self, link: _Link, parent: FloatArray, turn: FloatArray, q: FloatArray, child: FloatArray) -> None:
+        """Express the parent's twists at the child's origin and in the child's frame."""
+        moved = np.flatnonzero((link.offset != 0.0) | (link.slide != 0.0))
+        if len(moved):
+            parent = parent.copy()
+            angular, linear = parent
+            for k in moved:
+                arm = link.offset[k] + link.slide[k] * q if link.slide[k] else link.offset[k]
+                linear[(k + 1) % 3] += angular[(k + 2) % 3] * arm
+                linear[(k + 2) % 3] -= angular[(k + 1) % 3] * arm
+        rotation = np.matmul(link.turn, turn, out=self._rotation[:, : len(q)]).reshape(3, 3, len(q))
+        for rows, columns in link.blocks:
+            np.einsum("ijs,gims->gjms", rotation[rows, columns], parent[:, rows], out=child[:, columns, :-1])
+
+    def _add_joint(self, link: _Link, twists: FloatArray, dq: FloatArray, ddq: FloatArray) -> None:
+        """The joint's own motion: A += S q̈ + V × S q̇, then V += S q̇."""
+        joint = self._joint[:, : len(dq)]
+        np.multiply(twists[:, :, 0], dq, out=joint[:6].reshape(2, 3, len(dq)))
+        joint[6] = ddq
+        twists[:, :, 1] += (link.bracket @ joint).reshape(2, 3, len(dq))
+        twists[link.own.start // 3, :, 0] += link.axis[:, None] * dq
+
+    def _project(self, link: _Link, twists: FloatArray, out: FloatArray) -> None:
+        """Power of each unit twist on the wrench of each wanted parameter; out is (wanted, n, samples)."""
+        samples = twists.shape[-1]
+        motion = self._motion[:, :samples]
+        omega, velocity = twists[:, :, 0]
+        np.multiply(omega[:, None], omega, out=motion[:9].reshape(3, 3, samples))
+        motion[9:].reshape(2, 3, samples)[...] = twists[:, :, 1]
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # acceleration of the origin = spatial + ω × v
+            motion[12 + i] += omega[j] * velocity[k]
+            motion[12 + i] -= omega[k] * velocity[j]
+        upstream, last = len(link.joints) - 1, link.joints[-1]
+        serial = link.joints[:-1] == tuple(range(upstream))
+        axes = twists.reshape(6, 3 + upstream, samples)[:, 2:-1]
+        place = slice(0, 0)
+        for table, components in ((link.with_force, 6), (link.without_force, 3)):
+            count = len(table) // components
+            place = slice(place.stop, place.stop + count)
+            if count == 0:
+                continue
+            wrench = np.matmul(table, motion, out=self._wrench[: len(table), :samples])
+            wrench = wrench.reshape(components, count, samples)
+            if link.own.stop <= components:
+                np.einsum("cms,c->ms", wrench[link.own], link.axis, out=out[place, last])
+            if serial:
+                np.einsum("cms,cks->mks", wrench, axes[:components], out=out[place, :upstream])
+            else:  # a branch of a tree: its upstream joints are not the first ones
+                out[place, list(link.joints[:-1])] = np.einsum("cms,cks->mks", wrench, axes[:components])
 
 
-def _cross(a: Sequence[FloatArray | float], b: Sequence[FloatArray | float]) -> _Vector:
-    return (
-        np.asarray(a[1] * b[2] - a[2] * b[1]),
-        np.asarray(a[2] * b[0] - a[0] * b[2]),
-        np.asarray(a[0] * b[1] - a[1] * b[0]),
-    )
+def _blocks(used: npt.NDArray[np.bool_]) -> tuple[tuple[slice, slice], ...]:
+    """Rectangles (rows, columns) that hold all entries in use of a (3, 3) matrix: columns alike are taken together."""
+    columns_of: dict[tuple[int, ...], list[int]] = {}
+    for column in range(3):
+        columns_of.setdefault(tuple(np.flatnonzero(used[:, column])), []).append(column)
+    return tuple((_slice(rows), _slice(columns)) for rows, columns in columns_of.items())
 
 
-def _add(a: _Vector, b: _Vector) -> _Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+def _slice(chosen: Sequence[int]) -> slice:
+    """At most three ascending numbers below 3 as a slice, which needs no copy."""
+    step = chosen[1] - chosen[0] if len(chosen) > 1 else 1
+    return slice(int(chosen[0]), int(chosen[-1]) + 1, int(step))
 
 
-def _scaled(axis: FloatArray, values: FloatArray) -> _Vector:
-    return (axis[0] * values, axis[1] * values, axis[2] * values)
-
-
-def _constant(vector: FloatArray, zero: FloatArray) -> _Vector:
-    return (zero + vector[0], zero + vector[1], zero + vector[2])
-
-
-def _arrays(vector: _Vector, like: FloatArray) -> _Vector:
-    return (
-        np.broadcast_to(vector[0], like.shape),
-        np.broadcast_to(vector[1], like.shape),
-        np.broadcast_to(vector[2], like.shape),
-    )
+def _skew(vector: FloatArray) -> FloatArray:
+    """The matrix S(v), (3, 3), of the vector product: S(v) w = v × w."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
