@@ -1,0 +1,45 @@
+"""Motor inertias for simulation where identification cannot see them: a prior, and the sentence that says so.
+
+A torque sensor behind the gear does not see its own motor, but a simulated arm without motors is unstable under the
+gains that hold a real one (and a motor is most of what a wrist's controller moves). Called by the command line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.export.parameters import ModelParameters
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+
+INERTIA_PER_TORQUE = 4.4 / 320.0
+"""kg m² seen at the joint per Nm of rated torque: 160² · 1.74e-4 kg m² on a 320 Nm axis.
+
+Gear ratio and rotor inertia of public simulator models of the iiwa (Drake, pull requests 19344 and 20420), which are
+estimates themselves; the other axes by rated torque. Good to perhaps a factor of two.
+"""
+
+
+def motor_inertia_of(robot: RobotModel, parameters: ModelParameters) -> tuple[FloatArray, str]:
+    """(n,) kg m² (kg for a prismatic joint) of each motor as seen at its joint, and where the numbers are from.
+
+    Identified ones where the model has them (torque measured at the motor); else the prior by rated torque; else, where
+    no rated torque is stated, as much as the links' own inertia at zero.
+    """
+    identified = parameters.rotor_inertia
+    if np.all(identified > 0.0):
+        return identified.copy(), "Motor inertias are the identified ones; the simulated torque contains them."
+    model = parameters.pinocchio_model(robot)
+    model.armature = np.zeros(robot.n)
+    own = np.diag(pinocchio.crba(model, model.createData(), np.zeros(robot.n)))
+    rated = np.where(robot.effort > 0.0, robot.effort, np.nan)
+    prior = np.where(np.isfinite(rated) & robot.kinematics.revolute, INERTIA_PER_TORQUE * rated, own)
+    values = np.where(identified > 0.0, identified, prior)
+    listed = ", ".join(f"{value:.3g}" for value in values)
+    return values, (
+        f"Motor inertias are no identified numbers but a prior ({listed} kg m², from rated torque): they move the "
+        "simulated arm and are not in its measured torque."
+    )

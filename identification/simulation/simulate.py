@@ -1,0 +1,125 @@
+"""Closed-loop forward simulation: an identified arm follows a commanded motion under a controller.
+
+Here: the loop over time and its result. Not here: one step (`dynamics`), the laws (`controllers`), comparing with a
+recording (`comparison`). Called by the command line, the demo and the diagnosis (whose effects enter as a torque).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.errors import SimulationError
+from identification.estimators.physical import PhysicalParameters
+from identification.export.parameters import ModelParameters
+from identification.robots import RobotModel
+from identification.simulation.controllers import Controller, SetPoint, State
+from identification.simulation.dynamics import ArmDynamics, ExtraTorque
+
+FloatArray = npt.NDArray[np.float64]
+
+_LARGEST_VELOCITY = 1e3
+
+
+class CommandedMotion(Protocol):
+    """Anything with q, q̇, q̈ over time: the trajectories of `excitation`, a recording's commanded motion."""
+
+    @property
+    def period_s(self) -> float:
+        """Its length, s."""
+        ...
+
+    def evaluate(self, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, q̇, q̈ at the given times, each (S, n)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulationSettings:
+    """motor_inertia: (n,) kg m², seen at the joints; zeros where None.
+
+    motor_inertia_in_torque: whether the measured torque contains it (sensor at the motor) or not (behind the gear).
+    duration_s: one length of the motion where None. lead_in_s: this long before, the arm already follows the motion, so
+    that the controller's transient is over. step_s: of control and integration. offset: (n,) Nm, constant torque.
+    """
+
+    motor_inertia: FloatArray | None = None
+    motor_inertia_in_torque: bool = False
+    duration_s: float | None = None
+    lead_in_s: float = 0.0
+    step_s: float = 0.001
+    offset: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulationResult:
+    """Rows at step_s from time 0. time: (S,) s. Others (S, n), in rad, rad/s, rad/s², Nm (m, N for prismatic joints).
+
+    reference_position: as commanded. position, velocity, acceleration: of the arm. torque: what the robot's sensor
+    would show, sign of eq. (1). motor_torque: what the controller asked for.
+    """
+
+    time: FloatArray
+    reference_position: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    motor_torque: FloatArray
+
+
+def simulate(
+    robot: RobotModel,
+    physical: PhysicalParameters,
+    trajectory: CommandedMotion,
+    controller: Controller,
+    *,
+    extra_torque: ExtraTorque | None = None,
+    settings: SimulationSettings | None = None,
+) -> SimulationResult:
+    """Follow the commanded motion from its own position and velocity at −lead_in_s.
+
+    physical: of the arm; the controller knows the same, without friction. extra_torque: State → (n,) Nm, added to the
+    right side of eq. (1); the arm feels it and the sensor shows it, the controller knows nothing of it. The motor
+    torque is held over each step. Raises SimulationError when a velocity exceeds 1000 rad/s or is not finite.
+    """
+    chosen = settings if settings is not None else SimulationSettings()
+    n = robot.n
+    motor = np.zeros(n) if chosen.motor_inertia is None else np.asarray(chosen.motor_inertia, dtype=np.float64)
+    offset = np.zeros(n) if chosen.offset is None else np.asarray(chosen.offset, dtype=np.float64)
+    model = ModelParameters(physical, motor, offset).pinocchio_model(robot)
+    arm = ArmDynamics(model, model.createData(), physical.viscous, physical.coulomb, _sum(extra_torque, offset))
+    known, unseen = model.createData(), np.zeros(n) if chosen.motor_inertia_in_torque else motor
+    duration = trajectory.period_s if chosen.duration_s is None else chosen.duration_s
+    rows, lead = round(duration / chosen.step_s), round(chosen.lead_in_s / chosen.step_s)
+    time = np.arange(-lead, rows) * chosen.step_s
+    references = trajectory.evaluate(time)
+    state = State(float(time[0]), references[0][0].copy(), references[1][0].copy())
+    series: FloatArray = np.empty((5, rows, n))
+    for row, (q, dq, ddq) in enumerate(zip(*references, strict=True), start=-lead):
+        torque = controller.torque(model, known, state, SetPoint(q, dq, ddq))
+        step = arm.step(state, torque, chosen.step_s)
+        if row >= 0:
+            rigid = pinocchio.rnea(model, known, state.position, state.velocity, step.acceleration)
+            sensed = rigid - unseen * step.acceleration + step.resistance
+            series[:, row] = state.position, state.velocity, step.acceleration, sensed, torque
+        state = step.state
+        if not np.all(np.abs(state.velocity) < _LARGEST_VELOCITY):
+            joint = int(np.argmax(~(np.abs(state.velocity) < _LARGEST_VELOCITY))) + 1
+            raise SimulationError(
+                f"The simulated arm ran away after {state.time_s:.3f} s, joint {joint} first: choose softer gains or "
+                "larger motor inertias.",
+                time_s=state.time_s,
+                joint=joint,
+            )
+    return SimulationResult(time[lead:], references[0][lead:], *[np.array(values) for values in series])
+
+
+def _sum(extra: ExtraTorque | None, offset: FloatArray) -> ExtraTorque | None:
+    if not offset.any():
+        return extra
+    return lambda state: offset if extra is None else offset + extra(state)
