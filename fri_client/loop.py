@@ -166,7 +166,7 @@ class FriLoop:
             return
         datagram = self._view[:size]
         command = self._ahead.command_for(bytes(datagram))
-        if command is None or self._queue.holds_newer_than(self._ahead.counter, address):
+        if command is None or self._stop_watch.is_asked or self._queue.holds_newer_than(self._ahead.counter, address):
             self._receive_unforeseen(datagram, address, receive_ns)
             return
         send_ns = self._send(command, address)
@@ -231,6 +231,7 @@ class FriLoop:
         except OSError:
             return 0
         self._last_answer_ns = time.monotonic_ns()
+        self.session.sent()
         return self._last_answer_ns
 
     def _finish(
@@ -246,8 +247,6 @@ class FriLoop:
     ) -> None:
         """The rest of a tick once the robot has its answer: book it, hand it over, and get ready for the next one."""
         session, journal, motion = self.session, self._journal, self.motion
-        if send_ns:
-            session.sent()
         phase, period, sample = motion.phase, motion.period, motion.sample_in_period
         usable = disposition == _FRESH
         if queued or not usable:
@@ -286,10 +285,10 @@ class FriLoop:
                 return None
         elif session.state != _ACTIVE:
             return None
+        elif queued or phase == _DONE:
+            return self._last_position  # of a lost session too: its stop moves one step per cycle of the robot
         elif phase == _LATCHED:
             self._last_position = self.motion.tick_latched(measured) if session.may_ramp_down else None
-            return self._last_position
-        elif queued or phase == _DONE:
             return self._last_position
         self._last_position = self.motion.tick(measured, monitor.external_torque if usable else None)
         return self._last_position

@@ -35,6 +35,11 @@ class StopWatch:
         self._supervisor_timeout_ns = int(supervisor_timeout_s * 1e9)
         self.signal_number = 0
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether somebody asked for a stop, which counts in the very cycle; what is only old or full, `poll` finds."""
+        return bool(self.signal_number or self._ring.stop_request)
+
     def poll(self, now_ns: int) -> StopReason | None:
         """The reason to stop at now_ns (CLOCK_MONOTONIC), None where there is none."""
         if self.signal_number:
