@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from identification.mismatch.effects.asymmetric_viscous_friction import AsymmetricViscousFriction
+from identification.mismatch.effects.backlash import Backlash
 from identification.mismatch.effects.base import (
     Columns,
     Effect,
@@ -11,14 +12,24 @@ from identification.mismatch.effects.base import (
     Place,
     ShapeParameter,
 )
+from identification.mismatch.effects.base_tilt import BaseTilt
+from identification.mismatch.effects.bending_crosstalk import BendingCrosstalk
 from identification.mismatch.effects.cable_spring import CableSpring
+from identification.mismatch.effects.distal_rotor_reaction import DistalRotorReaction
+from identification.mismatch.effects.joint_coupling import JointCoupling
 from identification.mismatch.effects.joint_crosstalk import JointCrosstalk
+from identification.mismatch.effects.joint_elasticity import JointElasticity
+from identification.mismatch.effects.joint_zero_offset import JointZeroOffset
 from identification.mismatch.effects.load_dependent_friction import LoadDependentFriction
 from identification.mismatch.effects.nonlinear_viscous_friction import NonlinearViscousFriction
+from identification.mismatch.effects.payload import Payload
 from identification.mismatch.effects.position_dependent_friction import PositionDependentFriction
 from identification.mismatch.effects.position_dependent_torque import PositionDependentTorque
+from identification.mismatch.effects.presliding_hysteresis import PreslidingHysteresis
 from identification.mismatch.effects.rotor_inertia import RotorInertia
 from identification.mismatch.effects.stribeck_friction import StribeckFriction
+from identification.mismatch.effects.structural_resonance import StructuralResonance
+from identification.mismatch.effects.torque_delay import TorqueDelay
 from identification.mismatch.effects.torque_offset import TorqueOffset
 from identification.mismatch.effects.torque_ripple import TorqueRipple
 from identification.mismatch.effects.torque_sensor_gain import TorqueSensorGain
@@ -35,7 +46,18 @@ EFFECTS: tuple[Effect, ...] = (
     PositionDependentTorque(),
     CableSpring(),
     TorqueRipple(),
+    BaseTilt(),
+    TorqueDelay(),
+    PreslidingHysteresis(),
+    BendingCrosstalk(),
+    DistalRotorReaction(),
+    JointElasticity(),
+    JointZeroOffset(),
     RotorInertia(),
+    Payload(),
+    StructuralResonance(),
+    Backlash(),
+    JointCoupling(),
 )
 """Every effect of the library, simplest first: of two that explain alike, the earlier one is reported."""
 

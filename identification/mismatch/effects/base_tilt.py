@@ -1,0 +1,61 @@
+"""A base that does not stand level."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
+from identification.mismatch.effects.describe import harmonic, size
+from identification.mismatch.effects.dynamics import across, tilt_torques
+from identification.mismatch.motion import Motion
+
+
+class BaseTilt(Effect):
+    """Gravity turned in the base's frame: g − ε × g, ε the small rotation of the base about two level axes.
+
+    Shows first on a joint whose axis should be vertical, which a level base loads with no gravity at all.
+    """
+
+    name = "base_tilt"
+    code = "tilt"
+    equation = "τ = ∂ID/∂g · (−ε × g)"
+    source = "Pinocchio/Featherstone inverse dynamics, linear in gravity; Gautier, Khalil, IEEE Trans. Robot. 6, 1990"
+    units = ("rad", "rad")
+    plausible = "0.1 to 1°"
+    look_alikes = ("joint_crosstalk", "bending_crosstalk")
+    separating_experiment = "Level the base; or turn joint 1 alone with the arm stretched out."
+
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """The base, if there is gravity."""
+        return (Place(),) if np.any(motion.robot.gravity) else ()
+
+    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
+        """Torque per rad about the two axes level with the ground (x and y where gravity is along z)."""
+        del place, shape
+        gravity = motion.robot.gravity
+        level = across(gravity / np.linalg.norm(gravity))
+        values = tilt_torques(motion) @ level.T
+        return Columns(tuple(range(motion.n)), values) if values.any() else None
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """The rotation about each axis, and how far the base leans in all."""
+        x, y = (float(value) for value in estimate.coefficients)
+        deviations = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
+        lean = harmonic(estimate)
+        return (
+            Parameter("tilt", lean.amplitude, lean.amplitude_std, "rad"),
+            Parameter("about_x", x, float(deviations[0]), "rad"),
+            Parameter("about_y", y, float(deviations[1]), "rad"),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """How far, about which axis."""
+        tilt, x, y = self.parameters(estimate)
+        lean = size(math.degrees(tilt.value), math.degrees(tilt.std), "°").replace(" °", "°")
+        return (
+            f"The base is not level: it leans by {lean}, {math.degrees(x.value):.2f}° about its x axis and "
+            f"{math.degrees(y.value):.2f}° about its y axis (base tilt)."
+        )

@@ -1,0 +1,279 @@
+"""Rigid-body quantities that several effects need and that depend on the motion alone, computed once per motion.
+
+Newton-Euler in link frames, vectorised over the samples, linear in the dynamic parameters: it takes the minimum-norm
+parameters of a fit, which no body need have (a mass of zero with a first moment), so that a library that wants bodies
+cannot serve. Called by the files of the effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import NamedTuple, TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.time_domain import time_derivative
+from identification.mismatch.motion import Motion
+from identification.robots.model import Kinematics
+
+FloatArray = npt.NDArray[np.float64]
+Result = TypeVar("Result")
+
+_INERTIAL_COUNT = 10
+
+
+class RigidTorque(NamedTuple):
+    """torque: (S, n) Nm. moment: (S, n, 3) Nm, what link i's parent exerts on it about joint i, in link i's frame."""
+
+    torque: FloatArray
+    moment: FloatArray
+
+
+class TorqueDerivatives(NamedTuple):
+    """Derivatives of the inverse dynamics, (S, n, n): last axis the joint moved, the axis before the torque's joint."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+def once_per_motion(compute: Callable[[Motion], Result]) -> Callable[[Motion], Result]:
+    """Remember the result for as long as the motion lives."""
+    known: WeakKeyDictionary[Motion, Result] = WeakKeyDictionary()
+
+    @wraps(compute)
+    def remembered(motion: Motion) -> Result:
+        if motion not in known:
+            known[motion] = compute(motion)
+        return known[motion]
+
+    return remembered
+
+
+@once_per_motion
+def rigid_torque(motion: Motion) -> RigidTorque:
+    """Torques and joint moments of the rigid links alone: no friction, smooth."""
+    chain = _Chain(motion)
+    return chain.backward(chain.forward(motion.velocity, motion.acceleration, motion.robot.gravity))
+
+
+@once_per_motion
+def torque_derivatives(motion: Motion) -> TorqueDerivatives:
+    """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of the rigid links.
+
+    One-sided differences: exact in q̈; of step 1e-6 in q and q̇, error about 1e-6 of the derivative.
+    """
+    n, gravity, step = motion.n, motion.robot.gravity, 1e-6
+    result = TorqueDerivatives(*(np.empty((motion.samples, n, n)) for _ in range(3)))
+    chain = _Chain(motion)
+    reference = chain.forward(motion.velocity, motion.acceleration, gravity)
+    torque = chain.backward(reference).torque
+    for joint in range(n):
+        unit = np.zeros(n)
+        unit[joint] = 1.0
+        q_dot, q_ddot = motion.velocity, motion.acceleration
+        turned = _Chain(motion, step * unit)
+        for derivative, length, changed, velocity, acceleration in (
+            (result.position, step, turned, q_dot, q_ddot),
+            (result.velocity, step, chain, q_dot + step * unit, q_ddot),
+            (result.acceleration, 1.0, chain, q_dot, q_ddot + unit),
+        ):
+            links = changed.forward(velocity, acceleration, gravity, joint, reference)
+            derivative[..., joint] = (changed.backward(links).torque - torque) / length
+    return result
+
+
+@once_per_motion
+def tilt_torques(motion: Motion) -> FloatArray:
+    """Torque per rad of tilt of the base about its x, y and z axis, (S, n, 3) Nm/rad.
+
+    A base turned by the small vector ε sees the gravity g − ε × g.
+    """
+    still = np.zeros_like(motion.velocity)
+    chain = _Chain(motion)
+    axes = np.eye(3)
+    return np.stack(
+        [chain.backward(chain.forward(still, still, -np.cross(axis, motion.robot.gravity))).torque for axis in axes],
+        axis=-1,
+    )
+
+
+@once_per_motion
+def rotor_reactions(motion: Motion) -> FloatArray:
+    """Torque at joint i per unit of N J_r of joint k's rotor, (S, n, n), last axis k; zero unless i is upstream of k.
+
+    The rotor's spin N q̇_k about the axis z_k, which link k − 1 carries, has the angular momentum N J_r q̇_k z_k; joint i
+    feels z_i · d/dt of it.
+    """
+    kinematics = motion.robot.kinematics
+    axes, angular_velocity = _Chain(motion).axes_in_base(motion.velocity)
+    result = np.zeros((motion.samples, motion.n, motion.n))
+    for joint in range(motion.n):
+        carrier = int(kinematics.parent[joint])
+        if carrier < 0 or not kinematics.revolute[joint]:
+            continue
+        axis = axes[joint]
+        turning = np.cross(angular_velocity[carrier], axis, axis=0)
+        momentum_rate = axis * motion.acceleration[:, joint] + turning * motion.velocity[:, joint]
+        for upstream in kinematics.upstream(carrier):
+            if kinematics.revolute[upstream]:
+                result[:, upstream, joint] = np.sum(axes[upstream] * momentum_rate, axis=0)
+    return result
+
+
+def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
+    """Torque on all joints, (S, n), when a joint's true position is the measured one plus this (S,), first order.
+
+    With the velocity and the acceleration of the displacement: ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ.
+    """
+    derivatives = torque_derivatives(motion)
+    rate = time_derivative(motion, displacement)
+    growth = time_derivative(motion, rate)
+    return np.asarray(
+        derivatives.position[..., joint] * displacement[:, None]
+        + derivatives.velocity[..., joint] * rate[:, None]
+        + derivatives.acceleration[..., joint] * growth[:, None]
+    )
+
+
+def across(axis: FloatArray) -> FloatArray:
+    """Two unit vectors across a unit vector, (2, 3) rows, x and y for z or −z (cyclic for the others)."""
+    along = int(np.argmax(np.abs(axis)))
+    first = np.eye(3)[(along + 1) % 3]
+    first = first - (first @ axis) * axis
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    return np.stack([first, second if axis[along] > 0.0 else -second])
+
+
+class _Link(NamedTuple):
+    """Angular velocity and acceleration, acceleration of the origin less gravity; force and moment its body needs."""
+
+    omega: FloatArray
+    alpha: FloatArray
+    linear: FloatArray
+    force: FloatArray
+    moment: FloatArray
+
+
+class _Chain:
+    """The joints' rotations along a motion; vectors are (3, S) in their link's frame."""
+
+    def __init__(self, motion: Motion, shift: FloatArray | None = None) -> None:
+        self.kinematics = motion.robot.kinematics
+        self.position = (motion.position if shift is None else motion.position + shift).T
+        self.parameters = motion.full_parameters.reshape(motion.n, -1)[:, :_INERTIAL_COUNT]
+        self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
+        self.arm = [self._arm(joint) for joint in range(motion.n)]
+
+    def _arm(self, joint: int) -> FloatArray:
+        """Origin of the joint's frame in its parent's, (3, S) or (3, 1)."""
+        offset = self.kinematics.translation[joint][:, None]
+        if self.kinematics.revolute[joint]:
+            return np.asarray(offset)
+        slide = self.kinematics.rotation[joint] @ self.kinematics.axis[joint]
+        return np.asarray(offset + slide[:, None] * self.position[joint])
+
+    def forward(
+        self,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        gravity: FloatArray,
+        first: int = 0,
+        reference: list[_Link] | None = None,
+    ) -> list[_Link]:
+        """State of every link. velocity, acceleration: (S, n). Links before `first` are taken from `reference`."""
+        kinematics = self.kinematics
+        links = [] if reference is None else reference[:first]
+        for joint in range(len(links), kinematics.n):
+            parent = int(kinematics.parent[joint])
+            omega, alpha, linear = links[parent][:3] if parent >= 0 else _base(gravity, velocity.shape[0])
+            arm, axis = self.arm[joint], kinematics.axis[joint][:, None]
+            linear = linear + _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
+            omega, alpha, linear = (_into(self.rotation[joint], vector) for vector in (omega, alpha, linear))
+            rate, growth = axis * velocity[:, joint], axis * acceleration[:, joint]
+            if kinematics.revolute[joint]:
+                alpha = alpha + _cross(omega, rate) + growth
+                omega = omega + rate
+            else:
+                linear = linear + 2.0 * _cross(omega, rate) + growth
+            mass, moment, tensor = _body(self.parameters[joint])
+            force = mass * linear + _cross(alpha, moment) + _cross(omega, _cross(omega, moment))
+            turning = tensor @ alpha + _cross(omega, tensor @ omega) + _cross(moment, linear)
+            links.append(_Link(omega, alpha, linear, force, turning))
+        return links
+
+    def backward(self, links: list[_Link]) -> RigidTorque:
+        """Torques and joint moments that give the links these states."""
+        kinematics, samples = self.kinematics, links[0].force.shape[1]
+        torque, moment = np.empty((samples, kinematics.n)), np.empty((samples, kinematics.n, 3))
+        forces, moments = [link.force for link in links], [link.moment for link in links]
+        for joint in reversed(range(kinematics.n)):
+            carried = moments[joint] if kinematics.revolute[joint] else forces[joint]
+            torque[:, joint] = kinematics.axis[joint] @ carried
+            moment[:, joint] = moments[joint].T
+            parent = int(kinematics.parent[joint])
+            if parent >= 0:
+                force = _out_of(self.rotation[joint], forces[joint])
+                forces[parent] = forces[parent] + force
+                moments[parent] = (
+                    moments[parent] + _out_of(self.rotation[joint], moments[joint]) + _cross(self.arm[joint], force)
+                )
+        return RigidTorque(torque, moment)
+
+    def axes_in_base(self, velocity: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Joint axes and angular velocities of the links in the base frame, (3, S) each."""
+        orientation: list[FloatArray] = []
+        axes: list[FloatArray] = []
+        spins: list[FloatArray] = []
+        for joint in range(self.kinematics.n):
+            parent = int(self.kinematics.parent[joint])
+            turned = self.rotation[joint]
+            if parent >= 0:
+                turned = np.einsum("ijs,jks->iks", orientation[parent], turned)
+            orientation.append(turned)
+            axis = np.einsum("ijs,j->is", turned, self.kinematics.axis[joint])
+            axes.append(axis)
+            spin = spins[parent] if parent >= 0 else np.zeros_like(axis)
+            spins.append(spin + axis * velocity[:, joint] if self.kinematics.revolute[joint] else spin)
+        return axes, spins
+
+
+def _base(gravity: FloatArray, samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A base at rest; accelerating upwards stands for gravity."""
+    still = np.zeros((3, samples))
+    return still, still, np.broadcast_to(-gravity[:, None], (3, samples))
+
+
+def _rotation(kinematics: Kinematics, joint: int, angle: FloatArray) -> FloatArray:
+    """Rotation (3, 3, S) from the joint's frame to its parent's (Rodrigues' formula)."""
+    placement = kinematics.rotation[joint]
+    if not kinematics.revolute[joint]:
+        return np.repeat(placement[:, :, None], angle.size, axis=2)
+    x, y, z = kinematics.axis[joint]
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    terms = (placement, placement @ skew, placement @ skew @ skew)
+    return np.asarray(
+        terms[0][..., None] + terms[1][..., None] * np.sin(angle) + terms[2][..., None] * (1.0 - np.cos(angle))
+    )
+
+
+def _body(parameters: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, first moment (3, 1) and tensor about the frame's origin (3, 3), from the order of eq. (3)."""
+    mass, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters
+    return float(mass), np.array([[mx], [my], [mz]]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _into(rotation: FloatArray, vector: FloatArray) -> FloatArray:
+    return np.asarray(rotation[0] * vector[0] + rotation[1] * vector[1] + rotation[2] * vector[2])
+
+
+def _out_of(rotation: FloatArray, vector: FloatArray) -> FloatArray:
+    return np.asarray(rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1] + rotation[:, 2] * vector[2])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -1,0 +1,52 @@
+"""A joint whose zero is not where the kinematic model has it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
+from identification.mismatch.effects.describe import joint_name, linear, size
+from identification.mismatch.effects.dynamics import torque_derivatives
+from identification.mismatch.effects.own_joint import joint_index
+from identification.mismatch.motion import Motion
+
+
+class JointZeroOffset(Effect):
+    """∂ID/∂q_j δ: the true angle is q_j + δ.
+
+    Link parameters that turn with the frame take up nearly all of it; of the first and the last joint everything.
+    """
+
+    name = "joint_zero_offset"
+    code = "zero"
+    equation = "τ = ∂ID/∂q_j δ"
+    source = "Hollerbach, Khalil, Gautier, Model Identification, Springer Handbook of Robotics, 2016"
+    units = ("rad",)
+    plausible = "0.05 to 0.5°"
+    look_alikes = ("payload", "joint_elasticity", "base_tilt")
+    separating_experiment = "Calibrate the geometry (laser tracker, reference marks); dynamics hardly shows it."
+
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """Every revolute joint."""
+        revolute = motion.robot.kinematics.revolute
+        return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint])
+
+    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
+        """∂ID/∂q_j on all joints; None where torque does not depend on this angle (a vertical first axis)."""
+        del shape
+        values = torque_derivatives(motion).position[..., joint_index(place)]
+        # Differences leave rounding where the derivative is zero.
+        if abs(values).max() < 1e-6 * max(float(abs(motion.torque).max()), 1e-12):
+            return None
+        return Columns(tuple(range(motion.n)), values[..., None])
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """The offset δ."""
+        return (linear("zero_offset", estimate, "rad"),)
+
+    def sentence(self, estimate: Estimate) -> str:
+        """By what angle."""
+        (offset,) = self.parameters(estimate)
+        angle = size(math.degrees(offset.value), math.degrees(offset.std), "°").replace(" °", "°")
+        return f"{joint_name(estimate)}'s zero is off: the true angle is the measured one plus {angle} (zero offset)."

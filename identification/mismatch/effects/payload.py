@@ -1,0 +1,62 @@
+"""A constant load on the last link that the model does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
+from identification.mismatch.effects.describe import linear, size_of
+from identification.mismatch.motion import Motion
+from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns
+
+_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m²",))
+
+
+class Payload(Effect):
+    """The ten parameters of the last link: a constant payload is the same as another last link.
+
+    A fit with free link parameters takes it up whole, so it shows only against parameters from elsewhere. It stands
+    here so that the tool says so. A payload that changes during the recording is payload_change.
+    """
+
+    name = "payload"
+    code = "payload"
+    equation = "τ = Y_n(q, q̇, q̈) Δπ_n"
+    source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
+    units = _UNITS
+    plausible = "0 to 14 kg"
+    look_alikes = ("torque_sensor_gain", "joint_zero_offset", "joint_elasticity")
+    separating_experiment = "Record the same motion with and without the load, or take the last link from CAD."
+
+    def places(self, motion: Motion) -> Sequence[Place]:
+        """The last link of every branch."""
+        parents = {int(parent) for parent in motion.robot.kinematics.parent}
+        return tuple(Place(link=link + 1) for link in range(motion.n) if link not in parents)
+
+    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
+        """The link's ten columns of the regressor, on the joints that carry it."""
+        del shape
+        assert place.link is not None, "a payload sits on a link"
+        robot, link = motion.robot, place.link - 1
+        wanted = [range(len(INERTIAL_SYMBOLS)) if other == link else () for other in range(motion.n)]
+        joints = robot.kinematics.upstream(link)
+        values = np.empty((motion.samples, len(joints), len(INERTIAL_SYMBOLS)))
+        for rows, columns in rigid_body_columns(
+            robot, motion.position, motion.velocity, motion.acceleration, [tuple(parameters) for parameters in wanted]
+        ):
+            values[rows] = columns[:, list(joints)].transpose(2, 1, 0)
+        return Columns(joints, values)
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Mass, first moments and inertia tensor about the link frame's origin."""
+        return tuple(
+            linear(f"delta_{symbol}", estimate, unit, index=index)
+            for index, (symbol, unit) in enumerate(zip(INERTIAL_SYMBOLS, _UNITS, strict=True))
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """The mass."""
+        mass = self.parameters(estimate)[0]
+        return f"Link {estimate.place.link} carries {size_of(mass)} more than the model has (constant payload)."

@@ -1,0 +1,76 @@
+"""A mode of the structure that rings after every jump of the torque."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
+from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.effects.time_domain import filtered
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class StructuralResonance(OwnJointEffect):
+    """c G(s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²): a share c of the torque passes through a weakly damped mode.
+
+    Slow torque passes as it is; a friction reversal rings at ω. The second column is the same ringing turned by 45°
+    (G s/(s + ω)), so that it need not be known what drives the mode: torque, its rate, or the jerk.
+    """
+
+    name = "structural_resonance"
+    code = "resonance"
+    equation = "τ_j = c₁ G(s) τ̂_j + c₂ G(s) s/(s + ω) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²)"
+    source = "Ohr et al., Identification of flexibility parameters of 6-axis industrial manipulators, ISMA 2006"
+    units = ("1", "1")
+    plausible = "5 to 15 Hz, ζ 0.01 to 0.1, a few per cent of the torque"
+    look_alikes = ("presliding_hysteresis", "stribeck_friction", "torque_ripple")
+    separating_experiment = "Tap the arm at rest, or sweep one joint with a small sine from 3 to 20 Hz."
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """Frequency and damping ratio. Neighbours of the grid overlap at the wider damping."""
+        del place
+        highest = 0.4 / motion.sampling_period_s
+        grid = tuple(float(f) for f in np.geomspace(4.0, 20.0, 16) if f < highest)
+        return (
+            ShapeParameter("frequency", "Hz", grid or (0.5 * highest,), min(2.0, 0.2 * highest), min(40.0, highest)),
+            ShapeParameter("damping", "1", (0.02, 0.08), 0.003, 0.3),
+        )
+
+    def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
+        """The mode's answer to the nominal torque, and the same turned by 45°."""
+        omega, damping = 2.0 * np.pi * shape["frequency"], shape["damping"]
+        torque = motion.torque[:, joint]
+        first = filtered(motion, torque, lambda s: s**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
+        second = filtered(motion, first, lambda s: s / (s + omega))
+        return np.column_stack([first, second])
+
+    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
+        """Frequency, damping, and the share of the torque that passes the mode, at resonance."""
+        # At s = iω the second column is (1 + i)/2 of the first.
+        turn = np.array([[1.0, 0.5], [0.0, 0.5]])
+        seen = Estimate(
+            estimate.place, estimate.shape, turn @ estimate.coefficients, turn @ estimate.covariance @ turn.T
+        )
+        share = harmonic(seen)
+        return (
+            Parameter("share_of_torque", 100.0 * share.amplitude, 100.0 * share.amplitude_std, "%"),
+            shaped("frequency", estimate, "Hz"),
+            shaped("damping", estimate, "1"),
+            Parameter("phase", share.phase, share.phase_std, "rad"),
+        )
+
+    def sentence(self, estimate: Estimate) -> str:
+        """At what frequency it rings, how damped."""
+        share, frequency, damping, _ = self.parameters(estimate)
+        cycles = 1.0 / (2.0 * math.pi * damping.value)
+        return (
+            f"{joint_name(estimate)}'s torque rings at {size_of(frequency)} after each change of direction and dies "
+            f"out within about {cycles:.0f} cycles ({size_of(share)} of the torque; structural resonance)."
+        )
