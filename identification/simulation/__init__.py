@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from identification.simulation.comparison import (
+    Comparison,
+    SampledMotion,
+    compare_with_plan,
+    compare_with_recording,
+    inverse_dynamics,
+)
 from identification.simulation.controllers import (
     CONTROLLERS,
     ComputedTorque,
@@ -19,16 +26,21 @@ from identification.simulation.simulate import CommandedMotion, SimulationResult
 __all__ = [
     "CONTROLLERS",
     "CommandedMotion",
+    "Comparison",
     "ComputedTorque",
     "Controller",
     "ExtraTorque",
     "JointImpedance",
     "PositionLoop",
+    "SampledMotion",
     "SetPoint",
     "SimulationResult",
     "SimulationSettings",
     "State",
+    "compare_with_plan",
+    "compare_with_recording",
     "controller_named",
+    "inverse_dynamics",
     "motor_inertia_of",
     "simulate",
 ]

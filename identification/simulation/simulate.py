@@ -23,6 +23,7 @@ from identification.simulation.dynamics import ArmDynamics, ExtraTorque
 FloatArray = npt.NDArray[np.float64]
 
 _LARGEST_VELOCITY = 1e3
+_PIECE = 1000
 
 
 class CommandedMotion(Protocol):
@@ -96,8 +97,10 @@ def simulate(
     known, unseen = model.createData(), np.zeros(n) if chosen.motor_inertia_in_torque else motor
     duration = trajectory.period_s if chosen.duration_s is None else chosen.duration_s
     rows, lead = round(duration / chosen.step_s), round(chosen.lead_in_s / chosen.step_s)
-    time = np.arange(-lead, rows) * chosen.step_s
-    references = trajectory.evaluate(time)
+    time: FloatArray = np.arange(-lead, rows, dtype=np.float64) * chosen.step_s
+    # In pieces: a trajectory known as a table takes memory for each time and harmonic.
+    pieces = [trajectory.evaluate(piece) for piece in np.array_split(time, len(time) // _PIECE + 1)]
+    references = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     state = State(float(time[0]), references[0][0].copy(), references[1][0].copy())
     series: FloatArray = np.empty((5, rows, n))
     for row, (q, dq, ddq) in enumerate(zip(*references, strict=True), start=-lead):
@@ -116,7 +119,7 @@ def simulate(
                 time_s=state.time_s,
                 joint=joint,
             )
-    return SimulationResult(time[lead:], references[0][lead:], *[np.array(values) for values in series])
+    return SimulationResult(time[lead:], references[0][lead:], *series)
 
 
 def _sum(extra: ExtraTorque | None, offset: FloatArray) -> ExtraTorque | None:

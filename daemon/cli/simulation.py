@@ -1,0 +1,204 @@
+"""Commands that take an identified model into simulators, and into our own: `export`, `simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+
+ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
+ParametersOption = Annotated[
+    str,
+    typer.Option("--parameters", help="physical: the set of program (10); consistent: nearest that bodies can have."),
+]
+_FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
+
+
+@app.command()
+def export(
+    model_file: ModelArgument,
+    form: Annotated[str, typer.Option("--format", help="urdf, sdf or mjcf.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.")],
+    parameters: ParametersOption = "physical",
+    motor_inertia: Annotated[
+        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Write a simulator model of the identified arm and check it by reading it back.
+
+    Example: iiwa-ident export model.json --format mjcf --parameters consistent --out arm.xml
+    """
+    from identification.export import export_model, parameters_of
+    from identification.model_file import read_model
+    from identification.simulation.motor_inertia import motor_inertia_of
+
+    model = read_model(model_file)
+    prior = None
+    if motor_inertia:
+        identified = parameters_of(model, parameters)
+        values, sentence = motor_inertia_of(model.load_robot(), identified)
+        prior = values - identified.rotor_inertia
+        message(sentence)
+    result = export_model(model, out, form, parameter_set=parameters, motor_inertia=prior)
+    if json_file is not None:
+        write_json(
+            json_file,
+            {
+                "file": str(result.path),
+                "format": form,
+                "parameters": parameters,
+                "read_back": [
+                    {"program": item.program, "terms": item.covers, "difference_nm": item.difference_nm}
+                    for item in result.agreements
+                ],
+                "notes": list(result.notes),
+                "effects_file": None if result.effects_path is None else str(result.effects_path),
+            },
+        )
+    if wants_json_on_stdout(json_file):
+        return
+    data(f"Written to {result.path}")
+    for agreement in result.agreements:
+        data(agreement.sentence())
+    for note in result.notes:
+        data(f"note: {note}")
+    if result.effects_path is not None:
+        data(f"Effects that no simulator model holds are in {result.effects_path}")
+
+
+@app.command()
+def simulate(
+    model_file: ModelArgument,
+    motion: Annotated[
+        Path | None,
+        typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation."),
+    ] = None,
+    controller: Annotated[
+        str, typer.Option("--controller", help="computed_torque (the paper's), position or impedance.")
+    ] = "computed_torque",
+    bandwidth: Annotated[
+        float | None, typer.Option("--bandwidth", help="Hz, critically damped; default: 2 (position: 8).")
+    ] = None,
+    stiffness: Annotated[float | None, typer.Option("--stiffness", help="Of impedance, Nm/rad; default 300.")] = None,
+    parameters: ParametersOption = "physical",
+    figure: Annotated[Path | None, typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Series of motion and torque: .npz or .csv.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Move the identified arm under a controller and compare motion and torque with the recording.
+
+    Example: iiwa-ident simulate model.json runs/first/recording.mcap --figure torques.svg --json -
+    """
+    from identification.export import parameters_of
+    from identification.model_file import read_model
+    from identification.simulation import SimulationSettings, controller_named, motor_inertia_of
+
+    _check_suffix(figure, "--figure", _FIGURE_SUFFIXES)
+    _check_suffix(out, "--out", (".npz", ".csv"))
+    model = read_model(model_file)
+    robot, chosen = model.load_robot(), parameters_of(model, parameters)
+    law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
+    motors, sentence = motor_inertia_of(robot, chosen)
+    message(sentence)
+    if model.data.get("effects"):
+        message("The effects in the model are not simulated here: the arm is the rigid one with friction.")
+    settings = SimulationSettings(
+        motor_inertia=motors,
+        motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
+        offset=chosen.offset,
+    )
+    comparison = _compare(model, motion, robot, chosen, law, settings)
+    if out is not None:
+        _write_series(comparison.series(), out)
+    if figure is not None:
+        _write_figure(comparison, figure, robot)
+    if json_file is not None:
+        write_json(json_file, {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence})
+    if wants_json_on_stdout(json_file):
+        return
+    for line in (*comparison.sentences, sentence):
+        data(line)
+    data("RMS of position differences per joint, mrad (mm):")
+    positions = comparison.position_rms()
+    width = max(len(name) for name in positions)
+    for name, values in positions.items():
+        data(f"{name:<{width}s}" + "".join(f"{1e3 * value:8.3f}" for value in values))
+    data("RMS of torque differences per joint, Nm:")
+    data(comparison.torque_rms().text())
+    for name, file in (("Figure", figure), ("Series", out)):
+        if file is not None:
+            data(f"{name} written to {file}")
+
+
+def _compare(model: Any, motion: Path | None, robot: Any, parameters: Any, law: Any, settings: Any) -> Any:
+    """Against a recording where the file holds torques, else against the plan."""
+    from identification.excitation import default_trajectory, load_trajectory
+    from identification.recordings import read_recording
+    from identification.simulation import compare_with_plan, compare_with_recording
+
+    if motion is None:
+        return compare_with_plan(default_trajectory(robot.name), robot, parameters, law, settings)
+    if _is_recording(motion):
+        recording = read_recording(motion, robot=model.robot)
+        for finding in recording.report.findings:
+            message(f"{motion}: {finding.sentence}")
+        return compare_with_recording(recording, robot, parameters, law, settings)
+    trajectory = load_trajectory(motion)
+    if trajectory.joints != robot.n:
+        raise typer.BadParameter(f"{motion} moves {trajectory.joints} joints, {robot.name} has {robot.n}.")
+    return compare_with_plan(trajectory, robot, parameters, law, settings)
+
+
+def _is_recording(file: Path) -> bool:
+    """A log, or a table with torques in it; tables without are trajectories."""
+    suffix = file.suffix.lower()
+    if suffix == ".npz" and file.is_file():
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                return "tau" in archive.files
+        except (ValueError, OSError):
+            return False
+    if suffix == ".csv" and file.is_file():
+        with file.open(encoding="utf-8", errors="replace") as lines:
+            header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+        return "tau1" in [name.strip() for name in header.split(",")]
+    return suffix == ".mcap"
+
+
+def _write_series(series: dict[str, np.ndarray], file: Path) -> None:
+    """All series in an .npz; a .csv holds the torques' rows, motion interpolated onto them."""
+    if file.suffix.lower() == ".npz":
+        np.savez_compressed(file, **series)  # type: ignore[arg-type]  # the names are ours, none is allow_pickle
+        return
+    time = series["torque_time"]
+    columns, values = ["t"], [time]
+    for name, table in series.items():
+        if table.ndim == 1:
+            continue
+        for joint in range(table.shape[1]):
+            columns.append(f"{name}_{joint + 1}")
+            is_torque = name.endswith("torque")
+            values.append(table[:, joint] if is_torque else np.interp(time, series["time"], table[:, joint]))
+    np.savetxt(file, np.column_stack(values), delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+
+
+def _write_figure(comparison: Any, file: Path, robot: Any) -> None:
+    from identification.simulation.figure import draw_comparison, save_figure
+
+    rows = comparison.torque_rms().rows
+    subject = "measured minus simulated" if len(rows) > 1 else rows[0].label
+    total = next(row.total_nm for row in rows if row.label == subject)
+    units = tuple("Nm" if revolute else "N" for revolute in robot.kinematics.revolute)
+    title = f"{robot.name}: torque {subject}, RMS over all joints together {total:.2f} Nm"
+    save_figure(draw_comparison(comparison, title, units), file)
+
+
+def _check_suffix(file: Path | None, option: str, suffixes: tuple[str, ...]) -> None:
+    if file is not None and file.suffix.lower() not in suffixes:
+        raise typer.BadParameter(f"{option} writes {', '.join(suffixes)}, not '{file.suffix}'.")

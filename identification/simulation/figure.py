@@ -1,0 +1,74 @@
+"""The paper's Fig. 4 for any robot: per joint the torques measured, from inverse dynamics and simulated, and what is
+left between them. Here: the drawing. Not here: any number in it (`comparison`). Opens no window. Called by `simulate`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from identification.simulation.comparison import Comparison
+
+FloatArray = npt.NDArray[np.float64]
+
+# Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
+_MEASURED = {"color": "#000000", "linewidth": 2.2, "alpha": 0.45, "label": "measured"}
+_INVERSE = {"color": "#0072B2", "linewidth": 1.3, "linestyle": "--", "label": "inverse dynamics"}
+_SIMULATED = {"color": "#D55E00", "linewidth": 1.3, "linestyle": ":", "label": "simulated"}
+_FLOOR = "#009E73"
+_MOST_POINTS = 2000
+
+
+def draw_comparison(comparison: Comparison, title: str, joint_units: tuple[str, ...] | None = None) -> Figure:
+    """One row per joint: torques on the left, differences on the right with the noise's standard deviation drawn in.
+
+    joint_units: "Nm" or "N" of each joint; Nm by default.
+    """
+    n = comparison.simulated_torque.shape[1]
+    units = joint_units or ("Nm",) * n
+    figure = Figure(figsize=(12.0, 1.5 * n + 1.6), layout="constrained")
+    figure.suptitle(title)
+    rows = figure.subplots(n, 2, sharex=True, squeeze=False)
+    step = max(1, len(comparison.torque_time) // _MOST_POINTS)
+    time = comparison.torque_time[::step]
+    for joint, (left, right) in enumerate(rows):
+        measured, modelled, simulated = (
+            None if values is None else values[::step, joint]
+            for values in (
+                comparison.measured_torque, comparison.inverse_dynamics_torque, comparison.simulated_torque,
+            )
+        )  # fmt: skip
+        if measured is not None:
+            left.plot(time, measured, **_MEASURED)
+        left.plot(time, modelled, **_INVERSE)
+        left.plot(time, simulated, **_SIMULATED)
+        left.set_ylabel(f"joint {joint + 1}\ntorque ({units[joint]})")
+        if measured is not None and modelled is not None and simulated is not None:
+            right.plot(time, measured - modelled, **{**_INVERSE, "label": "measured − inverse dynamics"})
+            right.plot(time, measured - simulated, **{**_SIMULATED, "label": "measured − simulated"})
+        elif modelled is not None and simulated is not None:
+            right.plot(time, modelled - simulated, **{**_SIMULATED, "label": "inverse dynamics − simulated"})
+        _draw_floor(right, float(comparison.noise_floor_nm[joint]))
+        right.set_ylabel(f"difference\n({units[joint]})")
+        for axes in (left, right):
+            axes.grid(alpha=0.25)
+            axes.set_xlim(time[0], time[-1])
+            axes.margins(y=0.1)
+    for column in (0, 1):
+        rows[-1, column].set_xlabel("time (s)")
+        rows[0, column].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small", frameon=False)
+    return figure
+
+
+def _draw_floor(axes: Axes, noise_floor: float) -> None:
+    if np.isfinite(noise_floor):
+        axes.axhspan(-noise_floor, noise_floor, color=_FLOOR, alpha=0.3, linewidth=0.0, label="noise, ±1 σ")
+
+
+def save_figure(figure: Figure, file: Path) -> None:
+    """Write the figure; the suffix chooses the format (.svg, .png, .pdf)."""
+    figure.savefig(file, dpi=110)
