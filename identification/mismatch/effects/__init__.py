@@ -16,6 +16,7 @@ from identification.mismatch.effects.base_tilt import BaseTilt
 from identification.mismatch.effects.bending_crosstalk import BendingCrosstalk
 from identification.mismatch.effects.cable_spring import CableSpring
 from identification.mismatch.effects.distal_rotor_reaction import DistalRotorReaction
+from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.joint_coupling import JointCoupling
 from identification.mismatch.effects.joint_crosstalk import JointCrosstalk
 from identification.mismatch.effects.joint_elasticity import JointElasticity
@@ -23,15 +24,18 @@ from identification.mismatch.effects.joint_zero_offset import JointZeroOffset
 from identification.mismatch.effects.load_dependent_friction import LoadDependentFriction
 from identification.mismatch.effects.nonlinear_viscous_friction import NonlinearViscousFriction
 from identification.mismatch.effects.payload import Payload
+from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.position_dependent_friction import PositionDependentFriction
 from identification.mismatch.effects.position_dependent_torque import PositionDependentTorque
 from identification.mismatch.effects.presliding_hysteresis import PreslidingHysteresis
 from identification.mismatch.effects.rotor_inertia import RotorInertia
 from identification.mismatch.effects.stribeck_friction import StribeckFriction
 from identification.mismatch.effects.structural_resonance import StructuralResonance
+from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_delay import TorqueDelay
 from identification.mismatch.effects.torque_offset import TorqueOffset
 from identification.mismatch.effects.torque_ripple import TorqueRipple
+from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.effects.torque_sensor_gain import TorqueSensorGain
 
 EFFECTS: tuple[Effect, ...] = (
@@ -58,6 +62,10 @@ EFFECTS: tuple[Effect, ...] = (
     StructuralResonance(),
     Backlash(),
     JointCoupling(),
+    TorqueSensorDrift(),
+    ThermalFriction(),
+    PayloadChange(),
+    ExternalContact(),
 )
 """Every effect of the library, simplest first: of two that explain alike, the earlier one is reported."""
 
