@@ -7,14 +7,29 @@ Called by every stage of the diagnosis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal.windows import tukey
 
+from identification.base_parameters import BaseRegressor
+from identification.errors import RecordingError
 from identification.mismatch.motion import Motion
+from identification.mismatch.noise import noise_of_mean
+from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
-from identification.signals.processed import LinearOperator
+from identification.robots import RobotModel
+from identification.signals.aperiodic import process_aperiodic
+from identification.signals.periodic import (
+    MOTION_OVER_NOISE,
+    SMALLEST_AMPLITUDE,
+    differentiate_harmonics,
+    to_lines,
+)
+from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
+from identification.signals.processed import LinearOperator, ProcessedSignals
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -54,3 +69,233 @@ class Evidence:
     def periods(self) -> int:
         """Number K of periods, 1 for a stretch without periods."""
         return 1 if self.period_torque is None else int(self.period_torque.shape[0])
+
+
+def build_evidence(
+    recording: Recording,
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings | None = None,
+) -> tuple[Evidence, ...]:
+    """Reduce a recording: one evidence for a periodic one, one per gap-free stretch for any other.
+
+    `motion.torque` is that of the nominal fit to this recording alone; `with_parameters` sets another one. Raises
+    RecordingError where the recording cannot be used.
+    """
+    settings = settings if settings is not None else DiagnosisSettings()
+    if recording.is_periodic:
+        try:
+            table = period_table(recording)
+        except RecordingError as error:
+            if error.field != "period_s":
+                raise
+        else:
+            return (_periodic_evidence(recording, table, robot, regressor, settings),)
+    return tuple(
+        _stretch_evidence(recording, signals, robot, regressor, settings) for signals in process_aperiodic(recording)
+    )
+
+
+def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
+    """Base parameters (p,) that fit the means of all evidences together, rows weighted by their noise.
+
+    The shortest solution (columns scaled alike) where the motion leaves parameters undetermined.
+    """
+    rows, torque = [], []
+    for evidence in evidences:
+        weight = np.where(evidence.used, 1.0 / evidence.noise, 0.0)
+        rows.append((evidence.nominal * weight[..., None]).reshape(-1, evidence.nominal.shape[2]))
+        torque.append((evidence.torque * weight).ravel())
+    matrix = np.concatenate(rows)
+    scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    solution = np.linalg.lstsq(matrix / scale, np.concatenate(torque), rcond=1e-10)[0]
+    return np.asarray(solution / scale, dtype=np.float64)
+
+
+def with_parameters(evidence: Evidence, regressor: BaseRegressor, values: FloatArray) -> Evidence:
+    """The same evidence with the nominal torque and the dynamic parameters of other base parameters (p,)."""
+    motion = evidence.motion
+    torque = regressor.matrix(motion.position, motion.velocity, motion.acceleration) @ values
+    full = np.linalg.pinv(regressor.regrouping) @ values
+    return replace(evidence, motion=replace(motion, torque=torque, full_parameters=full))
+
+
+def rows_to_time(evidence: Evidence, rows: FloatArray) -> FloatArray:
+    """Spectral rows (R, …) back on the time grid of the motion (S, …), within the compared bandwidth."""
+    samples = evidence.motion.samples
+    spectrum = np.zeros((samples // 2 + 1, *rows.shape[1:]), dtype=np.complex128)
+    lines = (rows.shape[0] - 1) // 2
+    spectrum[0] = rows[0] * np.sqrt(samples)
+    spectrum[1 : lines + 1] = (rows[1::2] + 1j * rows[2::2]) * np.sqrt(samples / 2.0)
+    return np.asarray(np.fft.irfft(spectrum, n=samples, axis=0), dtype=np.float64)
+
+
+def _periodic_evidence(
+    recording: Recording, table: PeriodTable, robot: RobotModel, regressor: BaseRegressor, settings: DiagnosisSettings
+) -> Evidence:
+    average = average_periods(table)
+    samples, step = average.position.shape[0], average.sampling_period_s
+    position, velocity, acceleration = _smooth_motion(average, settings.motion_bandwidth_hz)
+    lines = min(max(30, int(settings.torque_bandwidth_hz * average.period_s)), (samples - 1) * 4 // 10)
+
+    def project(values: FloatArray) -> FloatArray:
+        return to_lines(values, lines)
+
+    torque = project(average.torque)
+    frequency = np.repeat(np.arange(lines + 1) / average.period_s, 2)[1:]
+    period_torque = None
+    if average.periods > 1:
+        filled = np.where(np.isfinite(table.torque), table.torque, average.torque[None])
+        period_torque = np.stack([project(period) for period in filled])
+        noise, freedom = noise_of_mean(period_torque)
+    else:
+        noise, freedom = _noise_of_high_band(average.torque, lines)
+    first = np.array(
+        [float(recording.time[_first_row(recording, int(number))] - recording.time[0]) for number in table.periods]
+    )
+    motion = Motion(
+        robot=robot,
+        time=np.arange(samples, dtype=np.float64) * step,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=np.zeros_like(position),
+        full_parameters=np.zeros(len(regressor.full_names)),
+        periodic=True,
+        start_s=first,
+        command_position=_period_mean(recording, table, recording.command_position),
+        link_position=_period_mean(recording, table, recording.link_position),
+    )
+    return _complete(
+        recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
+    )
+
+
+def _complete(
+    recording: Recording,
+    motion: Motion,
+    project: LinearOperator,
+    frequency: FloatArray,
+    torque: FloatArray,
+    period_torque: FloatArray | None,
+    regressor: BaseRegressor,
+    noise: FloatArray,
+    freedom: FloatArray,
+    measured: bool,
+) -> Evidence:
+    """The evidence with its nominal rows and the torque of the nominal fit to it."""
+    columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration)
+    nominal = np.zeros((*torque.shape, regressor.size))
+    for joint in range(motion.n):
+        present = np.flatnonzero(columns[:, joint].any(axis=0))
+        nominal[:, joint, present] = project(columns[:, joint, present])
+    evidence = Evidence(
+        recording=recording,
+        motion=motion,
+        project=project,
+        frequency=frequency,
+        torque=torque,
+        period_torque=period_torque,
+        nominal=nominal,
+        noise=noise,
+        noise_freedom=freedom,
+        used=np.ones(torque.shape, dtype=np.bool_),
+        noise_is_measured=measured,
+    )
+    values = fit_parameters([evidence])
+    full = np.linalg.pinv(regressor.regrouping) @ values
+    return replace(evidence, motion=replace(motion, torque=columns @ values, full_parameters=full))
+
+
+def _smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean position and its derivatives, each joint from the harmonics on which it stands above its own noise.
+
+    One number of harmonics for all joints would let the noise of the slowest joint into its acceleration.
+    """
+    samples = average.position.shape[0]
+    cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
+    power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
+    noise = np.zeros_like(power) if average.position_spectrum is None else average.position_spectrum / average.periods
+    floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
+    above = power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)
+    parts = []
+    for joint in range(average.position.shape[1]):
+        lines = np.flatnonzero(above[:, joint])
+        harmonics = int(lines[-1]) + 1 if lines.size else 1
+        parts.append(differentiate_harmonics(average.position[:, joint : joint + 1], average.period_s, harmonics))
+    position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
+    return position, velocity, acceleration
+
+
+def _first_row(recording: Recording, period: int) -> int:
+    assert recording.period_index is not None
+    return int(np.flatnonzero(recording.period_index == period)[0])
+
+
+def _period_mean(recording: Recording, table: PeriodTable, values: FloatArray | None) -> FloatArray | None:
+    """Mean period (M, n) of another channel; samples no period has are interpolated; None where it is not complete."""
+    if values is None or recording.period_index is None or recording.sample_in_period is None:
+        return None
+    rows = np.isin(recording.period_index, table.periods) & np.isfinite(values).all(axis=1)
+    samples = table.position.shape[1]
+    count = np.bincount(recording.sample_in_period[rows], minlength=samples)
+    if not count.any():
+        return None
+    grid = np.arange(samples)
+    mean = np.empty((samples, values.shape[1]))
+    for joint in range(values.shape[1]):
+        total = np.bincount(recording.sample_in_period[rows], weights=values[rows, joint], minlength=samples)
+        known = count > 0
+        mean[:, joint] = np.interp(grid, grid[known], total[known] / count[known], period=samples)
+    return mean
+
+
+def _noise_of_high_band(torque: FloatArray, lines: int) -> tuple[FloatArray, FloatArray]:
+    """White noise at the level of the lines above the compared band, or of its upper fifth where there are none.
+
+    Weaker than period differences: colour at low frequencies stays unseen.
+    """
+    available = (torque.shape[0] - 1) // 2
+    rows = to_lines(torque, available)
+    high = rows[2 * lines + 1 :] if available > 1.2 * lines else rows[int(1.6 * available) :]
+    level = np.sqrt(np.maximum(np.median(high**2, axis=0) / 0.4549, 1e-18))
+    return np.tile(level, (2 * lines + 1, 1)), np.full(2 * lines + 1, float(high.shape[0]))
+
+
+def _stretch_evidence(
+    recording: Recording,
+    signals: ProcessedSignals,
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+) -> Evidence:
+    """One stretch without periods: tapered at both ends and taken to the lines of its own length."""
+    del settings
+    samples = signals.time.size
+    step = float(signals.time[1] - signals.time[0])
+    duration = samples * step
+    bandwidth = 0.5 * float(signals.facts["low_pass_hz"])
+    lines = min(max(30, int(bandwidth * duration)), (samples - 1) // 4)
+    taper = tukey(samples, min(1.0, 4.0 / bandwidth / duration))
+
+    def project(values: FloatArray) -> FloatArray:
+        return to_lines(values * taper.reshape(-1, *([1] * (values.ndim - 1))), lines)
+
+    noise, freedom = _noise_of_high_band(signals.torque * taper[:, None], 4 * lines)
+    motion = Motion(
+        robot=robot,
+        time=signals.time - signals.time[0],
+        position=signals.position,
+        velocity=signals.velocity,
+        acceleration=signals.acceleration,
+        torque=np.zeros_like(signals.position),
+        full_parameters=np.zeros(len(regressor.full_names)),
+        periodic=False,
+        start_s=np.array([float(signals.time[0] - recording.time[0])]),
+    )
+    frequency = np.repeat(np.arange(lines + 1) / duration, 2)[1:]
+    rows = 2 * lines + 1
+    return _complete(
+        recording, motion, project, frequency, project(signals.torque), None, regressor, noise[:rows], freedom[:rows],
+        False,
+    )  # fmt: skip

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from identification.mismatch.data_faults import DataFault
 from identification.mismatch.effects.base import Parameter, Place
 
 FloatArray = npt.NDArray[np.float64]
@@ -143,27 +144,6 @@ class Finding:
                 "coefficients": json_list(self.coefficients),
                 "shape": {name: number(value) for name, value in self.shape.items()},
             },
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class DataFault:
-    """A fault of the data, not of the robot. joints: from 1. ratio: true rate over stated rate. rows: first, last, count."""
-
-    fault: str
-    joints: tuple[int, ...]
-    sentence: str
-    ratio: float | None = None
-    rows: tuple[int, int, int] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """The fault as plain JSON types."""
-        return {
-            "fault": self.fault,
-            "joints": list(self.joints),
-            "ratio": self.ratio,
-            "rows": None if self.rows is None else list(self.rows),
-            "sentence": self.sentence,
         }
 
 

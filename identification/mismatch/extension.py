@@ -1,0 +1,170 @@
+"""The nominal model extended by effects: base parameters and coefficients fitted together, with their covariance.
+
+Also what that model predicts elsewhere, in Nm per row. Called by the held-out check, the verdict and the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import ShapeParameter
+from identification.mismatch.library import Library
+from identification.mismatch.problem import Problem, off, spread
+from identification.mismatch.refinement import Member
+from identification.mismatch.screening import UNDETERMINED
+
+FloatArray = npt.NDArray[np.float64]
+
+# Relative step of a nonlinear parameter for the derivative of its columns.
+SHAPE_STEP = 1e-2
+# Blocks of neighbouring lines per joint whose products with the residual are taken as independent.
+BLOCKS = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extension:
+    """Base parameters (p,), coefficients of each member (all its columns, zeros where not used), covariance of all.
+
+    covariance: (p + Σ used, ·) of base parameters and used coefficients, from the noise.
+    """
+
+    members: tuple[Member, ...]
+    base: FloatArray
+    coefficients: tuple[FloatArray, ...]
+    covariance: FloatArray
+
+
+def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
+    """Fit base parameters and members to the measured rows; directions the motion leaves open stay at zero."""
+    size = nominal.nominal.shape[2]
+    plain = (nominal.nominal * nominal.weight[..., None]).reshape(-1, size)
+    added = [spread(nominal, member.rows.joints, member.used_rows()) for member in members]
+    columns = np.concatenate([plain, *added], axis=1)
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, singular, right = np.linalg.svd(columns / norms, full_matrices=False)
+    kept = singular > 1e-9 * singular[0]
+    inverse = (right[kept].T / singular[kept]) / norms[:, None]
+    solution = inverse @ (left[:, kept].T @ nominal.torque)
+    coefficients, position = [], size
+    for member in members:
+        full = np.zeros(member.rows.coefficients)
+        full[list(member.selection)] = solution[position : position + len(member.selection)]
+        coefficients.append(full)
+        position += len(member.selection)
+    return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T)
+
+
+def predicted(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
+    """Torque rows (n, R) Nm of the extended model on the evidences of a library; nominal: (n, R, p) rows there."""
+    result = np.asarray(nominal @ extension.base, dtype=np.float64)
+    for member, coefficients in zip(extension.members, extension.coefficients, strict=True):
+        rows = library.rows(member.effect, member.place, member.rows.shape)
+        if rows is not None:
+            result[list(rows.joints)] += rows.rows @ coefficients
+    return result
+
+
+def prediction_variance(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
+    """(n, R) Nm², variance of `predicted` through the parameters."""
+    joints, rows, _ = nominal.shape
+    parts = [nominal]
+    for member in extension.members:
+        block = np.zeros((joints, rows, len(member.selection)))
+        there = library.rows(member.effect, member.place, member.rows.shape)
+        if there is not None:
+            block[list(there.joints)] = there.rows[:, :, list(member.selection)]
+        parts.append(block)
+    columns = np.concatenate(parts, axis=2)
+    return np.asarray(np.einsum("nrp,pq,nrq->nr", columns, extension.covariance, columns, optimize=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertainty:
+    """Of one member: covariance of all its columns' coefficients (zeros where not used), deviations of its shape."""
+
+    covariance: FloatArray
+    shape_std: dict[str, float]
+
+
+def uncertainties(
+    nominal: Problem, extension: Extension, residual: FloatArray, library: Library, *, coloured: bool
+) -> tuple[Uncertainty, ...]:
+    """Uncertainty of every member, coefficients and nonlinear parameters of all of them together.
+
+    coloured: the residual is not noise alone. Then the covariance is built from the residual itself: products of
+    columns and residual summed over blocks of neighbouring lines, whatever the colour within a block (the sandwich
+    with clusters, Liang and Zeger 1986), and never below that of the noise.
+    """
+    columns, labels = _tangents(nominal, extension, library)
+    if not labels:
+        return ()
+    columns = off(nominal.basis, columns)
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh((columns / norms).T @ (columns / norms))
+    kept = values > UNDETERMINED**2 * values[-1]
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(norms, norms)
+    covariance = inverse
+    if coloured:
+        meat = _block_products(nominal, columns, residual)
+        sandwich = inverse @ meat @ inverse
+        scale = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
+        covariance = sandwich * np.outer(scale, scale)
+    result = []
+    for index, member in enumerate(extension.members):
+        full = np.zeros((member.rows.coefficients, member.rows.coefficients))
+        own = [position for position, label in enumerate(labels) if label[0] == index and isinstance(label[1], int)]
+        full[np.ix_(member.selection, member.selection)] = covariance[np.ix_(own, own)]
+        shape = {
+            str(label[1]): float(np.sqrt(max(covariance[position, position], 0.0)))
+            for position, label in enumerate(labels)
+            if label[0] == index and isinstance(label[1], str)
+        }
+        result.append(Uncertainty(full, shape))
+    return tuple(result)
+
+
+def _tangents(
+    nominal: Problem, extension: Extension, library: Library
+) -> tuple[FloatArray, list[tuple[int, int | str]]]:
+    """Whitened columns of all coefficients and of all nonlinear parameters at the estimate, with what each belongs to."""
+    columns, labels = [], []
+    motion = library.evidences[0].motion
+    for index, (member, coefficients) in enumerate(zip(extension.members, extension.coefficients, strict=True)):
+        columns.append(spread(nominal, member.rows.joints, member.used_rows()))
+        labels.extend((index, column) for column in member.selection)
+        for parameter in member.effect.shape_parameters(motion, member.place):
+            slope = None if parameter.integer else _slope(member, parameter, library, coefficients)
+            if slope is not None:
+                columns.append(spread(nominal, member.rows.joints, slope[..., None]))
+                labels.append((index, parameter.name))
+    return (np.concatenate(columns, axis=1) if columns else np.zeros((0, 0))), labels
+
+
+def _slope(
+    member: Member, parameter: ShapeParameter, library: Library, coefficients: FloatArray
+) -> FloatArray | None:
+    """Derivative of the member's torque rows by one nonlinear parameter, (len(joints), R)."""
+    value = member.shape[parameter.name]
+    step = SHAPE_STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
+    high, low = min(value + step, parameter.upper), max(value - step, parameter.lower)
+    ends = []
+    for place in (high, low):
+        shape = tuple((name, place if name == parameter.name else old) for name, old in member.rows.shape)
+        ends.append(library.rows(member.effect, member.place, shape))
+    if ends[0] is None or ends[1] is None or high <= low:
+        return None
+    return np.asarray((ends[0].rows - ends[1].rows) @ coefficients / (high - low), dtype=np.float64)
+
+
+def _block_products(problem: Problem, columns: FloatArray, residual: FloatArray) -> FloatArray:
+    """Σ u uᵀ over blocks, u = columnsᵀ residual within a block of lines of one joint."""
+    edges = np.unique(np.round(np.geomspace(1.0, max(2, problem.rows), BLOCKS + 1)).astype(int)) - 1
+    order = np.lexsort((problem.frequency, problem.evidence))
+    product = (columns * residual[:, None]).reshape(problem.n, problem.rows, -1)[:, order]
+    sums = np.add.reduceat(product, edges[:-1], axis=1).reshape(-1, columns.shape[1])
+    count, size = sums.shape[0], columns.shape[1]
+    return np.asarray(sums.T @ sums * count / max(count - size, 1), dtype=np.float64)

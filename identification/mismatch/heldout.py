@@ -1,0 +1,92 @@
+"""What the fitted model is worth on recordings it has not seen: the check behind every name.
+
+Coefficients, nonlinear parameters and base parameters all come from the fitted recordings. Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.extension import Extension, prediction_variance, predicted
+from identification.mismatch.library import Library
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Rows of what a model leaves on a set of evidences. rows, noise: (n, R) Nm; noise holds the model's scatter too.
+
+    samples: (n,) samples S behind the rows, so that Σ rows² / S is the mean square over time. sensor_noise: (n, R) Nm.
+    """
+
+    rows: FloatArray
+    noise: FloatArray
+    sensor_noise: FloatArray
+    used: npt.NDArray[np.bool_]
+    samples: int
+
+    @property
+    def rms_nm(self) -> FloatArray:
+        """(n,) RMS over time within the compared bandwidth."""
+        return np.asarray(np.sqrt(self._sum(self.rows**2) / self.samples), dtype=np.float64)
+
+    @property
+    def noise_floor_nm(self) -> FloatArray:
+        """(n,) RMS of the sensor's noise alone."""
+        return np.asarray(np.sqrt(self._sum(self.sensor_noise**2) / self.samples), dtype=np.float64)
+
+    @property
+    def excess_energy(self) -> FloatArray:
+        """(n,) Nm², mean square beyond noise and the scatter of the model; may come out negative."""
+        return np.asarray(self._sum(self.rows**2 - self.noise**2) / self.samples, dtype=np.float64)
+
+    @property
+    def excess_deviation(self) -> FloatArray:
+        """(n,) Nm², standard deviation of `excess_energy`."""
+        misfit = np.maximum(self.rows**2 - self.noise**2, 0.0)
+        return np.asarray(np.sqrt(self._sum(2.0 * self.noise**4 + 4.0 * self.noise**2 * misfit)) / self.samples)
+
+    @property
+    def excess_nm(self) -> FloatArray:
+        """(n,) square root of the excess energy, zero where that is negative."""
+        return np.asarray(np.sqrt(np.maximum(self.excess_energy, 0.0)), dtype=np.float64)
+
+    def _sum(self, values: FloatArray) -> FloatArray:
+        return np.asarray(np.where(self.used, values, 0.0).sum(axis=1), dtype=np.float64)
+
+
+def residuals(
+    extension: Extension, evidences: Sequence[Evidence], library: Library, torque: Sequence[FloatArray] | None = None
+) -> Residuals:
+    """What an extended model leaves on evidences that were not fitted; library: the effects on those evidences."""
+    nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
+    measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
+    noise = np.concatenate([item.noise for item in evidences]).T
+    rows = measured - predicted(extension, nominal, library)
+    scatter = prediction_variance(extension, nominal, library)
+    return Residuals(
+        rows=rows,
+        noise=np.sqrt(noise**2 + scatter),
+        sensor_noise=noise,
+        used=np.concatenate([item.used for item in evidences]).T,
+        samples=sum(item.motion.samples for item in evidences),
+    )
+
+
+def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:
+    """Share of the excess energy on some joints (from 0) that is gone, and the most it may be within two deviations.
+
+    (1, 1) where there was no excess to begin with.
+    """
+    chosen = list(joints)
+    first, last = float(before.excess_energy[chosen].sum()), float(after.excess_energy[chosen].sum())
+    spread = float(np.sqrt((after.excess_deviation[chosen] ** 2).sum() + (before.excess_deviation[chosen] ** 2).sum()))
+    if first <= 0.0:
+        return 1.0, 1.0
+    return 1.0 - last / first, 1.0 - (last - 2.0 * spread) / first

@@ -1,0 +1,104 @@
+"""The effects of the library on the motion at hand: every place, every grid point, as rows beside the nominal ones.
+
+Rows depend on the motion only; they are computed once and kept. Here no torque is looked at. Called by the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Effect, Place
+from identification.mismatch.evidence import Evidence
+
+FloatArray = npt.NDArray[np.float64]
+
+Shape = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectRows:
+    """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences."""
+
+    effect: Effect
+    place: Place
+    shape: Shape
+    joints: tuple[int, ...]
+    rows: FloatArray
+
+    @property
+    def coefficients(self) -> int:
+        """Number m of columns."""
+        return int(self.rows.shape[2])
+
+
+@dataclass(slots=True)
+class Library:
+    """Effects with the evidences they are evaluated on, and what was evaluated so far."""
+
+    effects: Sequence[Effect]
+    evidences: Sequence[Evidence]
+    _known: dict[tuple[str, Place, Shape], EffectRows | None] = field(default_factory=dict)
+
+    def rows(self, effect: Effect, place: Place, shape: Shape) -> EffectRows | None:
+        """The rows of an effect; None where no evidence lets it act."""
+        key = (effect.name, place, shape)
+        if key not in self._known:
+            self._known[key] = evaluate(effect, place, dict(shape), self.evidences)
+        return self._known[key]
+
+    def places(self, effect: Effect) -> tuple[Place, ...]:
+        """Every place of an effect on this robot."""
+        return tuple(effect.places(self.evidences[0].motion))
+
+    def grid(self, effect: Effect, place: Place) -> tuple[Shape, ...]:
+        """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""
+        parameters = effect.shape_parameters(self.evidences[0].motion, place)
+        names = [parameter.name for parameter in parameters]
+        return tuple(
+            tuple(zip(names, values, strict=True)) for values in product(*(parameter.grid for parameter in parameters))
+        )
+
+    def candidates(self) -> tuple[list[EffectRows], list[tuple[Effect, Place]]]:
+        """All repeatable effects at all places and grid points, and the pairs that the motion does not let act."""
+        found: list[EffectRows] = []
+        inactive: list[tuple[Effect, Place]] = []
+        for effect in self.effects:
+            if effect.stage != "repeatable":
+                continue
+            for place in self.places(effect):
+                rows = [
+                    item for item in (self.rows(effect, place, shape) for shape in self.grid(effect, place)) if item
+                ]
+                found.extend(rows)
+                if not rows:
+                    inactive.append((effect, place))
+        return found, inactive
+
+
+def evaluate(
+    effect: Effect, place: Place, shape: Mapping[str, float], evidences: Sequence[Evidence]
+) -> EffectRows | None:
+    """Project an effect's columns like the torque, evidence by evidence; zero rows where one does not let it act."""
+    parts = [effect.columns(evidence.motion, place, shape) for evidence in evidences]
+    present = [part for part in parts if part is not None]
+    if not present or not any(np.any(part.values) for part in present):
+        return None
+    joints = tuple(sorted({joint for part in present for joint in part.joints}))
+    size = present[0].values.shape[2]
+    blocks = []
+    for evidence, part in zip(evidences, parts, strict=True):
+        block = np.zeros((len(joints), evidence.frequency.size, size))
+        if part is not None:
+            projected = evidence.project(np.asarray(part.values, dtype=np.float64))
+            for position, joint in enumerate(part.joints):
+                block[joints.index(joint)] = projected[:, position]
+        blocks.append(block)
+    rows = np.concatenate(blocks, axis=1)
+    if not np.all(np.isfinite(rows)):
+        return None
+    return EffectRows(effect, place, tuple(shape.items()), joints, rows)

@@ -1,0 +1,133 @@
+"""The least-squares problem of the diagnosis: whitened rows of all evidences, and the space the base parameters span.
+
+Every column that enters a comparison is taken off that space first (Frisch, Waugh, Lovell), which is the same as
+fitting all base parameters again with it. Rows run joint by joint, within a joint evidence by evidence. Called by the
+search, the detection, the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.evidence import Evidence
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Upper edges (Hz) of the bands in which misfit is tested: line 0 alone, then about half an octave to an octave each.
+BAND_EDGES_HZ = (0.01, 0.25, 0.55, 0.95, 1.55, 2.55, 4.05, 6.55, 10.05, 16.05, 25.05, 40.05)
+# Columns scaled to one; directions below this share of the largest are not determined by the motion.
+RANK_TOLERANCE = 1e-9
+# A column of which less than this share of the energy is left is swallowed by the base parameters up to rounding.
+SWALLOWED = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Rows of the diagnosis, (n · R,) flattened joint by joint.
+
+    weight: (n, R) 1/Nm, one over the noise times the factor of `background`; 0 for rows that do not count. noise:
+    (n, R) Nm. freedom: (R,) degrees of freedom of the noise. band: (R,) index of the band. evidence: (R,) which
+    evidence. frequency: (R,) Hz. torque: (n R,) whitened. basis: (n R, p') orthonormal basis of the nominal columns,
+    whitened. residual: (n R,) torque off the basis.
+    """
+
+    n: int
+    weight: FloatArray
+    noise: FloatArray
+    freedom: FloatArray
+    band: IntArray
+    evidence: IntArray
+    frequency: FloatArray
+    torque: FloatArray
+    nominal: FloatArray
+    basis: FloatArray
+    residual: FloatArray
+
+    @property
+    def rows(self) -> int:
+        """Rows R of one joint."""
+        return int(self.frequency.size)
+
+    @property
+    def bands(self) -> int:
+        """Number of bands."""
+        return len(BAND_EDGES_HZ) + 1
+
+
+def build_problem(evidences: Sequence[Evidence], torque: Sequence[FloatArray] | None = None) -> Problem:
+    """The problem of several evidences with common base parameters, weighted by the noise alone.
+
+    torque: per evidence (R, n) Nm to take instead of the measured mean (what remains after changes between periods).
+    """
+    n = evidences[0].n
+    noise = np.concatenate([item.noise for item in evidences]).T
+    used = np.concatenate([item.used for item in evidences]).T
+    frequency = np.concatenate([item.frequency for item in evidences])
+    measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
+    nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
+    weight = np.where(used, 1.0 / noise, 0.0)
+    empty = np.zeros(0)
+    problem = Problem(
+        n=n,
+        weight=weight,
+        noise=noise,
+        freedom=np.concatenate([item.noise_freedom for item in evidences]),
+        band=np.searchsorted(BAND_EDGES_HZ, frequency, side="left").astype(np.int64),
+        evidence=np.concatenate([np.full(item.frequency.size, index) for index, item in enumerate(evidences)]),
+        frequency=frequency,
+        torque=(measured * weight).ravel(),
+        nominal=nominal,
+        basis=empty,
+        residual=empty,
+    )
+    return _with_basis(problem)
+
+
+def reweighted(problem: Problem, inflation: FloatArray) -> Problem:
+    """The same problem with the noise's deviation in each joint and row times inflation (n, R)."""
+    weight = np.where(problem.weight > 0.0, 1.0 / (problem.noise * inflation), 0.0)
+    measured = problem.torque.reshape(weight.shape) / np.where(problem.weight > 0.0, problem.weight, 1.0)
+    return _with_basis(replace(problem, weight=weight, torque=(measured * weight).ravel()))
+
+
+def _with_basis(problem: Problem) -> Problem:
+    columns = (problem.nominal * problem.weight[..., None]).reshape(-1, problem.nominal.shape[2])
+    basis = orthonormal(columns)
+    return replace(problem, basis=basis, residual=off(basis, problem.torque))
+
+
+def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
+    """Orthonormal basis of the space the columns span, each scaled to one, directions below the tolerance left out."""
+    norms = np.linalg.norm(columns, axis=0)
+    present = norms > 0.0
+    factor, triangle = np.linalg.qr(columns[:, present] / norms[present])
+    left, singular, _ = np.linalg.svd(triangle)
+    return np.asarray(factor @ left[:, singular > tolerance * singular.max(initial=0.0)], dtype=np.float64)
+
+
+def off(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """The values (rows, …) without their part in the space of the basis; twice, so that only rounding is left."""
+    once = values - basis @ (basis.T @ values)
+    return np.asarray(once - basis @ (basis.T @ once), dtype=np.float64)
+
+
+def extended(problem: Problem, columns: FloatArray) -> Problem:
+    """The problem with further columns (n R, m), already off the basis, fitted along; swallowed directions left out."""
+    added = orthonormal(columns, tolerance=1e-7)
+    return replace(
+        problem,
+        basis=np.concatenate([problem.basis, added], axis=1),
+        residual=off(added, problem.residual),
+    )
+
+
+def spread(problem: Problem, joints: Sequence[int], rows: FloatArray) -> FloatArray:
+    """Torque rows (len(joints), R, m) Nm as whitened columns over all joints (n R, m)."""
+    columns = np.zeros((problem.n, problem.rows, rows.shape[2]))
+    columns[list(joints)] = rows * problem.weight[list(joints)][..., None]
+    return columns.reshape(problem.n * problem.rows, -1)

@@ -1,0 +1,137 @@
+"""Nonlinear parameters of one effect, refined beside everything else that is fitted.
+
+Golden section per parameter, in turns; base parameters and coefficients are fitted anew at every point. Called by the
+search.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Effect, Place, ShapeParameter
+from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.problem import Problem
+from identification.mismatch.screening import COEFFICIENT_COST, coefficients_of, group_gain
+
+FloatArray = npt.NDArray[np.float64]
+
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+STEPS = 12
+ROUNDS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Member:
+    """An effect as it stands in a model: rows of all its columns, and which of them are used."""
+
+    rows: EffectRows
+    selection: tuple[int, ...]
+
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+        return self.rows.effect
+
+    @property
+    def place(self) -> Place:
+        """Where it sits."""
+        return self.rows.place
+
+    @property
+    def shape(self) -> Mapping[str, float]:
+        """Its nonlinear parameters."""
+        return dict(self.rows.shape)
+
+    def used_rows(self) -> FloatArray:
+        """(len(joints), R, used) Nm per unit."""
+        return self.rows.rows[:, :, list(self.selection)]
+
+
+def gram_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gram matrix off the basis, product with the residual, and square lengths before, of a member's columns."""
+    joints, count = list(member.rows.joints), len(member.selection)
+    columns = (member.used_rows() * problem.weight[joints][..., None]).reshape(-1, count)
+    rows = problem.rows
+    basis = problem.basis.reshape(problem.n, rows, -1)[joints].reshape(len(joints) * rows, -1)
+    residual = problem.residual.reshape(problem.n, rows)[joints].ravel()
+    shadow = basis.T @ columns
+    plain = columns.T @ columns
+    return plain - shadow.T @ shadow, columns.T @ residual, np.diag(plain).copy()
+
+
+def score_of(problem: Problem, member: Member) -> float:
+    """Half the drop of the whitened squares by a member, less the cost of its further coefficients."""
+    gain, used = group_gain(*gram_of(problem, member))
+    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0)
+
+
+def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of the used columns beside all that is fitted, and their inverse Gram matrix."""
+    return coefficients_of(*gram_of(problem, member))
+
+
+def refine(problem: Problem, library: Library, member: Member, rounds: int = ROUNDS) -> Member:
+    """The member with nonlinear parameters that gain most, within their bounds, near where they are."""
+    motion = library.evidences[0].motion
+    parameters = member.effect.shape_parameters(motion, member.place)
+    if not parameters:
+        return member
+    best, best_score = member, score_of(problem, member)
+    for _ in range(rounds if len(parameters) > 1 else 1):
+        before = best_score
+        for parameter in parameters:
+
+            def at(value: float, parameter: ShapeParameter = parameter) -> tuple[float, Member | None]:
+                shape = tuple((name, value if name == parameter.name else old) for name, old in best.rows.shape)
+                rows = library.rows(best.effect, best.place, shape)
+                if rows is None:
+                    return -math.inf, None
+                moved = Member(rows, best.selection)
+                return score_of(problem, moved), moved
+
+            score, moved = _best_near(at, parameter, best.shape[parameter.name])
+            if moved is not None and score > best_score:
+                best, best_score = moved, score
+        if best_score - before < 0.05:
+            break
+    return best
+
+
+def _best_near(
+    at: Callable[[float], tuple[float, Member | None]], parameter: ShapeParameter, value: float
+) -> tuple[float, Member | None]:
+    """The best value between the neighbours of `value` on the parameter's grid (or its bounds)."""
+    forward, backward = (math.log, math.exp) if parameter.logarithmic else (_same, _same)
+    below = [point for point in parameter.grid if point < value * (1.0 - 1e-9)]
+    above = [point for point in parameter.grid if point > value * (1.0 + 1e-9)]
+    lower = max(below, default=parameter.lower)
+    upper = min(above, default=parameter.upper)
+    if parameter.integer:
+        points = range(math.ceil(lower), math.floor(upper) + 1)
+        return max((at(float(point)) for point in points), key=lambda item: item[0], default=(-math.inf, None))
+    left, right = forward(max(lower, parameter.lower)), forward(min(upper, parameter.upper))
+    inner, outer = right - GOLDEN * (right - left), left + GOLDEN * (right - left)
+    first, second = at(backward(inner)), at(backward(outer))
+    best = max(first, second, key=lambda item: item[0])
+    for _ in range(STEPS):
+        if first[0] >= second[0]:
+            right, outer, second = outer, inner, first
+            inner = right - GOLDEN * (right - left)
+            first = at(backward(inner))
+        else:
+            left, inner, first = inner, outer, second
+            outer = left + GOLDEN * (right - left)
+            second = at(backward(outer))
+        best = max(best, first, second, key=lambda item: item[0])
+        if abs(first[0] - second[0]) < 1e-3 and right - left < 1e-3 * max(1.0, abs(right)):
+            break
+    return best
+
+
+def _same(value: float) -> float:
+    return value

@@ -1,0 +1,257 @@
+"""Which effects, together, explain the mean of the periods: forward with look-ahead, exchanged, pruned.
+
+Two regimes. Where some set of effects leaves nothing but noise on every joint and in every band, it is ranked and
+pruned by the likelihood in units of the noise ("complete"). Where none does, unknown model error remains and replicate
+noise would prove anything; then by the profile likelihood with a free smooth background ("background"). Called by the
+diagnosis; decides nothing about words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.detection import BandPower, band_power, inflation_of, whittle
+from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.problem import Problem, extended, off, reweighted, spread
+from identification.mismatch.refinement import Member, refine, score_of
+from identification.mismatch.screening import Screen, build_screen, gains, narrowed
+from identification.mismatch.settings import DiagnosisSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+SHORTLIST = 6
+"""Candidates per screening that are refined."""
+LOOK_AHEAD = 12
+"""Candidates whose best partner is looked for where no single one is enough."""
+SMALLEST_SHARE_OF_BEST = 0.4
+"""A candidate on the grid below this share of the best is not refined."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """Members with the problem in which they are fitted. complete: nothing but noise is left. gain: drop of squares."""
+
+    members: tuple[Member, ...]
+    problem: Problem
+    power: BandPower
+    complete: bool
+    likelihood: float
+
+    @property
+    def squares(self) -> float:
+        """Whitened squares that are left."""
+        return float(self.problem.residual @ self.problem.residual)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult:
+    """What the search settled on. scores: per member, what is lost without it. before: the nominal problem."""
+
+    trial: Trial
+    scores: tuple[float, ...]
+    before: Trial
+    candidates: Sequence[EffectRows]
+
+
+def fitted(nominal: Problem, members: Sequence[Member], settings: DiagnosisSettings) -> Trial:
+    """The nominal problem with the members fitted beside the base parameters."""
+    problem = nominal
+    if members:
+        columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
+        problem = extended(nominal, off(nominal.basis, columns))
+    power = band_power(problem)
+    complete = power.least_probability > settings.consistency_probability
+    return Trial(tuple(members), problem, power, complete, whittle(power))
+
+
+def search(
+    nominal: Problem, library: Library, candidates: Sequence[EffectRows], settings: DiagnosisSettings
+) -> SearchResult:
+    """Forward steps until nothing more is gained, exchange of members, then pruning by the regime that holds."""
+    before = fitted(nominal, (), settings)
+    screen = build_screen(nominal, candidates)
+    trial = before
+    while len(trial.members) < settings.largest_findings:
+        step = _step(nominal, trial, _beside(screen, trial), library, settings)
+        if step is None:
+            break
+        trial = _polished(nominal, step, library, settings)
+        trial = _exchanged(nominal, trial, screen, library, settings)
+    trial, scores = pruned(nominal, trial, settings)
+    return SearchResult(trial, scores, before, candidates)
+
+
+def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
+    """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
+    while trial.members:
+        scores = removal_scores(nominal, trial, settings)
+        needed = [required_score(trial, member, settings) for member in trial.members]
+        margin = [score - least for score, least in zip(scores, needed, strict=True)]
+        weakest = int(np.argmin(margin))
+        if margin[weakest] >= 0.0:
+            return trial, scores
+        kept = [member for index, member in enumerate(trial.members) if index != weakest]
+        trial = fitted(nominal, kept, settings)
+    return trial, ()
+
+
+def required_score(trial: Trial, member: Member, settings: DiagnosisSettings) -> float:
+    """The score a member must reach in the regime that its trial is in, grid of nonlinear parameters paid for."""
+    del member
+    return settings.complete_score if trial.complete else settings.background_score
+
+
+def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
+    """What is lost when each member is left out and the others are fitted again, in the regime that holds."""
+    result = []
+    for index, member in enumerate(trial.members):
+        others = [other for position, other in enumerate(trial.members) if position != index]
+        rest = fitted(nominal, others, settings)
+        if trial.complete:
+            result.append(score_of(rest.problem, member))
+        else:
+            result.append(trial.likelihood - rest.likelihood)
+    return tuple(result)
+
+
+def _beside(screen: Screen, trial: Trial) -> Screen:
+    added = trial.problem.basis[:, screen.problem.basis.shape[1] :]
+    return narrowed(screen, added, trial.problem) if added.shape[1] else screen
+
+
+def _step(
+    nominal: Problem, trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings
+) -> Trial | None:
+    """The best set with one member more (or two, where one is not enough); None when nothing is gained."""
+    taken = {(member.effect.name, member.place) for member in trial.members}
+    shortlist = _shortlist(screen, library, taken)
+    if not trial.complete:
+        inflated = reweighted(trial.problem, inflation_of(trial.problem, trial.power)) if not trial.members else None
+        if inflated is not None:
+            shortlist = _merged(shortlist, _shortlist(build_screen(inflated, screen.candidates), library, taken))
+    scored = [(score_of(trial.problem, member), member) for member in shortlist]
+    scored = [item for item in scored if item[0] >= settings.complete_score]
+    if not scored:
+        return None
+    trials = [fitted(nominal, [*trial.members, member], settings) for _, member in scored]
+    best = _best(trials)
+    if best.complete or trial.complete or len(trial.members) + 2 > settings.largest_findings:
+        return best
+    pairs = [
+        fitted(nominal, [*trial.members, *pair], settings)
+        for pair in _pairs(trial.problem, screen, [member for _, member in scored], library, taken, settings)
+    ]
+    complete = [pair for pair in pairs if pair.complete]
+    return _best(complete) if complete else best
+
+
+def _best(trials: Sequence[Trial]) -> Trial:
+    """The complete trial that leaves least; without one, the likeliest beside an unknown background."""
+    complete = [trial for trial in trials if trial.complete]
+    if complete:
+        return min(complete, key=lambda trial: trial.squares)
+    return max(trials, key=lambda trial: trial.likelihood)
+
+
+def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, object]]) -> list[Member]:
+    """The best candidates, one per effect and place, refined."""
+    chosen: dict[tuple[str, object], Member] = {}
+    best = 0.0
+    for score, variant in gains(screen):
+        rows = screen.candidates[variant.index]
+        key = (rows.effect.name, rows.place)
+        best = max(best, score)
+        if key in taken or key in chosen:
+            continue
+        if score < SMALLEST_SHARE_OF_BEST * best or len(chosen) >= SHORTLIST:
+            break
+        chosen[key] = Member(rows, variant.selection)
+    return [refine(screen.problem, library, member) for member in chosen.values()]
+
+
+def _merged(first: Sequence[Member], second: Sequence[Member]) -> list[Member]:
+    keys = {(member.effect.name, member.place) for member in first}
+    return [*first, *(member for member in second if (member.effect.name, member.place) not in keys)]
+
+
+def _pairs(
+    problem: Problem,
+    screen: Screen,
+    firsts: Sequence[Member],
+    library: Library,
+    taken: set[tuple[str, object]],
+    settings: DiagnosisSettings,
+) -> list[tuple[Member, Member]]:
+    """Each of the best candidates (refined or not) with the partner that gains most beside it."""
+    seeds = list(firsts)
+    known = {(member.effect.name, member.place) for member in seeds} | taken
+    for _, variant in gains(screen):
+        rows = screen.candidates[variant.index]
+        key = (rows.effect.name, rows.place)
+        if len(seeds) >= LOOK_AHEAD:
+            break
+        if key not in known:
+            known.add(key)
+            seeds.append(Member(rows, variant.selection))
+    found = []
+    for seed in seeds:
+        beside = extended(problem, off(problem.basis, spread(problem, seed.rows.joints, seed.used_rows())))
+        partners = narrowed(screen, beside.basis[:, problem.basis.shape[1] :], beside)
+        own = (seed.effect.name, seed.place)
+        for score, variant in gains(partners):
+            rows = screen.candidates[variant.index]
+            if (rows.effect.name, rows.place) in taken | {own}:
+                continue
+            if score >= settings.complete_score:
+                found.append(
+                    (float(beside.residual @ beside.residual) / -2.0 + score, seed, Member(rows, variant.selection))
+                )
+            break
+    found.sort(key=lambda item: -item[0])
+    refined = []
+    for _, first, second in found[:3]:
+        beside = extended(problem, off(problem.basis, spread(problem, first.rows.joints, first.used_rows())))
+        second = refine(beside, library, second)
+        beside = extended(problem, off(problem.basis, spread(problem, second.rows.joints, second.used_rows())))
+        refined.append((refine(beside, library, first), second))
+    return refined
+
+
+def _polished(nominal: Problem, trial: Trial, library: Library, settings: DiagnosisSettings) -> Trial:
+    """Nonlinear parameters of all members refined beside each other."""
+    if len(trial.members) < 2:
+        return trial
+    members = list(trial.members)
+    for index, member in enumerate(members):
+        if member.shape:
+            others = [other for position, other in enumerate(members) if position != index]
+            members[index] = refine(fitted(nominal, others, settings).problem, library, member)
+    polished = fitted(nominal, members, settings)
+    return polished if polished.squares < trial.squares else trial
+
+
+def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings) -> Trial:
+    """Each member against all candidates in its place: early steps saw less than the last one does."""
+    if len(trial.members) < 2:
+        return trial
+    for index in range(len(trial.members)):
+        others = [other for position, other in enumerate(trial.members) if position != index]
+        rest = fitted(nominal, others, settings)
+        taken = {(member.effect.name, member.place) for member in others}
+        rivals = _shortlist(_beside(screen, rest), library, taken)
+        better = [fitted(nominal, [*others, rival], settings) for rival in rivals]
+        best = _best([trial, *better])
+        if best is not trial and (best.squares < trial.squares - 2.0 or not best.complete):
+            trial = _reordered(best, index)
+    return trial
+
+
+def _reordered(trial: Trial, index: int) -> Trial:
+    """The member exchanged last (it stands at the end) back at its place."""
+    members = list(trial.members)
+    members.insert(index, members.pop())
+    return Trial(tuple(members), trial.problem, trial.power, trial.complete, trial.likelihood)
