@@ -14,7 +14,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.data_faults import DataFault
 from identification.mismatch.effects.base import Parameter, Place
 
 FloatArray = npt.NDArray[np.float64]
@@ -144,6 +143,34 @@ class Finding:
                 "coefficients": json_list(self.coefficients),
                 "shape": {name: number(value) for name, value in self.shape.items()},
             },
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class DataFault:
+    """A fault of the data, not of the robot; fields as in diagnosis.json.
+
+    fault: wrong_time_base, inverted_torque_sign, saturated_sensor, lost_samples or garbled_rows. joints: from 1.
+    ratio: true rate / stated rate, with its standard deviation ratio_std; None for other faults.
+    rows: first row, last row (of the file, from 1) and how many rows are affected; None where all are.
+    """
+
+    fault: str
+    joints: tuple[int, ...]
+    sentence: str
+    ratio: float | None = None
+    ratio_std: float | None = None
+    rows: tuple[int, int, int] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The fault as plain JSON types."""
+        return {
+            "fault": self.fault,
+            "joints": list(self.joints),
+            "ratio": self.ratio,
+            "ratio_std": self.ratio_std,
+            "rows": None if self.rows is None else list(self.rows),
+            "sentence": self.sentence,
         }
 
 
