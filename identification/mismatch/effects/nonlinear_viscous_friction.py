@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Estimate, Parameter
-from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import joint_name, linear, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
 
@@ -16,35 +16,41 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class NonlinearViscousFriction(OwnJointEffect):
-    """c q̇ |q̇|: churning drag (c > 0), or friction that levels off with speed as shear-thinning grease does (c < 0).
+    """c |q̇|^a sign(q̇): churning drag (c > 0), or friction that levels off as shear-thinning grease does (c < 0).
 
-    Coulomb and viscous friction take up 93 to 98 % of it; what is left is the curvature over speed.
+    The search starts at a = 2 and refines a. Coulomb and viscous friction take up 93 to 98 % of it; what is left is
+    the curvature over speed.
     """
 
     name = "nonlinear_viscous_friction"
     code = "quadv"
-    equation = "τ_j = c q̇_j |q̇_j|"
+    equation = "τ_j = c |q̇_j|^a sign(q̇_j), a near 2"
     source = "Bittencourt, Gunnarsson, Nonlinear friction of robot joints, J. Dyn. Syst. Meas. Control 134, 2012"
-    units = ("Nm s²/rad²",)
-    plausible = "0.02 to 0.2 Nm s²/rad²"
+    units = ("Nm",)
+    plausible = "0.02 to 0.2 Nm at 1 rad/s"
     look_alikes = ("stribeck_friction", "presliding_hysteresis")
     separating_experiment = "Drive up to the speed limit: curvature grows there, Stribeck friction does not."
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The exponent a."""
+        del motion, place
+        return (ShapeParameter("exponent", "1", (2.0,), lower=1.3, upper=4.0),)
+
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
-        """q̇ |q̇|."""
-        del shape
+        """Power of the speed, with the sign of the velocity."""
         velocity = motion.velocity[:, joint, None]
-        return velocity * np.abs(velocity)
+        return np.asarray(np.sign(velocity) * np.abs(velocity) ** shape["exponent"])
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """The quadratic coefficient."""
-        return (linear("quadratic_drag", estimate, "Nm s²/rad²"),)
+        """Torque at 1 rad/s, and the exponent."""
+        return (linear("drag_at_1_rad_per_s", estimate, "Nm"), shaped("exponent", estimate, "1"))
 
     def sentence(self, estimate: Estimate) -> str:
         """Whether friction bends up or down."""
-        (drag,) = self.parameters(estimate)
+        drag, exponent = self.parameters(estimate)
         bends = "faster" if drag.value > 0.0 else "slower"
         return (
-            f"{joint_name(estimate)}'s friction grows {bends} than in proportion to speed, by {size_of(drag)} "
-            "(nonlinear viscous friction)."
+            f"{joint_name(estimate)}'s friction grows {bends} than in proportion to speed: beside the straight "
+            f"line it has {size_of(drag)} at 1 rad/s, with power {exponent.value:.2g} of speed (nonlinear viscous "
+            "friction)."
         )

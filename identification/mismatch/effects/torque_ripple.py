@@ -24,7 +24,8 @@ NEIGHBOURHOOD = 1.6
 class TorqueRipple(OwnJointEffect):
     """a sin(N q) + b cos(N q) with N near the gear ratio or twice it: a chirp up to N q̇/2π, 25 to 50 Hz on an iiwa.
 
-    Nothing else looks like it, and nothing of it is absorbed; but it needs torque lines up to 60 Hz.
+    Nothing else looks like it, and nothing of it is absorbed; but it needs torque lines up to 60 Hz. A share w of the
+    amplitude may grow with the load: the columns are weighed with 1 − w + w |τ̂|/rms(τ̂); the search starts at w = 0.
     """
 
     name = "torque_ripple"
@@ -38,7 +39,7 @@ class TorqueRipple(OwnJointEffect):
     revolute_only = True
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The order N per turn of the joint.
+        """The order N per turn of the joint, and the share w of the amplitude that grows with the load.
 
         Two orders decorrelate when they differ by 2π over the joint's range; the grid is twice as fine as that.
         """
@@ -48,25 +49,32 @@ class TorqueRipple(OwnJointEffect):
         near = {
             centre + k * NEIGHBOURHOOD / max(steps, 1) for centre in (160.0, 320.0) for k in range(-steps, steps + 1)
         }
-        return (ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), 20.0, 500.0),)
+        return (
+            ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), 20.0, 500.0),
+            ShapeParameter("load_share", "1", (0.0,), 0.0, 1.0, logarithmic=False),
+        )
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
-        """Sine and cosine of N q."""
+        """Sine and cosine of N q, weighed with the load where it has a share."""
         angle = shape["order"] * motion.position[:, joint]
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        waves = np.column_stack([np.sin(angle), np.cos(angle)])
+        share, load = shape["load_share"], np.abs(motion.torque[:, joint])
+        level = float(np.sqrt(np.mean(load**2)))
+        return waves if share == 0.0 or level == 0.0 else waves * (1.0 - share + share * load / level)[:, None]
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Amplitude, phase φ of A sin(N q + φ), order."""
+        """Amplitude, phase φ of A sin(N q + φ), order, share of the amplitude that grows with the load."""
         wave = harmonic(estimate)
         return (
             Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
             Parameter("phase", wave.phase, wave.phase_std, "rad"),
             shaped("order", estimate, "per turn"),
+            shaped("load_share", estimate, "1"),
         )
 
     def sentence(self, estimate: Estimate) -> str:
         """How large, how often per turn."""
-        amplitude, _, order = self.parameters(estimate)
+        amplitude, _, order, _ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)} shows torque ripple of {size_of(amplitude)} that repeats {order.value:.1f} times "
             "per turn of the joint, as the gear's teeth or the motor's poles do."
