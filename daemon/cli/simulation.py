@@ -195,7 +195,7 @@ def _write_figure(comparison: Any, file: Path, robot: Any) -> None:
     subject = "measured minus simulated" if len(rows) > 1 else rows[0].label
     total = next(row.total_nm for row in rows if row.label == subject)
     units = tuple("Nm" if revolute else "N" for revolute in robot.kinematics.revolute)
-    title = f"{robot.name}: torque {subject}, RMS over all joints together {total:.2f} Nm"
+    title = f"{robot.name}: {subject} torque, sum of the joints' RMS {total:.2f} Nm"
     save_figure(draw_comparison(comparison, title, units), file)
 
 

@@ -5,6 +5,7 @@ left between them. Here: the drawing. Not here: any number in it (`comparison`).
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +17,10 @@ from identification.simulation.comparison import Comparison
 FloatArray = npt.NDArray[np.float64]
 
 # Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
-_MEASURED = {"color": "#000000", "linewidth": 2.2, "alpha": 0.45, "label": "measured"}
-_INVERSE = {"color": "#0072B2", "linewidth": 1.3, "linestyle": "--", "label": "inverse dynamics"}
-_SIMULATED = {"color": "#D55E00", "linewidth": 1.3, "linestyle": ":", "label": "simulated"}
-_FLOOR = "#009E73"
+_MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 3.2, "alpha": 0.35, "label": "measured"}
+_INVERSE: dict[str, Any] = {"color": "#0072B2", "linewidth": 1.3, "linestyle": "--", "label": "inverse dynamics"}
+_SIMULATED: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.3, "linestyle": ":", "label": "simulated"}
+_LEFT, _LOOP, _FLOOR = "#56B4E9", "#D55E00", "#009E73"
 _MOST_POINTS = 2000
 
 
@@ -36,22 +37,18 @@ def draw_comparison(comparison: Comparison, title: str, joint_units: tuple[str, 
     step = max(1, len(comparison.torque_time) // _MOST_POINTS)
     time = comparison.torque_time[::step]
     for joint, (left, right) in enumerate(rows):
-        measured, modelled, simulated = (
-            None if values is None else values[::step, joint]
-            for values in (
-                comparison.measured_torque, comparison.inverse_dynamics_torque, comparison.simulated_torque,
-            )
-        )  # fmt: skip
+        modelled = comparison.inverse_dynamics_torque[::step, joint]
+        simulated = comparison.simulated_torque[::step, joint]
+        measured = None if comparison.measured_torque is None else comparison.measured_torque[::step, joint]
         if measured is not None:
             left.plot(time, measured, **_MEASURED)
         left.plot(time, modelled, **_INVERSE)
         left.plot(time, simulated, **_SIMULATED)
         left.set_ylabel(f"joint {joint + 1}\ntorque ({units[joint]})")
-        if measured is not None and modelled is not None and simulated is not None:
-            right.plot(time, measured - modelled, **{**_INVERSE, "label": "measured − inverse dynamics"})
-            right.plot(time, measured - simulated, **{**_SIMULATED, "label": "measured − simulated"})
-        elif modelled is not None and simulated is not None:
-            right.plot(time, modelled - simulated, **{**_SIMULATED, "label": "inverse dynamics − simulated"})
+        # Not measured minus simulated: both differences would carry the same noise and hide each other.
+        if measured is not None:
+            right.plot(time, measured - modelled, color=_LEFT, linewidth=0.8, label="measured − inverse dynamics")
+        right.plot(time, modelled - simulated, color=_LOOP, linewidth=1.3, label="inverse dynamics − simulated")
         _draw_floor(right, float(comparison.noise_floor_nm[joint]))
         right.set_ylabel(f"difference\n({units[joint]})")
         for axes in (left, right):

@@ -1,0 +1,246 @@
+"""Claims about exported simulator models: other programs find the identified arm in them, or the export refuses.
+
+Truth: what MuJoCo, Drake and Pinocchio read from the files, against Pinocchio's inverse dynamics of the numbers
+themselves (never through a file); the usual iiwa 14 kinematics as published (data/README.md).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from identification.errors import ExportCheckError, InconsistentParametersError, ModelFileError
+from identification.estimators import PhysicalParameters
+from identification.export import check_export, export_model, parameters_of
+from identification.robots import load_robot
+from tests.identification.exported import consistent, model_of, random_arm, random_bodies
+from tests.identification.synthetic import inverse_dynamics
+
+pytest.importorskip("pydrake")
+
+SUFFIX = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml"}
+ROTOR = np.array([0.3, 0.2, 0.5, 0.1, 0.4, 0.05, 0.02])
+POSITIONS = np.random.default_rng(3).uniform(-2.0, 2.0, (10, 7))
+
+
+def drake_plant(path: Path):
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModels(path)
+    if path.suffix == ".urdf":
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base_link"))
+    plant.Finalize()
+    return plant
+
+
+def usual_flange(position: np.ndarray) -> np.ndarray:
+    """Flange pose of the usual iiwa 14 from its published joint placements; all joints turn about +z."""
+    rows = list(csv.reader((Path(__file__).parent / "data" / "iiwa14_usual_kinematics.csv").open()))[1:]
+    pose = np.eye(4)
+    for row, angle in zip(rows, [*position, 0.0], strict=True):
+        x, y, z, roll, pitch, yaw = map(float, row[1:])
+        step, turn = np.eye(4), np.eye(4)
+        step[:3, :3], step[:3, 3] = pinocchio.rpy.rpyToMatrix(roll, pitch, yaw), (x, y, z)
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        pose = pose @ step @ turn
+    return pose
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
+def test_every_program_reads_the_identified_arm_within_1e_9(
+    form: str, tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    physical = consistent(table3)
+    model = model_of(tmp_path, "iiwa14", physical, rotor=ROTOR)
+    result = export_model(model, tmp_path / f"arm{SUFFIX[form]}", form)
+    assert {item.program.split()[0] for item in result.agreements} == {
+        "urdf": {"Pinocchio", "Drake"}, "sdf": {"Pinocchio", "Drake"}, "mjcf": {"Pinocchio", "MuJoCo"},
+    }[form]  # fmt: skip
+    assert max(item.difference_nm for item in result.agreements) < 1e-9
+
+
+def test_mujoco_finds_all_of_equation_one_and_the_rotors_in_mjcf(tmp_path: Path, table3: PhysicalParameters) -> None:
+    physical = consistent(table3)
+    export_model(model_of(tmp_path, "iiwa14", physical, rotor=ROTOR), tmp_path / "arm.xml", "mjcf")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data = mujoco.MjData(model)
+    generator = np.random.default_rng(8)
+    for position in POSITIONS:
+        velocity = generator.choice([-1.0, 1.0], 7) * generator.uniform(0.2, 1.0, 7)
+        data.qpos[:], data.qvel[:], data.qacc[:] = position, velocity, generator.normal(size=7)
+        mujoco.mj_inverse(model, data)
+        expected = inverse_dynamics(
+            load_robot("iiwa14"), physical, *(np.array([x]) for x in (position, velocity, data.qacc))
+        )
+        assert np.abs(data.qfrc_inverse - expected[0] - ROTOR * data.qacc).max() < 1e-9
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
+def test_the_flange_is_where_the_usual_iiwa_14_has_it(form: str, tmp_path: Path, table3: PhysicalParameters) -> None:
+    path = tmp_path / f"arm{SUFFIX[form]}"
+    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), path, form)
+    for position in POSITIONS:
+        pose = np.eye(4)
+        if form == "mjcf":
+            model = mujoco.MjModel.from_xml_path(str(path))
+            data = mujoco.MjData(model)
+            data.qpos[:] = position
+            mujoco.mj_kinematics(model, data)
+            pose[:3, :3], pose[:3, 3] = data.site("flange").xmat.reshape(3, 3), data.site("flange").xpos
+        else:
+            plant = drake_plant(path)
+            context = plant.CreateDefaultContext()
+            plant.SetPositions(context, position)
+            pose = plant.GetFrameByName("flange").CalcPoseInWorld(context).GetAsMatrix4()
+        assert np.abs(pose - usual_flange(position)).max() < 1e-9
+
+
+def test_friction_rotors_and_limits_stand_where_each_program_reads_them(
+    tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    physical, robot = consistent(table3), load_robot("iiwa14")
+    model = model_of(tmp_path, "iiwa14", physical, rotor=ROTOR)
+    for form, suffix in SUFFIX.items():
+        export_model(model, tmp_path / f"arm{suffix}", form)
+    by_mujoco = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    from_urdf = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.urdf"))
+    assert np.allclose(by_mujoco.dof_armature, ROTOR, atol=1e-15)
+    for read in (by_mujoco, from_urdf):
+        assert np.allclose(read.dof_damping, physical.viscous, atol=1e-15)
+        assert np.allclose(read.dof_frictionloss, physical.coulomb, atol=1e-15)
+        assert np.allclose(read.jnt_range, np.column_stack([robot.position_lower, robot.position_upper]), atol=1e-12)
+    by_pinocchio = pinocchio.buildModelFromXML((tmp_path / "arm.urdf").read_text())
+    assert np.allclose(by_pinocchio.damping, physical.viscous, atol=1e-15)
+    assert np.allclose(by_pinocchio.upperDryFrictionLimit, physical.coulomb, atol=1e-15)
+    assert np.allclose(by_pinocchio.upperEffortLimit, robot.effort, atol=1e-12)
+    for suffix in (".urdf", ".sdf"):
+        plant = drake_plant(tmp_path / f"arm{suffix}")
+        context = plant.CreateDefaultContext()
+        joints = [plant.GetJointByName(name) for name in robot.joint_names]
+        assert np.allclose([joint.default_damping() for joint in joints], physical.viscous, atol=1e-15)
+        assert np.allclose([joint.velocity_upper_limit() for joint in joints], robot.velocity, atol=1e-12)
+        actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+        seen = {item.joint().name(): item.rotor_inertia(context) * item.gear_ratio(context) ** 2 for item in actuators}
+        assert np.allclose([seen[name] for name in robot.joint_names], ROTOR, atol=1e-15)
+
+
+def test_table_three_is_refused_by_link_and_slack_and_left_as_it_is(tmp_path: Path, table3: PhysicalParameters) -> None:
+    """MuJoCo refuses the same link; its balanceinertia, which would change the torques silently, is not used."""
+    target = tmp_path / "arm.xml"
+    with pytest.raises(InconsistentParametersError) as caught:
+        export_model(model_of(tmp_path, "iiwa14", table3), target, "mjcf")
+    assert caught.value.link == 4
+    assert caught.value.slack == pytest.approx(-2.9e-4, abs=0.05e-4)
+    assert "link 4" in str(caught.value)
+    assert "link 7" in str(caught.value)
+    assert "--parameters consistent" in str(caught.value)
+    assert not target.exists()
+    entries = " ".join(str(table3.inertia[3][i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    body = f'<body><joint/><inertial pos="0 0 0" mass="1" fullinertia="{entries}"/></body>'
+    with pytest.raises(ValueError, match="inertia must satisfy"):
+        mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+
+
+def test_the_consistent_set_of_the_model_is_exported_on_request(tmp_path: Path, table3: PhysicalParameters) -> None:
+    good = consistent(table3)
+    stored = {
+        "mass": good.mass.tolist(), "com": good.center_of_mass.tolist(), "inertia": good.inertia.tolist(),
+        "viscous": good.viscous.tolist(), "coulomb": good.coulomb.tolist(),
+        "rotor_inertia": [0.0] * 7, "offset": [0.0] * 7,
+    }  # fmt: skip
+    model = model_of(tmp_path, "iiwa14", table3, consistent_parameters=stored)
+    result = export_model(model, tmp_path / "arm.xml", "mjcf", parameter_set="consistent")
+    assert max(item.difference_nm for item in result.agreements) < 1e-9
+    with pytest.raises(ModelFileError, match="consistent parameter set"):
+        export_model(model_of(tmp_path, "iiwa14", table3), tmp_path / "arm.xml", "mjcf", parameter_set="consistent")
+
+
+@pytest.mark.parametrize(("form", "place"), [("urdf", "link/inertial/mass"), ("sdf", "model/link/inertial/mass")])
+def test_a_file_that_says_something_else_is_found_out(
+    form: str, place: str, tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    model = model_of(tmp_path, "iiwa14", consistent(table3))
+    path = tmp_path / f"arm{SUFFIX[form]}"
+    export_model(model, path, form)
+    tree = ElementTree.parse(path)
+    # Link 1 turns about a vertical axis: its mass is felt by no joint. Link 3's is.
+    mass = tree.getroot().findall(place)[2]
+    if form == "urdf":
+        mass.set("value", str(float(mass.get("value")) * (1.0 + 1e-6)))
+    else:
+        mass.text = str(float(mass.text) * (1.0 + 1e-6))
+    tree.write(path)
+    with pytest.raises(ExportCheckError):
+        check_export(path, form, model.load_robot(), parameters_of(model))
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@given(joints=st.integers(1, 6), seed=st.integers(0, 10**6))
+def test_any_serial_arm_survives_in_every_format(joints: int, seed: int, tmp_path: Path) -> None:
+    """Revolute, continuous and prismatic joints in general position; the tool's own inertia is not counted twice."""
+    source = tmp_path / "arm_source.urdf"
+    source.write_text(random_arm(joints, seed))
+    model = model_of(tmp_path, str(source), random_bodies(joints, seed))
+    for form, suffix in SUFFIX.items():
+        result = export_model(model, tmp_path / f"arm{suffix}", form)
+        assert len(result.agreements) == 2
+
+
+@pytest.mark.parametrize("name", ["panda", "kr300", "tx40"])
+def test_arms_of_others_survive_in_every_format(name: str, tmp_path: Path, shared_folder: Path) -> None:
+    source = shared_folder / "recordings" / f"{name}.urdf"
+    joints = load_robot(source).n
+    model = model_of(tmp_path, str(source), random_bodies(joints, 5), rotor=np.full(joints, 0.2))
+    for form, suffix in SUFFIX.items():
+        assert len(export_model(model, tmp_path / f"arm{suffix}", form).agreements) == 2
+
+
+def test_a_urdf_keeps_its_names_meshes_and_limits_and_gets_full_right_angles(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    source = tmp_path / "source" / "crane.urdf"
+    source.write_text(
+        """<robot name="crane"><!-- painted yellow --><link name="floor"/><link name="mast"><visual><geometry>
+        <mesh filename="meshes/mast.stl"/></geometry></visual><visual><geometry><mesh filename="package://c/m.dae"/>
+        </geometry></visual></link><link name="trolley"><inertial><mass value="77"/><inertia ixx="1" ixy="0" ixz="0"
+        iyy="1" iyz="0" izz="1"/></inertial></link><joint name="slew" type="continuous"><origin xyz="0 0 1"
+        rpy="1.5708 0 0"/><parent link="floor"/><child link="mast"/><axis xyz="0 1 0"/></joint><joint name="run"
+        type="prismatic"><origin xyz="0 2 0" rpy="0 1.5708 0"/><parent link="mast"/><child link="trolley"/>
+        <axis xyz="1 0 0"/><limit lower="-0.5" upper="3" effort="900" velocity="1.5"/></joint></robot>"""
+    )
+    target = tmp_path / "out.urdf"
+    physical = random_bodies(2, 1)
+    export_model(model_of(tmp_path, str(source), physical), target, "urdf")
+    root = ElementTree.parse(target).getroot()
+    assert "painted yellow" in target.read_text()
+    assert [link.get("name") for link in root.findall("link")] == ["floor", "mast", "trolley"]
+    assert [mesh.get("filename") for mesh in root.iter("mesh")] == ["source/meshes/mast.stl", "package://c/m.dae"]
+    assert root.find("joint[@name='run']/limit").attrib == {
+        "lower": "-0.5", "upper": "3", "effort": "900", "velocity": "1.5",
+    }  # fmt: skip
+    assert len(root.find("link[@name='trolley']").findall("inertial")) == 1
+    angles = [float(value) for value in root.find("joint[@name='slew']/origin").get("rpy").split()]
+    assert angles[0] == pytest.approx(np.pi / 2, abs=1e-15)
+
+
+def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3: PhysicalParameters) -> None:
+    effects = [{"effect": "stribeck_friction", "joint": 1}, {"effect": "payload", "joint": None, "link": 7}]
+    offset = [0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]
+    model = model_of(tmp_path, "iiwa14", consistent(table3), offset=offset, effects=effects)
+    result = export_model(model, tmp_path / "arm.urdf", "urdf")
+    beside = json.loads((tmp_path / "arm.urdf.effects.json").read_text())
+    assert result.effects_path == tmp_path / "arm.urdf.effects.json"
+    assert [(item["effect"], item["joint"]) for item in beside["effects"]] == [
+        ("stribeck_friction", 1), ("torque_offset", 2),
+    ]  # fmt: skip
+    assert "stribeck_friction of joint 1" in (tmp_path / "arm.urdf").read_text()
