@@ -9,7 +9,9 @@
     ├── PortInUseError              69  another program holds the UDP port
     ├── RobotUnreachableError       69  no monitoring message arrived in time
     ├── ProtocolMismatchError       76  datagrams arrive, but of another FRI version
-    └── ChildProcessFailedError     70  loop or recorder process could not be started or died before the motion
+    ├── ChildProcessFailedError     70  loop or recorder process could not be started or died before the motion
+    ├── ProofProcessError           70  a process of the proof died before the last case
+    └── SealBrokenError             70  an opened label is not the one that was sealed
 
 A stop of the motion is not an error: it is a `RunOutcome` with exit code 1 and a partial recording.
 """
@@ -137,3 +139,22 @@ class ChildProcessFailedError(DaemonError):
         self.last_words = last_words
         tail = last_words.strip().splitlines()[-1] if last_words.strip() else "it said nothing"
         super().__init__(f"The {role} process ended before the run began (return code {return_code}): {tail}")
+
+
+class ProofProcessError(DaemonError):
+    """A process that draws or diagnoses concealed cases has ended early. Carries its command and return code."""
+
+    def __init__(self, command: str, return_code: int) -> None:
+        self.command = command
+        self.return_code = return_code
+        super().__init__(
+            f"'python {command}' ended before the last case (code {return_code}); its last messages say why."
+        )
+
+
+class SealBrokenError(DaemonError):
+    """A label that does not hash to what was published before the diagnosis. Carries the case's name."""
+
+    def __init__(self, case: str) -> None:
+        self.case = case
+        super().__init__(f"case {case}: the opened label is not the one whose hash was published; the proof is void.")

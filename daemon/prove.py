@@ -1,0 +1,182 @@
+"""The proof: concealed cases are drawn, sealed, diagnosed blind, and opened when the last diagnosis is in.
+
+One lane a processor: each has a process that draws cases and keeps their labels, and a process that diagnoses what it
+is pointed at. This one carries paths from the one to the other, publishes each label's salted hash before its
+recordings are diagnosed, and checks it when the label is opened. Called by ``daemon.cli.prove`` and the benchmark.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from daemon.errors import ProofProcessError, SealBrokenError
+from daemon.prove_score import CaseScore, score_case
+
+__all__ = ["GENERATOR", "WORKER", "ProvenCase", "prove", "select_cases"]
+
+GENERATOR = ("-m", "fixtures.cases", "--serve")
+WORKER = ("-m", "daemon.prove_worker")
+_KEPT_OF_DIAGNOSIS = ("verdict", "baseline", "findings", "data_faults", "heldout", "not_identifiable_here", "remaining")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProvenCase:
+    """One case from seal to score. name: what the diagnosing side saw of it, the random name of its folder."""
+
+    index: int
+    name: str
+    commitment: str
+    label: dict[str, Any]
+    diagnosis: dict[str, Any] | None
+    score: CaseScore
+    error: str | None = None
+
+
+class _LineProcess:
+    """A child that answers one JSON line with one JSON line."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self._name = " ".join(arguments)
+        self._child = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """The child's answer. Raises ProofProcessError when it has gone."""
+        assert self._child.stdin is not None
+        assert self._child.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._child.stdin.write(json.dumps(request) + "\n")
+            self._child.stdin.flush()
+        line = self._child.stdout.readline()
+        if not line:
+            raise ProofProcessError(self._name, self._child.wait())
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def close(self) -> None:
+        """End the child by closing its input."""
+        if self._child.stdin is not None:
+            self._child.stdin.close()
+        self._child.wait()
+
+
+def select_cases(seed: int, cases: int, only: str | None) -> list[int]:
+    """Numbers of a seed's first `cases` cases; only: of one group, one family in it, or one family: 'single/gain'."""
+    if only is None:
+        return list(range(cases))
+    group, _, family = only.partition("/")
+    chosen: list[int] = []
+    with contextlib.closing(_LineProcess((*GENERATOR, "--seed", str(seed)))) as generator:
+        for index in range(200 * cases + 1000):
+            plan = generator.ask({"plan": index})
+            names = (*plan["families"], plan["kind"])
+            if group in ("", plan["group"]) and (not family or family in names):
+                chosen.append(index)
+            if len(chosen) == cases:
+                break
+    return chosen
+
+
+def prove(
+    seed: int,
+    indices: Sequence[int],
+    *,
+    jobs: int,
+    worker: Sequence[str] = WORKER,
+    publish: Callable[[str, str], None],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[ProvenCase]:
+    """Diagnose the cases of a seed blind and score them, in the order of their numbers.
+
+    publish(name, commitment) is called for each case before its recordings are diagnosed. worker: arguments of the
+    Python process that diagnoses. Raises SealBrokenError when an opened label is not the sealed one.
+    """
+    waiting: SimpleQueue[int] = SimpleQueue()
+    for index in indices:
+        waiting.put(index)
+    lanes = max(1, min(jobs, len(indices)))
+    count = iter(range(1, len(indices) + 1))
+    with (
+        tempfile.TemporaryDirectory(prefix="iiwa-ident-prove-") as scratch,
+        ThreadPoolExecutor(lanes) as pool,
+        contextlib.ExitStack() as stack,
+    ):
+        processes = [
+            tuple(
+                stack.enter_context(contextlib.closing(_LineProcess(arguments)))
+                for arguments in ((*GENERATOR, "--seed", str(seed)), worker)
+            )
+            for _ in range(lanes)
+        ]
+
+        def run_lane(generator: _LineProcess, diagnoser: _LineProcess) -> list[dict[str, Any]]:
+            done = []
+            for index in _drain(waiting):
+                done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish))
+                if progress is not None:
+                    progress(next(count), len(indices))
+            return done
+
+        blind = [future.result() for future in [pool.submit(run_lane, *pair) for pair in processes]]
+        # Not before the last diagnosis is in: now the labels are opened.
+        proven = [
+            _opened(case, generator.ask({"open": case["index"]}))
+            for (generator, _), lane in zip(processes, blind, strict=True)
+            for case in lane
+        ]
+    return sorted(proven, key=lambda case: case.index)
+
+
+def _drain(waiting: SimpleQueue[int]) -> Iterator[int]:
+    while True:
+        try:
+            yield waiting.get_nowait()
+        except Empty:
+            return
+
+
+def _diagnose_blind(
+    generator: _LineProcess,
+    diagnoser: _LineProcess,
+    index: int,
+    scratch: Path,
+    publish: Callable[[str, str], None],
+) -> dict[str, Any]:
+    name = secrets.token_hex(8)  # the folder's name tells nothing of the case
+    folder = scratch / name
+    drawn = generator.ask({"draw": index, "folder": str(folder)})
+    publish(name, drawn["commitment"])
+    first, second = drawn["recordings"]
+    answer = diagnoser.ask({"recordings": [first], "heldout": [second]})
+    shutil.rmtree(folder)
+    return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
+
+
+def _opened(case: dict[str, Any], seal: dict[str, str]) -> ProvenCase:
+    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != case["commitment"]:
+        raise SealBrokenError(case["name"])
+    label, answer = json.loads(seal["label"]), case["answer"]
+    diagnosis = answer.get("diagnosis")
+    error = answer.get("error")
+    score = score_case(label, diagnosis, float(answer.get("seconds", 0.0)), error)
+    kept = {name: diagnosis[name] for name in _KEPT_OF_DIAGNOSIS if name in diagnosis} if diagnosis else None
+    return ProvenCase(case["index"], case["name"], case["commitment"], label, kept, score, error)

@@ -1,0 +1,260 @@
+"""Sums up the scores of concealed cases: rates with bounds, λ at which names come right, confusion, targets met or not.
+
+Pure: scores in, tables out. Called by ``daemon.cli.prove`` and the benchmark; what a score means is in ``prove_score``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import beta
+
+from daemon.prove_score import CaseScore, EffectScore
+
+__all__ = ["Rate", "Target", "confusion", "family_rows", "negatives", "summary", "targets", "visibility_for"]
+
+ORACLE_VISIBLE = 24.0
+STRONG = 100.0
+VERY_STRONG = 1000.0
+NOTHING_HIDDEN = ("negative", "decoy", "background")
+LIBRARY_FORMS = ("library", "first_order_lag")
+NO_NAME = "no name"
+NARROW_MOTIONS = ("single",)
+"""Motions of one joint, on which many effects are the same torque: counted apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """hits of count."""
+
+    hits: int
+    count: int
+
+    @property
+    def share(self) -> float:
+        """Share of hits, nan of nothing."""
+        return self.hits / self.count if self.count else math.nan
+
+    @property
+    def upper_bound(self) -> float:
+        """One-sided 95 % upper bound of the true share (Clopper and Pearson 1934)."""
+        return 1.0 if self.hits >= self.count else float(beta.ppf(0.95, self.hits + 1, self.count - self.hits))
+
+    def __str__(self) -> str:
+        return f"{self.hits}/{self.count} ({100 * self.share:.1f} %)" if self.count else "-"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One line of what was to be reached. met: None where the run has no case to judge it by."""
+
+    text: str
+    wanted: str
+    reached: str
+    met: bool | None
+
+
+def rate(values: Iterable[bool]) -> Rate:
+    """How many are true."""
+    listed = list(values)
+    return Rate(sum(listed), len(listed))
+
+
+def _singles(scores: Sequence[CaseScore], group: str = "single") -> list[tuple[CaseScore, EffectScore]]:
+    chosen = [score for score in scores if score.group == group and score.excitation not in NARROW_MOTIONS]
+    return [(score, score.effects[0]) for score in chosen]
+
+
+def visibility_for(pairs: Sequence[tuple[float, bool]], share: float) -> float | None:
+    """λ at which `share` of the effects are named, from (λ, named) by logistic regression on log λ.
+
+    None where all or none are named, or names do not become more frequent with λ.
+    """
+    seen = [(math.log(visibility), named) for visibility, named in pairs if visibility > 0.0]
+    if len({named for _, named in seen}) < 2:
+        return None
+    x, y = (np.array(column, dtype=float) for column in zip(*seen, strict=True))
+
+    def cost(line: Any) -> float:
+        z = line[0] + line[1] * (x - 4.0)
+        # A weak prior on the slope keeps perfectly separated cases finite.
+        return float(np.sum(np.logaddexp(0.0, z) - y * z) + 0.005 * line[1] ** 2)
+
+    offset, slope = minimize(cost, np.array([0.0, 2.0])).x
+    return float(np.exp(4.0 + (math.log(share / (1.0 - share)) - offset) / slope)) if slope > 0.0 else None
+
+
+def family_rows(scores: Sequence[CaseScore]) -> list[dict[str, Any]]:
+    """Per family of the singles without background: rates at λ ≥ 100, by form, and the λ of 50 and 90 %."""
+    rows = []
+    pairs = _singles(scores)
+    for family in sorted({effect.family for _, effect in pairs}):
+        own = [(score, effect) for score, effect in pairs if effect.family == family]
+        strong = [(score, effect) for score, effect in own if effect.visibility >= STRONG]
+        rows.append({"family": family, "cases": len(own), **_rates(strong), **_curve(own)})
+    strong = [(score, effect) for score, effect in pairs if effect.visibility >= STRONG]
+    rows.append({"family": "all", "cases": len(pairs), **_rates(strong), **_curve(pairs)})
+    return rows
+
+
+def _rates(strong: Sequence[tuple[CaseScore, EffectScore]]) -> dict[str, Rate]:
+    perturbed = [(score, effect) for score, effect in strong if effect.form not in LIBRARY_FORMS]
+    return {
+        "detected": rate(score.detected for score, _ in strong),
+        "joint": rate(effect.placed or effect.in_set for score, effect in strong if score.claimed),
+        "named": rate(effect.named for _, effect in strong),
+        "in_set": rate(effect.in_set for _, effect in strong),
+        "named_textbook": rate(effect.named for _, effect in strong if effect.form in LIBRARY_FORMS),
+        "named_perturbed": rate(effect.named for _, effect in perturbed),
+    }
+
+
+def _curve(pairs: Sequence[tuple[CaseScore, EffectScore]]) -> dict[str, float | None]:
+    points = [(effect.visibility, effect.named) for _, effect in pairs]
+    return {"lambda50": visibility_for(points, 0.5), "lambda90": visibility_for(points, 0.9)}
+
+
+def negatives(scores: Sequence[CaseScore]) -> dict[str, Rate]:
+    """False names where nothing is hidden, by group or kind of decoy, without the common lag, which has a name."""
+    rows: dict[str, list[bool]] = {}
+    for score in scores:
+        if score.group in NOTHING_HIDDEN and score.kind != "common_lag":
+            key = f"decoy: {score.kind}" if score.group == "decoy" else score.group
+            rows.setdefault(key, []).append(score.extras > 0)
+    return {key: rate(rows[key]) for key in sorted(rows)}
+
+
+def confusion(scores: Sequence[CaseScore]) -> dict[str, Counter[str]]:
+    """Per family of the oracle-visible singles: what its first finding was called; 'right' with structural equals."""
+    table: dict[str, Counter[str]] = {}
+    for score, effect in _singles(scores):
+        if effect.visibility >= ORACLE_VISIBLE:
+            called = "right" if effect.named else (score.claimed[0] if score.claimed else NO_NAME)
+            table.setdefault(effect.family, Counter())[called] += 1
+    return dict(sorted(table.items()))
+
+
+def _both(scores: Sequence[CaseScore], group: str) -> Rate:
+    """Cases of several effects, all of them oracle-visible beside the others: all named."""
+    chosen = [score for score in scores if score.group == group]
+    visible = [s for s in chosen if all(effect.partial_visibility >= ORACLE_VISIBLE for effect in s.effects)]
+    return rate(all(effect.named for effect in score.effects) for score in visible)
+
+
+def _percentile(values: Sequence[float], percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else math.nan
+
+
+def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    """Every figure of the proof that is not per family."""
+    singles = [effect for _, effect in _singles(scores)]
+    strong = [effect for effect in singles if effect.visibility >= STRONG]
+    errors = [e.amplitude_error for e in singles if e.amplitude_error is not None and e.visibility >= VERY_STRONG]
+    covered = [e.covered for e in singles if e.covered is not None and e.visibility >= VERY_STRONG]
+    removed = [s.removed for s, e in _singles(scores) if s.removed is not None and e.visibility >= STRONG]
+    background = [effect for _, effect in _singles(scores, "single_background")]
+    outside = [score for score in scores if score.group == "outside"]
+    plain = [score for score in scores if score.group in ("negative", "decoy") and score.kind != "common_lag"]
+    seconds = [score.seconds for score in scores if score.failed is None]
+    return {
+        "cases": len(scores),
+        "failed": sum(score.failed is not None for score in scores),
+        "singles_named": rate(e.named for e in strong),
+        "singles_in_set": rate(e.in_set for e in strong),
+        "singles_joint": rate(
+            e.placed or e.in_set for s, e in _singles(scores) if e.visibility >= STRONG and s.claimed
+        ),
+        "perturbed_named": rate(e.named for e in strong if e.form not in LIBRARY_FORMS),
+        "one_joint_motion_in_set": rate(
+            s.effects[0].in_set
+            for s in scores
+            if s.group == "single" and s.excitation in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
+        ),
+        **_curve(_singles(scores)),
+        "false_names": rate(score.extras > 0 for score in plain),
+        "false_names_background": rate(score.extras > 0 for score in scores if score.group == "background"),
+        "common_lag_right": rate(bool(s.right) for s in scores if s.kind == "common_lag"),
+        "background_named_share_above_60": rate(e.named for e in background if (e.share or 0.0) > 0.6),
+        "background_named_share_30_60": rate(e.named for e in background if 0.3 <= (e.share or 0.0) <= 0.6),
+        "background_named_share_below_30": rate(e.named for e in background if (e.share or 0.0) < 0.3),
+        "outside_wrongly_named": rate(score.extras > 0 for score in outside),
+        "outside_detected": rate(score.detected for score in outside if score.effects[0].visibility >= ORACLE_VISIBLE),
+        "pairs_both": _both(scores, "pair"),
+        "triples_all": _both(scores, "triple"),
+        "extras": rate(score.extras > score.misnamed for score in scores),
+        "structural": rate(bool(score.right) for score in scores if score.group == "structural"),
+        "amplitude_cases": len(errors),
+        "amplitude_median": _percentile(errors, 50),
+        "amplitude_p90": _percentile(errors, 90),
+        "amplitude_within_4_percent": rate(error <= 0.04 for error in errors),
+        "covered": rate(covered),
+        "removed_cases": len(removed),
+        "removed_median": _percentile(removed, 50),
+        "removed_p10": _percentile(removed, 10),
+        "seconds_median": _percentile(seconds, 50),
+        "seconds_largest": max(seconds, default=math.nan),
+    }
+
+
+def targets(figures: Mapping[str, Any]) -> list[Target]:
+    """What was to be reached, and whether this run did."""
+
+    def at_least(text: str, name: str, least: float) -> Target:
+        value: Rate = figures[name]
+        met = value.share >= least if value.count else None
+        return Target(text, f"≥ {100 * least:g} %", str(value), met)
+
+    def at_most(text: str, name: str, most: float) -> Target:
+        value: Rate = figures[name]
+        met = value.share <= most if value.count else None
+        reached = f"{value}, bound {100 * value.upper_bound:.1f} %" if value.count else "-"
+        return Target(text, f"≤ {100 * most:g} %", reached, met)
+
+    def number(text: str, wanted: str, value: float | None, met: bool, unit: str = "") -> Target:
+        known = value is not None and math.isfinite(value)
+        return Target(text, wanted, f"{value:.3g}{unit}" if known else "-", met if known else None)
+
+    def percent(name: str) -> float:
+        return 100.0 * float(figures[name])
+
+    covered: Rate = figures["covered"]
+    lambda90 = figures["lambda90"]
+    return [
+        at_least("singles, λ ≥ 100: family and joint right", "singles_named", 0.98),
+        at_least("singles, λ ≥ 100: joint right where anything is named", "singles_joint", 1.0),
+        at_least("singles of perturbed form, λ ≥ 100: named", "perturbed_named", 0.95),
+        number("λ at which 90 % are named", "≤ 55", lambda90, lambda90 is not None and lambda90 <= 55.0),
+        at_most("false names, clean and decoys", "false_names", 0.01),
+        at_most("false names, with background", "false_names_background", 0.03),
+        at_most("effects outside the library wrongly named", "outside_wrongly_named", 0.05),
+        at_least("pairs, both visible: both named", "pairs_both", 0.90),
+        at_most("cases with a spurious extra", "extras", 0.05),
+        at_least("structural cases answered as a set", "structural", 1.0),
+        number(
+            "amplitude at λ ≥ 1000, median error",
+            "≤ 1 %",
+            percent("amplitude_median"),
+            percent("amplitude_median") <= 1.0,
+            " %",
+        ),
+        at_least("amplitude at λ ≥ 1000 within 4 %", "amplitude_within_4_percent", 0.90),
+        Target(
+            "95 % intervals cover", "90 to 98 %", str(covered), 0.90 <= covered.share <= 0.98 if covered.count else None
+        ),
+        number(
+            "held-out excess energy removed, median",
+            "≥ 95 %",
+            percent("removed_median"),
+            percent("removed_median") >= 95.0,
+            " %",
+        ),
+        number(
+            "CPU time a case, largest", "≤ 10 s", figures["seconds_largest"], figures["seconds_largest"] <= 10.0, " s"
+        ),
+    ]

@@ -1,0 +1,44 @@
+"""The blind half of the proof: a process that is told where two recordings lie, and nothing else.
+
+Reads one JSON object a line, {"recordings": [A], "heldout": [B]}, and answers each with {"diagnosis": …, "seconds": …}
+or {"error": …}. Started by ``prove`` as ``python -m daemon.prove_worker``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from identification.mismatch.diagnosis import diagnose
+from identification.recordings import read_recording
+from identification.recordings.reader import robot_of
+from identification.robots import load_robot
+
+__all__ = ["answer", "main"]
+
+
+def answer(request: dict[str, Any]) -> dict[str, Any]:
+    """Diagnosis of one pair of recordings as JSON, with the CPU time it took."""
+    start = time.process_time()
+    try:
+        recordings = [read_recording(Path(path)) for path in request["recordings"]]
+        heldout = [read_recording(Path(path)) for path in request["heldout"]]
+        diagnosis = diagnose(recordings, load_robot(robot_of(recordings)), heldout=heldout).to_json()
+    except Exception as error:  # one case that cannot be diagnosed is a score of its own, not the end of the proof
+        return {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+    return {"diagnosis": diagnosis, "seconds": time.process_time() - start}
+
+
+def main() -> int:
+    """Answer every line of stdin."""
+    for line in sys.stdin:
+        print(json.dumps(answer(json.loads(line))), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
