@@ -15,7 +15,7 @@ can tell from a link inertia (joint 1 of a robot on a fixed base) has no entry o
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -90,17 +90,14 @@ class BaseRegressor:
             array.setflags(write=False)
         self.names = self._base_names()
         self.units = tuple(self._unit(int(position)) for position in kept)
-        stride = _INERTIAL_COUNT + len(symbols)
-        self._wanted = [
-            [int(position) % stride for position in kept if position // stride == link and position % stride < 10]
-            for link in range(robot.n)
-        ]
-        self._inertial_columns = np.flatnonzero(kept % stride < _INERTIAL_COUNT)
+        self._stride = _INERTIAL_COUNT + len(symbols)
+        links, entries = kept // self._stride, kept % self._stride
+        self._wanted = [entries[(links == link) & (entries < _INERTIAL_COUNT)].tolist() for link in range(robot.n)]
+        self._inertial_columns = np.flatnonzero(entries < _INERTIAL_COUNT)
         # (column, symbol, joint) of every parameter that is not inertial
         self._extra_columns = [
-            (column, symbols[int(position) % stride - _INERTIAL_COUNT], int(position) // stride)
-            for column, position in enumerate(kept)
-            if position % stride >= _INERTIAL_COUNT
+            (int(column), symbols[int(entries[column]) - _INERTIAL_COUNT], int(links[column]))
+            for column in np.flatnonzero(entries >= _INERTIAL_COUNT)
         ]
 
     @property
@@ -139,6 +136,34 @@ class BaseRegressor:
         for column, symbol, joint in self._extra_columns:
             columns[column, joint] = _extra_values(symbol, joint, dq, ddq)
         return columns.reshape(self.size, -1).T, np.repeat(np.arange(self.robot.n), samples)
+
+    def joint_columns(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray
+    ) -> Iterator[tuple[slice, list[tuple[FloatArray, IntArray]]]]:
+        """Per chunk of samples and per joint the columns that can be other than zero, packed, with room for the torque.
+
+        Yields the slice of samples and for each joint (array (m + 1, samples), positions (m,) of its rows among the
+        base parameters). The last row is free. The arrays are views that the next chunk writes over.
+        """
+        inertial, spare = self._inertial_columns, len(self.options.symbols) + 1
+        extras = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
+        firsts = np.searchsorted(self.kept[inertial] // self._stride, range(self.robot.n))
+        positions = [
+            np.concatenate([inertial[first:], [column for column, _, _ in own]]).astype(np.int64)
+            for first, own in zip(firsts, extras, strict=True)
+        ]
+        for rows, packed in rigid_body_columns(self.robot, q, dq, ddq, self._wanted, spare=spare):
+            for joint, own in enumerate(extras):
+                for place, (_, symbol, _) in enumerate(own, start=len(inertial)):
+                    packed[place, joint] = _extra_values(symbol, joint, dq[rows], ddq[rows])
+            # A joint's torque depends on the links beyond it: the first columns are zero.
+            yield (
+                rows,
+                [
+                    (packed[first : first + len(own) + 1, joint], own)
+                    for joint, (first, own) in enumerate(zip(firsts, positions, strict=True))
+                ],
+            )
 
     def base_from_full(self, full: FloatArray) -> FloatArray:
         """π_b = K π, eq. (6) for the iiwa. full: (full,) in the order of full_names. Returns (p,)."""

@@ -51,15 +51,21 @@ def torque_regressor(robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: Floa
 
 
 def rigid_body_columns(
-    robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: FloatArray, wanted: Sequence[Sequence[int]]
+    robot: RobotModel,
+    q: FloatArray,
+    dq: FloatArray,
+    ddq: FloatArray,
+    wanted: Sequence[Sequence[int]],
+    *,
+    spare: int = 0,
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Chosen columns of the rigid-body regressor, chunk by chunk: (slice of samples, array (columns, n, samples)).
 
-    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ), ascending. The array is reused by the
-    next chunk: copy what is to be kept.
+    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ), ascending. spare: columns more at the
+    end, zero at first, for the caller to fill. The array is reused by the next chunk: copy what is to be kept.
     """
     samples = _check_states(robot.n, q, dq, ddq)
-    chain = _Chain(robot, wanted, min(samples, CHUNK))
+    chain = _Chain(robot, wanted, min(samples, CHUNK), spare)
     for start in range(0, samples, CHUNK):
         rows = slice(start, min(start + CHUNK, samples))
         yield rows, chain.columns(q[rows].T, dq[rows].T, ddq[rows].T)
@@ -209,7 +215,7 @@ class _Chain:
     acceleration, and the unit twist of each of the k upstream joints, the link's own last (constant in its own frame).
     """
 
-    def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int) -> None:
+    def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int, spare: int) -> None:
         self._links = _links(robot.kinematics, tuple(map(tuple, wanted)))
         self._twists = [np.zeros((2, 3, 2 + len(link.joints), samples)) for link in self._links]
         for link, twists in zip(self._links, self._twists, strict=True):
@@ -217,7 +223,7 @@ class _Chain:
         # A base accelerating upwards stands for gravity: linear accelerations are "minus gravity".
         self._base = np.zeros((2, 3, 2, samples))
         self._base[1, :, 1] = -robot.gravity[:, None]
-        self._out = np.zeros((sum(map(len, wanted)), robot.n, samples))
+        self._out = np.zeros((sum(map(len, wanted)) + spare, robot.n, samples))
         self._turns = np.ones((robot.n, 3, samples))
         self._rotation = np.empty((9, samples))
         self._joint = np.empty((7, samples))

@@ -7,13 +7,18 @@ Not here: solving anything.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
 from identification.errors import EstimationError, UndeterminedParametersError
+
+if TYPE_CHECKING:
+    from identification.base_parameters import BaseRegressor
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -169,6 +174,48 @@ def compress(observation: Observation) -> CompressedObservation:
         triangle = np.linalg.qr(augmented, mode="r")
         blocks[joint][: len(triangle), columns] = triangle
     return CompressedObservation(blocks, True, counts, observation.names)
+
+
+def compress_motion(
+    regressor: BaseRegressor, q: FloatArray, dq: FloatArray, ddq: FloatArray, torque: FloatArray
+) -> CompressedObservation:
+    """`compress` of the observation of a motion, chunk by chunk: the tall matrix is never stored.
+
+    q, dq, ddq: (S, n) rad, rad/s, rad/s². torque: (S, n) Nm. Where the products do not do, the chunks are computed
+    again and factored. Raises EstimationError for too few samples or numbers that are not finite.
+    """
+    samples, joints = torque.shape
+    size = regressor.size
+    if torque.size <= size:
+        raise EstimationError(f"{torque.size} rows of data cannot determine {size} parameters; record a longer motion.")
+    for name, values in (("position", q), ("velocity", dq), ("acceleration", ddq), ("torque", torque)):
+        if not np.isfinite(values.sum()) and len(bad := np.argwhere(~np.isfinite(values))):
+            raise EstimationError(
+                f"{len(bad)} numbers of the {name} are not finite, the first in sample {bad[0, 0] + 1} "
+                f"(joint {bad[0, 1] + 1})."
+            )
+    counts = np.full(joints, samples, dtype=np.int64)
+    blocks = np.zeros((joints, size + 1, size + 1))
+    for joint, augmented, columns in _augmented_chunks(regressor, q, dq, ddq, torque):
+        blocks[joint][np.ix_(columns, columns)] += augmented @ augmented.T
+    if _normal_equations_are_safe(blocks.sum(axis=0)):
+        return CompressedObservation(blocks, False, counts, regressor.names)
+    blocks = np.zeros_like(blocks)
+    for joint, augmented, columns in _augmented_chunks(regressor, q, dq, ddq, torque):
+        so_far = blocks[joint][: len(columns), columns]
+        triangle = np.linalg.qr(np.vstack([so_far, augmented.T]), mode="r")
+        blocks[joint][: len(triangle), columns] = triangle
+    return CompressedObservation(blocks, True, counts, regressor.names)
+
+
+def _augmented_chunks(
+    regressor: BaseRegressor, q: FloatArray, dq: FloatArray, ddq: FloatArray, torque: FloatArray
+) -> Iterator[tuple[int, FloatArray, IntArray]]:
+    """[Y_b τ] of one joint and chunk, transposed, (m + 1, samples), and the positions (m + 1,) of its rows."""
+    for rows, joints in regressor.joint_columns(q, dq, ddq):
+        for joint, (augmented, positions) in enumerate(joints):
+            augmented[-1] = torque[rows, joint]
+            yield joint, augmented, np.append(positions, regressor.size)
 
 
 def merge(parts: list[CompressedObservation]) -> CompressedObservation:
