@@ -1,16 +1,48 @@
-"""The entry point: recordings in, one `Diagnosis` out."""
+"""The entry point: recordings in, one `Diagnosis` out.
+
+recordings → data faults → evidence → changes between periods → search over the mean → held-out check → findings. The
+parts live in the modules beside this one; this one only joins them. Called by the command line and the worker.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
-from identification.mismatch.findings import Diagnosis
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import EstimationError
+from identification.mismatch.between_periods import Change, find_between_periods
+from identification.mismatch.claims import Claims, build_findings
+from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.detection import band_power
+from identification.mismatch.effects import EFFECTS
+from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, with_parameters
+from identification.mismatch.extension import extend
+from identification.mismatch.findings import Baseline, DataFault, Diagnosis
+from identification.mismatch.heldout import Residuals, residuals
+from identification.mismatch.library import Library
+from identification.mismatch.problem import build_problem
+from identification.mismatch.search import search
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.summary import summarise
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
+FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """Evidences of one role (fitted or held out), what changes between their periods, and torque without that."""
+
+    evidences: tuple[Evidence, ...]
+    changes: tuple[Change, ...]
+    torque: tuple[FloatArray, ...]
 
 
 def diagnose(
@@ -22,5 +54,84 @@ def diagnose(
     model: Model | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Locate and name what the nominal model leaves out."""
-    raise NotImplementedError
+    """Locate and name what the nominal model leaves out of these recordings, and check it on the held-out ones.
+
+    Raises EstimationError when no recording is given, RecordingError for one that cannot be used.
+    """
+    settings = settings if settings is not None else DiagnosisSettings()
+    report = progress if progress is not None else _silent
+    if not recordings:
+        raise EstimationError("No recording was given to diagnose")
+    del model
+    regressor = BaseRegressor(robot)
+    report("data", 0.05)
+    faults = tuple(fault for recording in recordings for fault in find_data_faults(recording, robot, regressor))
+    report("evidence", 0.1)
+    fitted = _prepare([_upright(item, faults) for item in recordings], robot, regressor, settings, None)
+    report("search", 0.3)
+    problem = build_problem(
+        fitted.evidences, fitted.torque, [(change.evidence, change.mean_columns) for change in fitted.changes]
+    )
+    library = Library(EFFECTS, fitted.evidences)
+    candidates, inactive = library.candidates()
+    result = search(problem, library, candidates, settings)
+    report("held-out check", 0.8)
+    unseen = None
+    if heldout:
+        values = extend(problem, ()).base[: regressor.size]
+        unseen = _prepare([_upright(item, faults) for item in heldout], robot, regressor, settings, values)
+    claims = build_findings(problem, library, result, fitted, unseen, settings, physics=not _stops_physics(faults))
+    report("findings", 0.9)
+    nominal = extend(build_problem(fitted.evidences), ())
+    baseline = _baseline(residuals(nominal, fitted.evidences, library), band_power(result.before.problem).probability, claims)
+    diagnosis = summarise(problem, library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings)
+    report("done", 1.0)
+    return diagnosis
+
+
+def _prepare(
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+    values: FloatArray | None,
+) -> Prepared:
+    """values: base parameters whose torque the effects see; None for those that fit all these recordings together."""
+    evidences = [part for recording in recordings for part in build_evidence(recording, robot, regressor, settings)]
+    if values is None and len(evidences) > 1:
+        values = fit_parameters(evidences)
+    if values is not None:
+        evidences = [with_parameters(evidence, regressor, values) for evidence in evidences]
+    changes = find_between_periods(evidences, EFFECTS)
+    torque = [evidence.torque.copy() for evidence in evidences]
+    for change in changes:
+        torque[change.evidence] -= change.contribution.mean(axis=0)
+    return Prepared(tuple(evidences), changes, tuple(torque))
+
+
+def _baseline(nominal: Residuals, probability: FloatArray, claims: Claims) -> Baseline:
+    excess, deviation = nominal.excess_energy, nominal.excess_deviation
+    detected = probability.min(axis=1) < 1e-4
+    for finding in claims.findings:
+        if finding.place.joint is not None:
+            detected[finding.place.joint - 1] = True
+    low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
+    return Baseline(nominal.rms_nm, nominal.noise_floor_nm, nominal.excess_nm, low, high, detected)
+
+
+def _upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:
+    """The recording with the torque of joints turned whose sign a data fault says is inverted."""
+    inverted = {joint - 1 for fault in faults if fault.fault == "inverted_torque_sign" for joint in fault.joints}
+    if not inverted:
+        return recording
+    sign = np.array([-1.0 if joint in inverted else 1.0 for joint in range(recording.n)])
+    return replace(recording, torque=recording.torque * sign)
+
+
+def _stops_physics(faults: Sequence[DataFault]) -> bool:
+    """Whether a fault makes every name worthless: with a wrong clock all inertial torque is wrong."""
+    return any(fault.fault == "wrong_time_base" for fault in faults)
+
+
+def _silent(phase: str, share: float) -> None:
+    """Progress that nobody watches."""

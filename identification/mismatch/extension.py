@@ -21,6 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Relative step of a nonlinear parameter for the derivative of its columns.
 SHAPE_STEP = 1e-2
+# Directions of the base parameters below this share of the best determined one count as open.
+OPEN = 1e-9
 # Blocks of neighbouring lines per joint whose products with the residual are taken as independent.
 BLOCKS = 24
 
@@ -29,13 +31,15 @@ BLOCKS = 24
 class Extension:
     """Base parameters (p,), coefficients of each member (all its columns, zeros where not used), covariance of all.
 
-    covariance: (p + Σ used, ·) of base parameters and used coefficients, from the noise.
+    covariance: (p + Σ used, ·) of base parameters and used coefficients, from the noise. loose: (p, p) factor L whose
+    product L Lᵀ is the covariance of the base parameters alone, directions the motion leaves open with a huge one.
     """
 
     members: tuple[Member, ...]
     base: FloatArray
     coefficients: tuple[FloatArray, ...]
     covariance: FloatArray
+    loose: FloatArray
 
 
 def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
@@ -46,7 +50,7 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
     columns = np.concatenate([plain, *added], axis=1)
     norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, singular, right = np.linalg.svd(columns / norms, full_matrices=False)
-    kept = singular > 1e-9 * singular[0]
+    kept = singular > OPEN * singular[0]
     inverse = (right[kept].T / singular[kept]) / norms[:, None]
     solution = inverse @ (left[:, kept].T @ nominal.torque)
     coefficients, position = [], size
@@ -55,12 +59,18 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
         full[list(member.selection)] = solution[position : position + len(member.selection)]
         coefficients.append(full)
         position += len(member.selection)
-    return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T)
+    norms = norms[:size]
+    _, singular, right = np.linalg.svd(np.linalg.qr(plain / norms, mode="r"))
+    loose = right.T / np.maximum(singular, OPEN * singular[0]) / norms[:, None]
+    return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T, loose)
 
 
 def predicted(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
-    """Torque rows (n, R) Nm of the extended model on the evidences of a library; nominal: (n, R, p) rows there."""
-    result = np.asarray(nominal @ extension.base, dtype=np.float64)
+    """Torque rows (n, R) Nm of the extended model on the evidences of a library; nominal: (n, R, p) rows there.
+
+    Nuisances of the fitted recordings, which stand behind the base parameters, have no part there.
+    """
+    result = np.asarray(nominal @ extension.base[: nominal.shape[2]], dtype=np.float64)
     for member, coefficients in zip(extension.members, extension.coefficients, strict=True):
         rows = library.rows(member.effect, member.place, member.rows.shape)
         if rows is not None:
@@ -70,8 +80,8 @@ def predicted(extension: Extension, nominal: FloatArray, library: Library) -> Fl
 
 def prediction_variance(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
     """(n, R) Nm², variance of `predicted` through the parameters."""
-    joints, rows, _ = nominal.shape
-    parts = [nominal]
+    joints, rows, size = nominal.shape
+    parts = [nominal, np.zeros((joints, rows, extension.base.size - size))]
     for member in extension.members:
         block = np.zeros((joints, rows, len(member.selection)))
         there = library.rows(member.effect, member.place, member.rows.shape)

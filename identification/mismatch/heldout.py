@@ -1,6 +1,8 @@
 """What the fitted model is worth on recordings it has not seen: the check behind every name.
 
-Coefficients, nonlinear parameters and base parameters all come from the fitted recordings. Called by the diagnosis.
+Coefficients, nonlinear parameters and base parameters all come from the fitted recordings. Only directions of the base
+parameters that those recordings do not determine to the noise of the held-out ones are left free there: they would say
+nothing on the effects, and everything on the motion that was fitted. Called by the diagnosis.
 """
 
 from __future__ import annotations
@@ -14,8 +16,12 @@ import numpy.typing as npt
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, prediction_variance, predicted
 from identification.mismatch.library import Library
+from identification.mismatch.problem import off
 
 FloatArray = npt.NDArray[np.float64]
+
+# Predicted torque that scatters this many deviations of the noise along one direction says nothing about an effect.
+OPEN_BEYOND_NOISE = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,15 +74,27 @@ def residuals(
     nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
     measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
     noise = np.concatenate([item.noise for item in evidences]).T
-    rows = measured - predicted(extension, nominal, library)
-    scatter = prediction_variance(extension, nominal, library)
+    used = np.concatenate([item.used for item in evidences]).T
+    weight = np.where(used, 1.0 / noise, 0.0)
+    whitened = (measured - predicted(extension, nominal, library)) * weight
+    free = _open_directions(extension, nominal * weight[..., None])
+    rows = off(free, whitened.ravel()).reshape(whitened.shape) * noise
+    scatter = prediction_variance(extension, nominal, library) if not free.shape[1] else np.zeros_like(rows)
     return Residuals(
         rows=rows,
         noise=np.sqrt(noise**2 + scatter),
         sensor_noise=noise,
-        used=np.concatenate([item.used for item in evidences]).T,
+        used=used,
         samples=sum(item.motion.samples for item in evidences),
     )
+
+
+def _open_directions(extension: Extension, whitened: FloatArray) -> FloatArray:
+    """Orthonormal directions (n R, k) of torque in which the fitted base parameters scatter beyond the noise here."""
+    columns = whitened.reshape(-1, whitened.shape[2]) @ extension.loose[: whitened.shape[2]]
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    wide = values > OPEN_BEYOND_NOISE**2
+    return np.asarray(columns @ vectors[:, wide] / np.sqrt(values[wide]), dtype=np.float64)
 
 
 def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:

@@ -32,7 +32,8 @@ class Problem:
 
     weight: (n, R) 1/Nm, one over the noise times the factor of `background`; 0 for rows that do not count. noise:
     (n, R) Nm. freedom: (R,) degrees of freedom of the noise. band: (R,) index of the band. evidence: (R,) which
-    evidence. frequency: (R,) Hz. torque: (n R,) whitened. basis: (n R, p') orthonormal basis of the nominal columns,
+    evidence. frequency: (R,) Hz. torque: (n R,) whitened. nominal: (n, R, p) Nm
+    per unit, base parameters first, then nuisances. basis: (n R, p') orthonormal basis of the nominal columns,
     whitened. residual: (n R,) torque off the basis.
     """
 
@@ -59,10 +60,15 @@ class Problem:
         return len(BAND_EDGES_HZ) + 1
 
 
-def build_problem(evidences: Sequence[Evidence], torque: Sequence[FloatArray] | None = None) -> Problem:
+def build_problem(
+    evidences: Sequence[Evidence],
+    torque: Sequence[FloatArray] | None = None,
+    nuisance: Sequence[tuple[int, FloatArray]] = (),
+) -> Problem:
     """The problem of several evidences with common base parameters, weighted by the noise alone.
 
     torque: per evidence (R, n) Nm to take instead of the measured mean (what remains after changes between periods).
+    nuisance: (evidence, (R, n, m) rows) of further columns of one evidence that are fitted beside the base parameters.
     """
     n = evidences[0].n
     noise = np.concatenate([item.noise for item in evidences]).T
@@ -70,6 +76,11 @@ def build_problem(evidences: Sequence[Evidence], torque: Sequence[FloatArray] | 
     frequency = np.concatenate([item.frequency for item in evidences])
     measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
     nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
+    first = np.concatenate([[0], np.cumsum([item.frequency.size for item in evidences])])
+    for index, rows in nuisance:
+        block = np.zeros((n, frequency.size, rows.shape[2]))
+        block[:, first[index] : first[index + 1]] = rows.transpose(1, 0, 2)
+        nominal = np.concatenate([nominal, block], axis=2)
     weight = np.where(used, 1.0 / noise, 0.0)
     empty = np.zeros(0)
     problem = Problem(

@@ -1,0 +1,262 @@
+"""Findings from what the search settled on: held-out check first, then numbers, place, words.
+
+Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.between_periods import Change
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Estimate
+from identification.mismatch.effects.equivalence import separating_experiment
+from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.extension import Extension, extend, uncertainties
+from identification.mismatch.findings import Curve, Finding
+from identification.mismatch.heldout import Residuals, residuals, share_removed
+from identification.mismatch.library import Library
+from identification.mismatch.localisation import best_curve, where_of
+from identification.mismatch.problem import Problem, off
+from identification.mismatch.refinement import Member
+from identification.mismatch.screening import build_screen
+from identification.mismatch.search import SearchResult, Trial, fitted, removal_scores
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.verdict import alternatives, explains_enough, joints_of, significance
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Role(Protocol):
+    """Evidences of one role, their changes between periods, and their torque without those."""
+
+    @property
+    def evidences(self) -> tuple[Evidence, ...]:
+        """One per stretch."""
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What differs between their periods."""
+
+    @property
+    def torque(self) -> tuple[FloatArray, ...]:
+        """(R, n) Nm per evidence, changes taken off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claims:
+    """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
+
+    dropped: sentences on what describes the misfit but is not claimed.
+    """
+
+    findings: tuple[Finding, ...]
+    trial: Trial
+    extension: Extension
+    before: Residuals
+    after: Residuals
+    heldout_before: Residuals | None
+    heldout_after: Residuals | None
+    dropped: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Check:
+    extension: Extension
+    after: Residuals
+    heldout_after: Residuals | None
+
+
+def build_findings(
+    problem: Problem,
+    library: Library,
+    result: SearchResult,
+    fitted_role: Role,
+    unseen: Role | None,
+    settings: DiagnosisSettings,
+    *,
+    physics: bool,
+) -> Claims:
+    """The members that the rule of abstention lets pass, and the changes between periods, as findings.
+
+    physics: False where a data fault makes names worthless; then nothing is claimed.
+    """
+    elsewhere = None if unseen is None else Library(library.effects, unseen.evidences)
+
+    def check(members: Sequence[Member]) -> _Check:
+        extension = extend(problem, members)
+        after = residuals(extension, fitted_role.evidences, library, fitted_role.torque)
+        if unseen is None or elsewhere is None:
+            return _Check(extension, after, None)
+        return _Check(extension, after, residuals(extension, unseen.evidences, elsewhere, unseen.torque))
+
+    before = check(())
+    trial = result.trial if physics else result.before
+    now = check(trial.members)
+    dropped: list[str] = []
+    while trial.members:
+        failing = [
+            index
+            for index in range(len(trial.members))
+            if not _passes(trial, index, before, now, check, library, settings)
+        ]
+        if not failing:
+            break
+        scores = removal_scores(problem, trial, settings)
+        worst = min(failing, key=lambda index: scores[index])
+        member = trial.members[worst]
+        where = "" if member.place.joint is None else f" on joint {member.place.joint}"
+        dropped.append(f"{member.effect.name}{where} describes part of the misfit, but not enough of it to be claimed")
+        trial = fitted(problem, [item for index, item in enumerate(trial.members) if index != worst], settings)
+        now = check(trial.members)
+    findings = [
+        *_between(fitted_role.changes if physics else (), len(library.evidences)),
+        *_repeatable(problem, library, result, trial, now, before, check, settings, unseen is not None),
+    ]
+    return Claims(
+        tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
+        tuple(dropped),
+    )  # fmt: skip
+
+
+def _torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
+    """Torque rows (n, R) Nm of a member."""
+    rows = np.zeros((n, member.rows.rows.shape[1]))
+    rows[list(member.rows.joints)] = member.rows.rows @ coefficients
+    return rows
+
+
+def _passes(trial, index, before, now, check, library, settings) -> bool:  # type: ignore[no-untyped-def]
+    """The rule of abstention for one member."""
+    del library
+    member = trial.members[index]
+    joints = joints_of(member, _torque_of(member, now.extension.coefficients[index], trial.problem.n))
+    if not trial.complete and not explains_enough(before.after, now.after, joints, settings.share_removed):
+        return False
+    if now.heldout_after is None:
+        return True
+    if not explains_enough(before.heldout_after, now.heldout_after, joints, settings.heldout_share_removed):
+        return False
+    rest = check([item for position, item in enumerate(trial.members) if position != index]).heldout_after
+    gain = float((rest.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
+    spread = float(np.sqrt((rest.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()))
+    return gain > -2.0 * spread
+
+
+def _repeatable(problem, library, result, trial, now, before, check, settings, unseen) -> list[Finding]:  # type: ignore[no-untyped-def]
+    if not trial.members:
+        return []
+    screen = build_screen(problem, result.candidates)
+    scores = removal_scores(problem, trial, settings)
+    sure = uncertainties(problem, now.extension, trial.problem.residual, library, coloured=not trial.complete)
+    found = []
+    for index, member in enumerate(trial.members):
+        coefficients = now.extension.coefficients[index]
+        estimate = Estimate(
+            member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std
+        )
+        others = alternatives(problem, trial, index, screen, library, settings)
+        rows = _torque_of(member, coefficients, problem.n)
+        joints = joints_of(member, rows)
+        whitened = (rows * problem.weight).ravel()
+        energy = float(whitened @ whitened)
+        visible = off(problem.basis, whitened)
+        gain = np.zeros(0)
+        if now.heldout_after is not None:
+            rest = check([item for position, item in enumerate(trial.members) if position != index])
+            gain = rest.heldout_after.rms_nm - now.heldout_after.rms_nm
+        curve, where = _place(problem, library.evidences[0], before.after, now.after, rows, visible, joints, trial, result)
+        sentence = member.effect.sentence(estimate)
+        if others:
+            sentence += " This data cannot tell it from " + ", ".join(_named(item.effect, item.joint) for item in others) + "."
+        if not unseen:
+            sentence += " Unconfirmed: no held-out recording was given."
+        names = [member.effect.name, *(item.effect for item in others)]
+        found.append(
+            Finding(
+                effect=member.effect.name,
+                place=member.place,
+                parameters=member.effect.parameters(estimate),
+                coefficients=coefficients,
+                covariance=sure[index].covariance,
+                shape=member.shape,
+                absorbed_fraction=1.0 - float(visible @ visible) / max(energy, 1e-300),
+                score=scores[index],
+                significance=significance(scores[index], len(member.selection), len(result.candidates)),
+                sentence=sentence,
+                where=where,
+                heldout_gain_nm=gain,
+                confirmed=None if not unseen else bool(gain[joints].max() > 0.0),
+                alternatives=others,
+                separating_experiment=separating_experiment(names) if others else None,
+                share_removed=share_removed(before.after, now.after, joints)[0],
+                curve=curve,
+            )
+        )
+    return found
+
+
+def _place(problem, evidence, before, after, rows, visible, joints, trial, result):  # type: ignore[no-untyped-def]
+    """Curve and `where` of a member on the joint it shows most, on the first evidence."""
+    size = evidence.frequency.size
+    shown = visible.reshape(problem.n, problem.rows) / np.where(problem.weight > 0.0, problem.weight, np.inf)
+    joint = max(joints, key=lambda item: float(shown[item] @ shown[item]))
+    parts = np.stack([before.rows[joint, :size], after.rows[joint, :size], rows[joint, :size], shown[joint, :size]])
+    series = rows_to_time(evidence, parts.T).T
+    noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))
+    curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2])
+    where = where_of(evidence, result.before.power, joint, series[3], curve, share)
+    where["joints"] = [item + 1 for item in joints]
+    del trial
+    return curve, where
+
+
+def _between(changes: Sequence[Change], evidences: int) -> list[Finding]:
+    found = []
+    for change in changes:
+        rms = np.sqrt((change.contribution**2).mean(axis=0).sum(axis=0))
+        joints = [int(joint) + 1 for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0))]
+        by_period = (change.contribution**2).sum(axis=(1, 2))
+        periods = [int(period) for period in np.flatnonzero(by_period > 0.05 * by_period.max(initial=0.0))]
+        place = change.estimate.place
+        found.append(
+            Finding(
+                effect=change.effect.name,
+                place=place,
+                parameters=change.effect.parameters(change.estimate),
+                coefficients=change.estimate.coefficients,
+                covariance=change.estimate.covariance,
+                shape=change.estimate.shape,
+                absorbed_fraction=0.0,
+                score=change.score,
+                significance=float(10.0 ** min(0.0, change.log10_chance)),
+                sentence=change.effect.sentence(change.estimate),
+                where={"joint": place.joint, "joints": joints, "periods": periods, "recording": change.evidence}
+                if evidences > 1
+                else {"joint": place.joint, "joints": joints, "periods": periods},
+                curve=_curve_over_periods(change),
+            )
+        )
+    return found
+
+
+def _curve_over_periods(change: Change) -> Curve:
+    """Mean torque of the change in each period on the joint it shows most."""
+    joint = int(np.argmax((change.contribution**2).sum(axis=(0, 1))))
+    size = np.sqrt((change.contribution[:, :, joint] ** 2).sum(axis=1))
+    period = np.arange(size.size, dtype=np.float64)
+    return Curve(joint + 1, "period", "", period, size, np.zeros_like(size), np.zeros_like(size), size)
+
+
+def _named(effect: str, joint: int | None) -> str:
+    effect_named(effect)
+    words = effect.replace("_", " ")
+    return words if joint is None else f"{words} of joint {joint}"
+
+
+__all__ = ["Claims", "Role", "build_findings"]

@@ -1,0 +1,214 @@
+"""The rest of a diagnosis: what could not be seen, how small an effect would have shown, parameter shift, words.
+
+Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.mismatch.claims import Claims, Role
+from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
+from identification.mismatch.detectability import Candidate as Visible
+from identification.mismatch.effects.base import Effect, Place
+from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.extension import extend
+from identification.mismatch.findings import (
+    Baseline,
+    Curve,
+    DataFault,
+    Detectable,
+    Diagnosis,
+    HeldOut,
+    NotIdentifiable,
+    ParameterShift,
+    Spectrum,
+    TimeSeries,
+)
+from identification.mismatch.heldout import Residuals
+from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.localisation import best_curve
+from identification.mismatch.problem import Problem, spread
+from identification.mismatch.search import SearchResult
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.verdict import verdict_of
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def summarise(
+    problem: Problem,
+    library: Library,
+    result: SearchResult,
+    inactive: Sequence[tuple[Effect, Place]],
+    claims: Claims,
+    baseline: Baseline,
+    fitted: Role,
+    unseen: Role | None,
+    faults: tuple[DataFault, ...],
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+) -> Diagnosis:
+    """Everything a diagnosis says beside its findings."""
+    detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
+    left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
+    verdict = verdict_of(claims.findings, baseline, left.tolist())
+    curves = _curves(fitted.evidences[0], claims.after, left) if bool(left.any()) else ()
+    return Diagnosis(
+        robot=regressor.robot.name,
+        verdict=verdict,
+        mode="complete" if claims.trial.complete else "background",
+        baseline=baseline,
+        findings=claims.findings,
+        data_faults=faults,
+        not_identifiable=hidden,
+        minimum_detectable=detectable,
+        heldout=_held_out(claims),
+        parameter_shift=_shift(problem, claims, regressor),
+        remaining=_remaining(claims, baseline, left, curves, faults, unseen is not None),
+        curves=curves,
+        spectra=tuple(_spectra(fitted.evidences, claims.before, claims.after)),
+        series=tuple(_series(fitted.evidences, claims.before, claims.after)),
+        heldout_series=()
+        if unseen is None or claims.heldout_before is None or claims.heldout_after is None
+        else tuple(_series(unseen.evidences, claims.heldout_before, claims.heldout_after)),
+        rms_after_nm=claims.after.rms_nm,
+        notes=_notes(fitted, unseen),
+        provenance={"library": len(library.effects), "candidates": len(result.candidates)},
+    )
+
+
+def _visibility(
+    problem: Problem, candidates: Sequence[EffectRows], inactive: Sequence[tuple[Effect, Place]], needed: float
+) -> tuple[tuple[Detectable, ...], tuple[NotIdentifiable, ...]]:
+    """Smallest size that shows of each effect at each place (in the middle of its grid), or why none does."""
+    groups: dict[tuple[str, Place], list[EffectRows]] = {}
+    for item in candidates:
+        groups.setdefault((item.effect.name, item.place), []).append(item)
+    detectable: list[Detectable] = []
+    hidden = [NotIdentifiable(effect.name, place, "it exerts no torque in this motion") for effect, place in inactive]
+    for (name, place), items in groups.items():
+        item = items[len(items) // 2]
+        columns = spread(problem, item.joints, item.rows)
+        shadow = problem.basis.T @ columns
+        plain = columns.T @ columns
+        visible = Visible(
+            item.effect, place, dict(item.shape), plain - shadow.T @ shadow, np.diag(plain).copy(),
+            np.zeros((0, columns.shape[1])), np.zeros((0, 0)),
+        )  # fmt: skip
+        if visible.absorbed_fraction > 1.0 - NOTHING_LEFT:
+            hidden.append(NotIdentifiable(name, place, "the base parameters take up all of it in this motion"))
+            continue
+        size = visible.smallest(max(needed, ORACLE_STRENGTH))
+        detectable.append(Detectable(name, place, size.value, size.unit, visible.absorbed_fraction))
+    return tuple(detectable), tuple(hidden)
+
+
+def _held_out(claims: Claims) -> HeldOut | None:
+    before, after = claims.heldout_before, claims.heldout_after
+    if before is None or after is None:
+        return None
+    square, deviation = after.rms_nm**2, after.excess_deviation
+    interval = np.sqrt(np.maximum(np.column_stack([square - 1.96 * deviation, square + 1.96 * deviation]), 0.0))
+    return HeldOut(
+        before.rms_nm, after.rms_nm, interval, after.noise_floor_nm, before.excess_nm, after.excess_nm
+    )
+
+
+def _shift(problem: Problem, claims: Claims, regressor: BaseRegressor) -> tuple[ParameterShift, ...]:
+    before = extend(problem, ())
+    std = np.sqrt(np.maximum(np.diag(claims.extension.covariance), 0.0))
+    return tuple(
+        ParameterShift(name, float(before.base[index]), float(claims.extension.base[index]), float(std[index]), unit)
+        for index, (name, unit) in enumerate(zip(regressor.names, regressor.units, strict=True))
+    )
+
+
+def _curves(evidence: Evidence, after: Residuals, left: npt.NDArray[np.bool_]) -> tuple[Curve, ...]:
+    size = evidence.frequency.size
+    series = rows_to_time(evidence, after.rows[:, :size].T)
+    curves = []
+    for joint in np.flatnonzero(left):
+        noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))
+        curves.append(best_curve(evidence, int(joint), series[:, joint], series[:, joint], noise)[0])
+    return tuple(curves)
+
+
+def _remaining(
+    claims: Claims,
+    baseline: Baseline,
+    left: npt.NDArray[np.bool_],
+    curves: Sequence[Curve],
+    faults: Sequence[DataFault],
+    checked: bool,
+) -> str:
+    parts = [fault.sentence for fault in faults]
+    if not left.any():
+        floor = float(np.max(baseline.noise_floor_nm))
+        parts.append(
+            f"Nothing above the noise remains ({floor:.2g} Nm at most, per joint, over the compared band)."
+            if claims.findings
+            else f"No mismatch above {floor:.2g} Nm; smaller effects than those listed as detectable would not show."
+        )
+    else:
+        excess = claims.after.excess_nm
+        for curve in curves:
+            joint = curve.joint - 1
+            parts.append(
+                f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained, ordered best by {curve.coordinate} "
+                "(a curve, not physics)."
+            )
+    parts.extend(f"{sentence}." for sentence in claims.dropped)
+    if claims.findings and not checked:
+        parts.append("Names are unconfirmed: no held-out recording was given.")
+    return " ".join(parts)
+
+
+def _spectra(evidences: Sequence[Evidence], before: Residuals, after: Residuals) -> list[Spectrum]:
+    found, start = [], 0
+    for evidence in evidences:
+        size, samples = evidence.frequency.size, evidence.motion.samples
+        parts = [
+            _per_line(values[:, start : start + size].T, samples)
+            for values in (before.rows, after.rows, before.sensor_noise)
+        ]
+        found.append(Spectrum(np.concatenate([evidence.frequency[:1], evidence.frequency[1::2]]), *parts))
+        start += size
+    return found
+
+
+def _per_line(rows: FloatArray, samples: int) -> FloatArray:
+    square = np.concatenate([rows[:1] ** 2, rows[1::2] ** 2 + rows[2::2] ** 2])
+    return np.asarray(np.sqrt(square / samples), dtype=np.float64)
+
+
+def _series(evidences: Sequence[Evidence], before: Residuals, after: Residuals) -> list[TimeSeries]:
+    found, start = [], 0
+    for evidence in evidences:
+        size, motion = evidence.frequency.size, evidence.motion
+        measured, first, last = (
+            rows_to_time(evidence, rows)
+            for rows in (
+                evidence.torque,
+                before.rows[:, start : start + size].T,
+                after.rows[:, start : start + size].T,
+            )
+        )
+        found.append(TimeSeries(motion.time, motion.position, motion.velocity, measured, first, last))
+        start += size
+    return found
+
+
+def _notes(fitted: Role, unseen: Role | None) -> tuple[str, ...]:
+    evidences = [*fitted.evidences, *(() if unseen is None else unseen.evidences)]
+    notes = []
+    if any(not evidence.noise_is_measured for evidence in evidences):
+        notes.append(
+            "A recording has no periods to compare: its noise is taken from the lines above the compared band, which "
+            "sees no coloured noise, so detection there is weaker evidence."
+        )
+    return tuple(notes)

@@ -1,0 +1,108 @@
+"""From members of a model to claims: alternatives, the rule of abstention, and the words for what stays.
+
+A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
+recordings; what the data cannot tell from it is named beside it. Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from identification.mismatch.effects.equivalence import relation
+from identification.mismatch.findings import Alternative, Baseline, Finding, Verdict
+from identification.mismatch.heldout import Residuals, share_removed
+from identification.mismatch.library import Library
+from identification.mismatch.problem import Problem, off, orthonormal, spread
+from identification.mismatch.refinement import Member, refine, score_of
+from identification.mismatch.screening import Screen, gains, narrowed
+from identification.mismatch.search import Trial, fitted
+from identification.mismatch.settings import DiagnosisSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_ALTERNATIVES = 8
+"""Rivals of one finding that are refined and compared."""
+
+
+def significance(score: float, coefficients: int, candidates: int) -> float:
+    """Probability that noise alone makes any of so many candidates gain so much; Bonferroni."""
+    return float(min(1.0, candidates * chi2.sf(2.0 * max(score, 0.0), coefficients)))
+
+
+def alternatives(
+    nominal: Problem, trial: Trial, index: int, screen: Screen, library: Library, settings: DiagnosisSettings
+) -> tuple[Alternative, ...]:
+    """Other names for one member that come within the margin of it, each refined beside the other members.
+
+    Left out: what contains the member as a special case, and the same effect on the same joint.
+    """
+    member = trial.members[index]
+    others = [other for position, other in enumerate(trial.members) if position != index]
+    rest = fitted(nominal, others, settings)
+    added = rest.problem.basis[:, nominal.basis.shape[1] :]
+    beside = narrowed(screen, added, rest.problem) if added.shape[1] else screen
+    own = _own_score(nominal, trial, rest, others, member, settings)
+    taken = {(item.effect.name, item.place.joint) for item in trial.members}
+    chosen: dict[tuple[str, int | None], Member] = {}
+    best = score_of(rest.problem, member)
+    for score, variant in gains(beside):
+        rows = screen.candidates[variant.index]
+        key = (rows.effect.name, rows.place.joint)
+        if score < 0.5 * (best - settings.margin_of_indistinguishable) or len(chosen) >= MOST_ALTERNATIVES:
+            break
+        if key not in taken and key not in chosen:
+            chosen[key] = Member(rows, variant.selection)
+    found = []
+    for rival in chosen.values():
+        refined = refine(rest.problem, library, rival)
+        score = _own_score(nominal, trial, rest, others, refined, settings)
+        if score < own - settings.margin_of_indistinguishable or _contains(rest.problem, refined, member):
+            continue
+        found.append(Alternative(refined.effect.name, refined.place.joint, score))
+    return tuple(sorted(found, key=lambda item: -item.score))
+
+
+def _own_score(
+    nominal: Problem,
+    trial: Trial,
+    rest: Trial,
+    others: Sequence[Member],
+    member: Member,
+    settings: DiagnosisSettings,
+) -> float:
+    if trial.complete:
+        return score_of(rest.problem, member)
+    return fitted(nominal, [*others, member], settings).likelihood - rest.likelihood
+
+
+def _contains(problem: Problem, larger: Member, smaller: Member) -> bool:
+    """Whether the smaller member is a special case of the larger one, off all that is fitted."""
+    spaces = [
+        orthonormal(off(problem.basis, spread(problem, item.rows.joints, item.used_rows())), tolerance=1e-6)
+        for item in (smaller, larger)
+    ]
+    return relation(spaces[0], spaces[1]).kind == "first_in_second"
+
+
+def joints_of(member: Member, extension_rows: FloatArray) -> list[int]:
+    """Joints (from 0) on which a member's torque (n, R) matters: those with at least a tenth of its largest energy."""
+    energy = (extension_rows**2).sum(axis=1)
+    if len(member.rows.joints) == 1:
+        return list(member.rows.joints)
+    return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
+
+
+def explains_enough(before: Residuals, after: Residuals, joints: Sequence[int], needed: float) -> bool:
+    """Whether the share of excess energy removed on some joints is not clearly below what a name needs."""
+    return share_removed(before, after, joints)[1] >= needed
+
+
+def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool]) -> Verdict:
+    """left: per joint whether misfit remains beside the findings."""
+    if findings:
+        return "partly_explained" if any(left) else "explained"
+    return "unexplained" if bool(np.any(baseline.detected)) else "no_mismatch"
