@@ -82,7 +82,8 @@ def random_arm(joints: int, seed: int) -> str:
         )
     text.append(
         '<link name="tool"><inertial><mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-        '</inertial><visual><geometry><box size="0.1 0.2 0.3"/></geometry></visual></link><joint name="weld" type="fixed">'
+        '</inertial><visual><geometry><box size="0.1 0.2 0.3"/></geometry></visual></link>'
+        '<joint name="weld" type="fixed">'
         f'<parent link="part_{joints}"/><child link="tool"/><origin xyz="0.1 0 0.2" rpy="0.4 0.2 0.1"/></joint></robot>'
     )
     return "\n".join(text)
