@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 # Relative step of a nonlinear parameter for the derivative of its columns.
 SHAPE_STEP = 1e-2
 # Directions of the base parameters below this share of the best determined one count as open.
-OPEN = 1e-9
+OPEN = 1e-7
 # Blocks of neighbouring lines per joint whose products with the residual are taken as independent.
 BLOCKS = 24
 

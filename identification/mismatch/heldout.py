@@ -92,9 +92,8 @@ def residuals(
 def _open_directions(extension: Extension, whitened: FloatArray) -> FloatArray:
     """Orthonormal directions (n R, k) of torque in which the fitted base parameters scatter beyond the noise here."""
     columns = whitened.reshape(-1, whitened.shape[2]) @ extension.loose[: whitened.shape[2]]
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    wide = values > OPEN_BEYOND_NOISE**2
-    return np.asarray(columns @ vectors[:, wide] / np.sqrt(values[wide]), dtype=np.float64)
+    directions, scatter, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(directions[:, scatter > OPEN_BEYOND_NOISE], dtype=np.float64)
 
 
 def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:
