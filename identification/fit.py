@@ -19,10 +19,11 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import EstimationError, RecordingError
+from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
 from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
+from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
 from identification.fitting.blocks import Block, build_block, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
@@ -48,6 +49,7 @@ FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the whole that is done, 0 to 1."""
 
+MOST_STATES = 2000
 LIBRARIES = ("iiwa-ident", "numpy", "scipy", "pin", "clarabel")
 
 
@@ -92,14 +94,21 @@ def fit_recordings(
 
     constrained: ConstrainedResult | None = None
     consistent: SemidefiniteResult | None = None
+    feasibility: FeasibilityAnswer | None = None
     if settings.physical:
         report("physically consistent parameters (semidefinite program)", 0.6)
         rules = rules_for(robot).with_bounds(settings.bounds)
         consistent = solve_semidefinite(least_squares.reduced, regressor, rules)
         report("feasible parameters (program 10)", 0.7)
         constrained = solve_constrained(
-            least_squares.reduced, regressor, rules, starts=settings.starts, seed=settings.seed
+            least_squares.reduced,
+            regressor,
+            rules,
+            starts=settings.starts,
+            seed=settings.seed,
+            full_consistency=settings.full_consistency,
         )
+        feasibility = _feasibility(blocks, regressor, least_squares.values)
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
     sets = {"base": least_squares.values}
@@ -115,6 +124,7 @@ def fit_recordings(
         torque_delay=delay,
         constrained=constrained,
         consistent=consistent,
+        feasibility=feasibility,
         rms=_rms_table(blocks, sets, noise_floor),
         noise_floor_nm=noise_floor,
         torque_sign=sign,
@@ -172,7 +182,7 @@ def _estimate(
     blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
 ) -> tuple[str, Estimate]:
     """The estimator that the settings name, by name, and what it finds."""
-    estimator = settings.estimator
+    estimator: str = settings.estimator
     if estimator == "auto":
         estimator = default_estimator({item.pipeline for item in processed})
     if estimator == "huber":
@@ -198,6 +208,19 @@ def _estimate(
 def _delay(blocks: list[Block], regressor: BaseRegressor, estimate: Estimate, estimator: str) -> TorqueDelay:
     plain = estimator if estimator in ("ols", "weighted") else "maximum_likelihood"
     return estimate_delay(blocks, estimate.least_squares.values, regressor, plain)
+
+
+def _feasibility(blocks: list[Block], regressor: BaseRegressor, values: FloatArray) -> FeasibilityAnswer | None:
+    """Can a robot have these base parameters, asked on the fitted motion; None if the program has no answer."""
+    signals = [block.signals for block in blocks]
+    motion = tuple(
+        np.concatenate([getattr(item, name) for item in signals]) for name in ("position", "velocity", "acceleration")
+    )
+    chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
+    try:
+        return nearest_physical(values, regressor, (motion[0][chosen], motion[1][chosen], motion[2][chosen]))
+    except (SolverError, UndeterminedParametersError):
+        return None
 
 
 def _torque_sign(regressor: BaseRegressor, estimate: LeastSquaresResult, blocks: list[Block]) -> TorqueSign:

@@ -88,6 +88,13 @@ def fit(
     rotor_inertia: Annotated[str, typer.Option("--rotor-inertia", help="auto, yes or no.")] = "auto",
     offset: Annotated[str, typer.Option("--offset", help="Constant torque per joint: auto, yes or no.")] = "auto",
     flip_torque: Annotated[bool, typer.Option("--flip-torque", help="Turn the sign of all torques first.")] = False,
+    bounds: Annotated[
+        Path | None,
+        typer.Option("--bounds", help="Bounds (10b) by name, YAML or JSON, e.g. {mass: [0.5, 8], viscous: [0, 2]}."),
+    ] = None,
+    full_consistency: Annotated[
+        bool, typer.Option("--full-consistency", help="Program (10) with pseudo-inertias positive semidefinite too.")
+    ] = False,
     no_physical: Annotated[bool, typer.Option("--no-physical", help="Base parameters only.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: beside the log.")] = None,
@@ -107,6 +114,8 @@ def fit(
         offset=offset,  # type: ignore[arg-type]
         flip_torque=flip_torque,
         physical=not no_physical,
+        bounds=None if bounds is None else read_bounds(bounds),
+        full_consistency=full_consistency,
         seed=seed,
     )
     recordings = load_recordings(logs, robot)
@@ -126,21 +135,41 @@ def fit(
         data(f"Model written to {target}")
 
 
+def read_bounds(file: Path) -> dict[str, Any]:
+    """Bounds of program (10) from a YAML or JSON file; names and numbers are judged by the fit."""
+    import yaml
+
+    try:
+        bounds = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise typer.BadParameter(f"{file} is neither YAML nor JSON: {error}") from error
+    if not isinstance(bounds, dict):
+        raise typer.BadParameter(f"{file} holds no names with bounds, such as 'mass: [0.5, 8]'.")
+    return bounds
+
+
 def show_fit(result: FitResult) -> None:
     """Parameters, RMS and certificate of a fit on stdout."""
     show_table(parameter_table(result))
+    data(
+        f"σ: of the estimator {result.estimator}, with the noise as measured, coloured; beside it the paper's eq. (15) "
+        "of the unweighted fit, which takes all residuals as white and alike."
+    )
     data("RMS of measured minus modelled torque per joint, Nm:")
     data(result.rms.text())
     data("the same in % of the RMS torque:")
     data(result.rms.text(percent=True))
     if result.constrained is not None:
         show_certificate(result.to_model_json()["certificate"])
+    if result.feasibility is not None:
+        data(result.feasibility.sentence())
+    data(result.torque_delay.sentence())
     for note in result.notes:
         data(f"note: {note}")
 
 
 def parameter_table(result: FitResult) -> Table:
-    """Base parameters with σ of this fit and of eq. (15), and the values of the feasible set."""
+    """Base parameters with σ of this fit, σ of eq. (15), and the values of the feasible set."""
     table = Table("parameter", "value", "σ", "σ in %", "σ, eq. (15)", "feasible", "unit")
     feasible = result.constrained.base_values if result.constrained is not None else None
     for i, name in enumerate(result.names):

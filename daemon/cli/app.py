@@ -30,7 +30,17 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _GLOBAL_FLAGS = {"-v", "-vv", "-vvv", "--verbose", "-q", "--quiet"}
-_COMMAND_MODULES = ("acquisition", "analysis", "demonstration", "examination", "prove", "service", "simulation", "wire")
+_COMMAND_MODULES = (
+    "acquisition",
+    "analysis",
+    "demonstration",
+    "examination",
+    "feasibility",
+    "prove",
+    "service",
+    "simulation",
+    "wire",
+)
 
 
 @app.callback(invoke_without_command=True)

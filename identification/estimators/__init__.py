@@ -7,8 +7,14 @@ consistent parameters with a certificate; `constrained` solves the paper's progr
 from __future__ import annotations
 
 from identification.estimators.constrained import Certificate, ConstrainedResult, solve_constrained
-from identification.estimators.feasibility import FeasibilityRules, Violation, rules_for, violations
+from identification.estimators.feasibility import FeasibilityRules, Violation, rules_for, rules_of_matter, violations
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
+from identification.estimators.nearest import (
+    FeasibilityAnswer,
+    ImpossibleParameter,
+    impossible_parameters,
+    nearest_physical,
+)
 from identification.estimators.observation import (
     CompressedObservation,
     Observation,
@@ -23,7 +29,9 @@ __all__ = [
     "Certificate",
     "CompressedObservation",
     "ConstrainedResult",
+    "FeasibilityAnswer",
     "FeasibilityRules",
+    "ImpossibleParameter",
     "LeastSquaresResult",
     "Observation",
     "PhysicalParameters",
@@ -31,8 +39,11 @@ __all__ = [
     "SemidefiniteResult",
     "Violation",
     "compress",
+    "impossible_parameters",
     "merge",
+    "nearest_physical",
     "rules_for",
+    "rules_of_matter",
     "solve_constrained",
     "solve_least_squares",
     "solve_semidefinite",

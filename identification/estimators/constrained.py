@@ -33,6 +33,10 @@ FloatArray = npt.NDArray[np.float64]
 
 # Distance kept from every rule, in its own unit: enough for a product of rounded numbers to stay on the right side.
 _MARGIN = 1e-9
+# kg m², asked for by a cut of full consistency; and how many local minima are taken on, how often.
+_CONSISTENCY_MARGIN = 1e-6
+_STARTS_WITH_CUTS = 4
+_MOST_CUTS = 40
 _SMALLEST_RELATIVE_COST = 1e-8
 # First barrier parameter: a large one leads every start along the central path to one and the same minimum, a small
 # one leaves it in the basin where it began.
@@ -121,17 +125,20 @@ def solve_constrained(
     *,
     starts: int = 16,
     seed: int = 0,
+    full_consistency: bool = False,
 ) -> ConstrainedResult:
     """Solve (10a)–(10d), corrected. problem: the reduced least-squares problem; its weights are the program's.
 
     starts: how many; the first from the convex relaxation, the second from the pseudo-inertia program, the others
     random inside the rules (seed). There are local minima, up to a few per cent apart where no feasible robot fits the
-    data well; a random start reaches the best of them about three times in ten, hence 16. Raises SolverError if the
+    data well; a random start reaches the best of them about three times in ten, hence 16. full_consistency: also
+    ask for positive semidefinite pseudo-inertias, by cuts: S = ½ tr(I_C) 1 − I_C ⪰ 0 means vᵀ S v ≥ 0 for every v,
+    which is linear in y, so the worst v of each link joins the rules until none is left. Raises SolverError if the
     rules contradict each other or no start converges to a set that meets them.
     """
     chosen = rules if rules is not None else rules_for(base.robot)
     program = ConstrainedProgram(problem, base, chosen)
-    relaxation = relax_constrained_program(problem, base, chosen)
+    relaxation = relax_constrained_program(problem, base, chosen, full_consistency=full_consistency)
     consistent = solve_semidefinite(problem, base, chosen)
     generator = np.random.default_rng(seed)
     typical = program.variables_of(consistent.full)
@@ -145,6 +152,8 @@ def solve_constrained(
     ends = [(origin, program.solve_from(point, barrier)) for origin, point, barrier in origins[: max(starts, 1)]]
     ends.sort(key=lambda end: end[1].value)
     best = ends[0][1]
+    if full_consistency:
+        best = _made_consistent(program, [end.point for _, end in ends[:_STARTS_WITH_CUTS]])
     physical = program.physical(best.point)
     full = program.dynamic_parameters(best.point)
     base_values = base.base_from_full(full)
@@ -181,6 +190,22 @@ def solve_constrained(
     )
 
 
+def _made_consistent(program: ConstrainedProgram, points: list[FloatArray]) -> InteriorPointResult:
+    """The best local minimum, from those of program (10), of the program with full consistency."""
+    for _ in range(_MOST_CUTS):
+        ends = sorted((program.solve_from(program.inside(point)) for point in points), key=lambda end: end.value)
+        cuts = [program.consistency_cuts(end.point) for end in ends]
+        if not cuts[0]:
+            return ends[0]
+        program.add([cut for of_end in cuts for cut in of_end])
+        points = [end.point for end in ends]
+    raise SolverError(
+        f"Program (10) with full consistency is not consistent after {_MOST_CUTS} rounds of cuts.",
+        solver="interior point",
+        status="iteration limit",
+    )
+
+
 class ConstrainedProgram:
     """Program (10) in y: excess cost with exact derivatives, the rules as A y ≤ b, points inside them.
 
@@ -208,6 +233,27 @@ class ConstrainedProgram:
         price = np.zeros((self._links, self._stride))
         price[:, 0] = _PRICE_OF_MASS if rules.lightest else 0.0
         self._price = price.ravel()
+
+    def consistency_cuts(self, y: FloatArray) -> list[FloatArray]:
+        """Rows a with a · y < 0 at this point and a · y ≥ 0 for every consistent set: vᵀ (½ tr(I_C) 1 − I_C) v."""
+        rows = []
+        table = y.reshape(self._links, self._stride)
+        for link, tensor in enumerate(symmetric(table[:, 4:INERTIAL_COUNT])):
+            values, vectors = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
+            for value, v in zip(values, vectors.T, strict=True):
+                if value < 0.0:
+                    row = np.zeros((self._links, self._stride))
+                    x, y_, z = v
+                    row[link, 4:INERTIAL_COUNT] = [
+                        0.5 - x * x, -2.0 * x * y_, -2.0 * x * z, 0.5 - y_ * y_, -2.0 * y_ * z, 0.5 - z * z,
+                    ]  # fmt: skip
+                    rows.append(row.ravel())
+        return rows
+
+    def add(self, rows: list[FloatArray]) -> None:
+        """Ask for row · y ≥ margin too; the margin lets rounds of cuts end."""
+        self.matrix = scipy.sparse.csr_array(np.vstack([self.matrix.toarray(), -np.array(rows)]))
+        self.bound = np.append(self.bound, np.full(len(rows), -_CONSISTENCY_MARGIN))
 
     def dynamic_parameters(self, y: FloatArray) -> FloatArray:
         """π(y), eq. (4)."""

@@ -59,7 +59,7 @@ class FeasibilityRules:
     lightest: bool = False
 
     def with_bounds(self, bounds: Mapping[str, Any] | None) -> FeasibilityRules:
-        """These rules with some entries replaced, as an operator writes them: {"mass": [0.5, 8.0], "off_diagonal": 0.2}.
+        """These rules with some entries replaced, as an operator writes them: {"mass": [0.5, 8.0]}.
 
         Pairs are (lower, upper), null for no limit. Raises EstimationError naming an entry that is not known or is no
         number, or a lower bound above its upper one.
@@ -135,6 +135,19 @@ def rules_for(robot: RobotModel) -> FeasibilityRules:
     )
 
 
+def rules_of_matter() -> FeasibilityRules:
+    """What any body keeps: positive mass and inertia, friction that takes energy out; no size, no weight, no shape."""
+    unbounded = (0.0, np.inf)
+    return FeasibilityRules(
+        mass=unbounded,
+        center_of_mass=np.inf,
+        diagonal_inertia=unbounded,
+        viscous=unbounded,
+        coulomb=unbounded,
+        lightest=True,
+    )
+
+
 def linear_inequalities(rules: FeasibilityRules, links: int, extras: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
     """(10b) and (10d) as A y ≤ b for y (links, 10 + extras) raveled, rows scaled to compare like with like.
 
@@ -146,7 +159,7 @@ def linear_inequalities(rules: FeasibilityRules, links: int, extras: tuple[str, 
     bounds_of_extra = {"FV": rules.viscous, "FS": rules.coulomb, "IA": rules.rotor_inertia}
 
     def at_most(link: int, terms: dict[int, float], limit: float = 0.0) -> None:
-        if np.isinf(limit):
+        if np.isinf(limit) or np.any(np.isinf(list(terms.values()))):
             return
         row = np.zeros((links, stride))
         for entry, factor in terms.items():

@@ -119,13 +119,14 @@ def solve_semidefinite(
 
 
 def relax_constrained_program(
-    problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules
+    problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules, *, full_consistency: bool = False
 ) -> RelaxationResult:
     """Lower bound of program (10) by a convex relaxation.
 
     Variables (m, h, I_C, F) with all rules (10b), (10d), and per link a matrix H in place of h hᵀ/m, which eq. (4)
     makes the only nonlinear term: π = (m, h, I_C + tr(H) 1 − H, F). H = h hᵀ/m is relaxed to [[H, h], [hᵀ, m]] ⪰ 0
-    and H_kk ≤ l² m, so every set of (10) has a counterpart here of the same cost.
+    and H_kk ≤ l² m, so every set of (10) has a counterpart here of the same cost. full_consistency: ask for
+    ½ tr(I_C) 1 − I_C ⪰ 0 too, which is linear as it stands.
     """
     links, symbols = base.robot.n, base.options.symbols
     stride = INERTIAL_COUNT + len(symbols)
@@ -151,6 +152,9 @@ def relax_constrained_program(
             box[axis, size + 6 * link + place] = 1.0
             box[axis, link * stride] = -(rules.center_of_mass**2)
         program.nonnegative(box, np.zeros(3))
+        if full_consistency:
+            rows, constants = _pseudo_inertia_rows(link, stride, size + 6 * links, 0.0)
+            program.positive_semidefinite(rows[:6], constants[:6], 3)
     solution = program.solve("relaxation of program (10)")
     return RelaxationResult(
         solution.lower_bound, solution.variables[:size].copy(), solution.iterations, solution.status
@@ -259,7 +263,7 @@ class _ConicProgram:
         """Of all points whose cost is within 1e-6 of the optimum's, the one with the smallest price · x."""
         size, p = len(self._centre), len(self._image)
         cone_rows = np.vstack([np.zeros(size + p), np.hstack([np.zeros((p, size)), -np.eye(p)])])
-        radius = np.append(np.sqrt(optimum.excess + _SETTLING_TOLERANCE), np.zeros(p))
+        radius = np.append(np.sqrt(optimum.excess + _SETTLING_TOLERANCE * max(1.0, optimum.excess)), np.zeros(p))
         solution = self._run(
             what,
             np.zeros(size + p),

@@ -92,7 +92,7 @@ def estimate_with_instruments(blocks: list[Block], pairs: list[InstrumentPair], 
             system += columns.T @ instruments
             right += columns.T @ torque
         rows += int(block.fitted.sum())
-    values = np.linalg.solve(system, right)
+    values = np.asarray(np.linalg.solve(system, right), dtype=np.float64)
     spread = coloured_covariance(first.blocks, values, first.least_squares.reduced, weights)
     # Covariance of the first fit, taken through the sensitivity of the instrumental equations to the torque.
     doubled = sum(2.0 if pair.both_ways else 1.0 for pair in pairs) / len(pairs)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor
 from identification.estimators.constrained import ConstrainedResult
 from identification.estimators.least_squares import LeastSquaresResult
+from identification.estimators.nearest import FeasibilityAnswer
 from identification.estimators.physical import PhysicalParameters
 from identification.estimators.semidefinite import SemidefiniteResult
 from identification.fitting.delay import TorqueDelay
@@ -30,10 +31,12 @@ class FitResult:
     """The outcome of `fit_recordings`.
 
     regressor: names, units and grouping of the p base parameters. estimator: the one used, never "auto".
-    least_squares: its values and their covariance on coloured noise (`fitting.covariance`); equation_15_std: (p,) the paper's standard deviations, of the unweighted fit on the same rows.
-    constrained: program (10), consistent: the pseudo-inertia program; None if not asked for. rms: lines "fit, base",
-    "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's evaluation, nan
-    where the recordings do not tell. torque_delay: of the torque against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
+    least_squares: its values and their covariance on coloured noise (`fitting.covariance`). equation_15_std: (p,) the
+    paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: the
+    pseudo-inertia program, feasibility: whether a robot can have the base parameters; None if not asked for. rms: lines
+    "fit, base", "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's
+    evaluation, nan where the recordings do not tell. torque_delay: of the torque against the position, before any
+    correction. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
     """
 
     robot: RobotModel
@@ -44,6 +47,7 @@ class FitResult:
     equation_15_std: FloatArray
     constrained: ConstrainedResult | None
     consistent: SemidefiniteResult | None
+    feasibility: FeasibilityAnswer | None
     rms: RmsTable
     noise_floor_nm: FloatArray
     torque_sign: TorqueSign
@@ -186,6 +190,7 @@ class FitResult:
             "consistent_cost": certificate.consistent_cost,
             "fully_consistent": certificate.fully_consistent,
             "smallest_pseudo_inertia_eigenvalue": certificate.smallest_eigenvalue,
+            "base_parameters": None if self.feasibility is None else self.feasibility.to_json(),
             "starts": [
                 {"origin": start.origin, "cost": start.cost, "converged": start.converged}
                 for start in self.constrained.starts

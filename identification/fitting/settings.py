@@ -81,8 +81,8 @@ class FitSettings:
     rotor_inertia, offset: whether each joint gets that parameter; "auto" = no for the built-in arms, whose torque
     sensors sit behind the gear, else as `fitting.drives` decides. flip_torque: turn the sign of all torques first.
     check_torque_sign: refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible
-    parameters. bounds: entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency: program
-    (10) also asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
+    parameters. bounds: entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency:
+    program (10) also asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
     """
 
     pipeline: Pipeline = "auto"

@@ -1,0 +1,66 @@
+"""The command `feasibility`: can any robot have a model's base parameters, and how far away is the nearest that exists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from daemon.cli.analysis import RobotOption, load_recordings
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+
+MOST_STATES = 2000
+
+
+@app.command()
+def feasibility(
+    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")],
+    logs: Annotated[
+        list[Path] | None, typer.Argument(help="Motion to judge on; default: the shipped excitation of an iiwa.")
+    ] = None,
+    robot: RobotOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Can any robot made of matter have these base parameters, and how many Nm away is the nearest? Exit 1 if none can.
+
+    Example: iiwa-ident feasibility model.json
+    """
+    from identification.base_parameters import BaseRegressor
+    from identification.estimators import nearest_physical
+    from identification.excitation import default_trajectory
+    from identification.fitting.processing import process
+    from identification.fitting.settings import FitSettings
+    from identification.model_file import read_model
+    from identification.robots import BUILT_IN_ROBOTS, load_robot
+
+    model = read_model(model_file)
+    arm = load_robot(robot) if robot is not None else model.load_robot()
+    if logs:
+        stretches = [
+            stretch for log in load_recordings(logs, robot) for stretch in process(log, arm, FitSettings()).stretches
+        ]
+        motion = [
+            np.concatenate([getattr(item, name) for item in stretches])
+            for name in ("position", "velocity", "acceleration")
+        ]
+    elif arm.name in BUILT_IN_ROBOTS:
+        trajectory = default_trajectory(arm.name)
+        motion = list(trajectory.evaluate(np.linspace(0.0, trajectory.period_s, MOST_STATES, endpoint=False)))
+    else:
+        raise typer.BadParameter(f"{arm.name} has no shipped motion; name a recording of it after the model.")
+    chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
+    base = BaseRegressor(arm, model.options)
+    answer = nearest_physical(model.base_values(base), base, (motion[0][chosen], motion[1][chosen], motion[2][chosen]))
+    if json_file is not None:
+        write_json(json_file, answer.to_json())
+    if not wants_json_on_stdout(json_file):
+        data(answer.sentence())
+        data("RMS per joint, Nm: " + " ".join(f"{value:.3f}" for value in answer.distance_nm))
+        data(
+            f"Over all joints {answer.pooled_nm:.4f} Nm; by the dual program no robot comes nearer than "
+            f"{answer.lower_bound_nm:.4f} Nm."
+        )
+    raise typer.Exit(0 if answer.feasible else 1)
