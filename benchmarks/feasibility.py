@@ -37,7 +37,9 @@ def main() -> int:
     experiment = Experiment()
     base, truth, deviation = experiment.base, experiment.truth, experiment.deviation
     rules = rules_for(experiment.robot)
-    print("Nearest physical robot to Table 2 (noise-free), RMS in Nm: joints 1 … 7, sum, pooled; proven lower bound")
+    print(
+        "Nearest physical robot to Table 2 (noise-free), RMS in Nm: joints 1 … 7, sum, pooled; lower bound (in the weights)"
+    )
     for label, chosen, weights in (
         ("matter only", None, None),
         ("with bounds (10b)", rules, None),
@@ -47,9 +49,7 @@ def main() -> int:
         cells = "".join(f"{value:7.3f}" for value in answer.distance_nm)
         print(f"  {label:<41s}{cells}{answer.total_nm:8.3f}{answer.pooled_nm:9.4f}{answer.lower_bound_nm:9.4f}")
     print(f"  {nearest_physical(truth, base, experiment.motion).sentence()}\n")
-    print(
-        "With noise: summed RMS of base parameters, of program (10), of (10) and full consistency, of the pseudo-inertia"
-    )
+    print("With noise: summed RMS of base parameters, of (10), of (10) with full consistency, of the pseudo-inertia")
     print(
         "program; ratios to the first; gap of (10) to its proven lower bound; seconds of (10) and of the pseudo-inertia"
     )

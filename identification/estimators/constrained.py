@@ -26,7 +26,13 @@ from identification.estimators.feasibility import (
 )
 from identification.estimators.interior_point import InteriorPointResult, minimise_inside
 from identification.estimators.observation import ReducedProblem
-from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters, symmetric
+from identification.estimators.physical import (
+    INERTIAL_COUNT,
+    PhysicalParameters,
+    symmetric,
+    tensor_curvatures,
+    tensor_jacobians,
+)
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
 
 FloatArray = npt.NDArray[np.float64]
@@ -303,7 +309,7 @@ class ConstrainedProgram:
         slope = 2.0 * self._image.T @ residual  # with respect to π
         links, stride, size = self._links, self._stride, len(y)
         table, slopes = y.reshape(links, stride), slope.reshape(links, stride)
-        blocks = _tensor_jacobians(table[:, 0], table[:, 1:4])
+        blocks = tensor_jacobians(table[:, 0], table[:, 1:4])
         # J is the identity plus one (6, 4) block per link: products with it go link by link
         gradient = slopes.copy()
         gradient[:, :4] += np.einsum("lij,li->lj", blocks, slopes[:, 4:INERTIAL_COUNT])
@@ -312,7 +318,7 @@ class ConstrainedProgram:
         hessian = right.transpose(1, 0, 2).reshape(links, stride, size)
         hessian[:, :4] += blocks.transpose(0, 2, 1) @ hessian[:, 4:INERTIAL_COUNT]
         hessian = hessian.reshape(size, size)
-        for link, curvature in enumerate(_curvatures(table[:, 0], table[:, 1:4], slopes[:, 4:INERTIAL_COUNT])):
+        for link, curvature in enumerate(tensor_curvatures(table[:, 0], table[:, 1:4], slopes[:, 4:INERTIAL_COUNT])):
             first = link * stride
             hessian[first : first + 4, first : first + 4] += curvature
         return gradient.ravel() + self._price, hessian
@@ -380,38 +386,3 @@ class ConstrainedProgram:
         typical[:, 4:INERTIAL_COUNT] = np.clip(inertia, *self._rules.diagonal_inertia)[:, None]
         typical[:, INERTIAL_COUNT:] = np.maximum(np.abs(table[:, INERTIAL_COUNT:]), 0.1)
         return typical.ravel()
-
-
-def _tensor_jacobians(m: FloatArray, h: FloatArray) -> FloatArray:
-    """(n, 6, 4) derivatives of XX, XY, XZ, YY, YZ, ZZ of (hᵀh 1 − h hᵀ)/m by m, h_x, h_y, h_z; m (n,), h (n, 3)."""
-    x, y, z = h.T
-    zero = np.zeros_like(x)
-    by_h = np.array(
-        [
-            [zero, 2 * y, 2 * z],
-            [-y, -x, zero],
-            [-z, zero, -x],
-            [2 * x, zero, 2 * z],
-            [zero, -z, -y],
-            [2 * x, 2 * y, zero],
-        ]
-    )
-    values = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
-    return np.concatenate([-(values / m**2)[:, None], by_h / m], axis=1).transpose(2, 0, 1).copy()
-
-
-def _curvatures(m: FloatArray, h: FloatArray, slopes: FloatArray) -> FloatArray:
-    """(n, 4, 4) second derivatives by m, h of the six entries of (hᵀh 1 − h hᵀ)/m, summed with weights slopes (n, 6).
-
-    The sum is hᵀ V h / m with the symmetric V assembled here from the weights.
-    """
-    tensors = -0.5 * symmetric(slopes)
-    xx, yy, zz = slopes[:, 0], slopes[:, 3], slopes[:, 5]
-    for axis, entry in enumerate((yy + zz, xx + zz, xx + yy)):
-        tensors[:, axis, axis] = entry
-    turned = np.einsum("lij,lj->li", tensors, h)
-    result = np.empty((len(m), 4, 4))
-    result[:, 0, 0] = 2.0 * np.einsum("li,li->l", h, turned) / m**3
-    result[:, 0, 1:] = result[:, 1:, 0] = -2.0 * turned / m[:, None] ** 2
-    result[:, 1:, 1:] = 2.0 * tensors / m[:, None, None]
-    return result

@@ -101,3 +101,38 @@ def pseudo_inertia(inertial: FloatArray) -> FloatArray:
     result[:, :3, 3] = result[:, 3, :3] = inertial[:, 1:4]
     result[:, 3, 3] = inertial[:, 0]
     return result
+
+
+def tensor_jacobians(m: FloatArray, h: FloatArray) -> FloatArray:
+    """(n, 6, 4) derivatives of XX, XY, XZ, YY, YZ, ZZ of (hᵀh 1 − h hᵀ)/m by m, h_x, h_y, h_z; m (n,), h (n, 3)."""
+    x, y, z = h.T
+    zero = np.zeros_like(x)
+    by_h = np.array(
+        [
+            [zero, 2 * y, 2 * z],
+            [-y, -x, zero],
+            [-z, zero, -x],
+            [2 * x, zero, 2 * z],
+            [zero, -z, -y],
+            [2 * x, 2 * y, zero],
+        ]
+    )
+    values = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    return np.concatenate([-(values / m**2)[:, None], by_h / m], axis=1).transpose(2, 0, 1).copy()
+
+
+def tensor_curvatures(m: FloatArray, h: FloatArray, slopes: FloatArray) -> FloatArray:
+    """(n, 4, 4) second derivatives by m, h of the six entries of (hᵀh 1 − h hᵀ)/m, summed with weights slopes (n, 6).
+
+    The sum is hᵀ V h / m with the symmetric V assembled here from the weights.
+    """
+    tensors = -0.5 * symmetric(slopes)
+    xx, yy, zz = slopes[:, 0], slopes[:, 3], slopes[:, 5]
+    for axis, entry in enumerate((yy + zz, xx + zz, xx + yy)):
+        tensors[:, axis, axis] = entry
+    turned = np.einsum("lij,lj->li", tensors, h)
+    result = np.empty((len(m), 4, 4))
+    result[:, 0, 0] = 2.0 * np.einsum("li,li->l", h, turned) / m**3
+    result[:, 0, 1:] = result[:, 1:, 0] = -2.0 * turned / m[:, None] ** 2
+    result[:, 1:, 1:] = 2.0 * tensors / m[:, None, None]
+    return result
