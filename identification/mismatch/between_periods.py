@@ -1,28 +1,50 @@
 """What changes from period to period: contrasts over the period index, never mixed with the mean of the periods.
 
-Called by the diagnosis before the mean is searched: what is found here also stands in the mean, and `contribution` is
-what to subtract from it.
+The strongest candidate of all families is refined, claimed, and the space it lives in is closed before the next search:
+all contrasts of its joint's constant torque (drift) or friction (thermal), all torque in its window (contact, and the
+moment of a change of payload). What is left of an imperfectly shaped effect is thus not claimed a second time. At the
+end all are fitted jointly, what the others explain is dropped, and a contact that comes back is one finding. Called by
+the diagnosis before the mean is searched: what is found here also stands in the mean.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from identification.mismatch.changes import (
+    Candidate,
+    find_contact,
+    find_drift,
+    find_payload,
+    find_thermal,
+)
+from identification.mismatch.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Effect, Estimate
+from identification.mismatch.effects.external_contact import ExternalContact
+from identification.mismatch.effects.payload_change import PayloadChange
+from identification.mismatch.effects.thermal_friction import ThermalFriction
+from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 
 FloatArray = npt.NDArray[np.float64]
 
+FEWEST_PERIODS = 3
+WINDOW_MARGIN_S = 0.1
+CLOSING_POINTS = 9
+
 
 @dataclass(frozen=True, slots=True)
 class BetweenPeriodsSettings:
-    """false_alarm: chance per recording that a change is claimed where there is none. most_changes: when to stop."""
+    """false_alarm: chance per recording that a change is claimed where there is none, by the theory of the noise.
 
-    false_alarm: float = 1e-4
+    most_changes: how many are claimed at most in one recording.
+    """
+
+    false_alarm: float = 1e-3
     most_changes: int = 5
 
 
@@ -32,8 +54,8 @@ class Change:
 
     evidence: position of the recording in the evidences searched. effect, estimate: what it is; columns are
     `effect.columns(motion, estimate.place, estimate.shape)` with `values_by_period`, times estimate.coefficients.
-    gain: drop of the whitened squares of the contrasts. score: gain less what the search itself gains on noise.
-    log10_chance: log10 of the chance that noise alone does this anywhere in the search.
+    gain: drop of the whitened squares of the contrasts. score: log-likelihood units, half the gain less what a search
+    of this size gains on noise. log10_chance: log10 of the chance that noise does this anywhere in the search.
     contribution: (K, R, n) Nm rows of each period, to be subtracted; its mean over K is the part in the mean.
     mean_columns: (R, n, m) rows of the mean's columns; keep them free beside the base parameters when the mean is
     searched, as the mean says more on them than the contrasts do.
@@ -52,6 +74,189 @@ class Change:
 def find_between_periods(
     evidences: Sequence[Evidence], effects: Sequence[Effect], settings: BetweenPeriodsSettings | None = None
 ) -> tuple[Change, ...]:
-    """All changes, strongest first; () for recordings with fewer than three periods."""
-    del evidences, effects, settings
-    return ()
+    """All changes in all recordings, strongest first; recordings with fewer than three periods have none.
+
+    effects: those of the stage "between_periods" among them are searched.
+    """
+    settings = settings if settings is not None else BetweenPeriodsSettings()
+    changes: list[Change] = []
+    for number, evidence in enumerate(evidences):
+        if evidence.period_torque is not None and evidence.periods >= FEWEST_PERIODS:
+            changes.extend(_search(number, evidence, effects, settings))
+    return tuple(sorted(changes, key=lambda change: -change.gain))
+
+
+@dataclass(slots=True)
+class _Closed:
+    """What is explained already: joints of drift and of thermal friction (from 0), spans of contacts in s."""
+
+    drift: set[int] = field(default_factory=set)
+    thermal: set[int] = field(default_factory=set)
+    payload: int = 0
+    spans: list[tuple[float, float]] = field(default_factory=list)
+
+
+def _search(
+    number: int, evidence: Evidence, effects: Sequence[Effect], settings: BetweenPeriodsSettings
+) -> list[Change]:
+    contrasts = Contrasts(evidence)
+    whole = contrasts.z
+    closed = _Closed()
+    claimed: list[Candidate] = []
+    bound = float(np.log10(settings.false_alarm))
+    while len(claimed) < settings.most_changes:
+        found = [
+            candidate
+            for candidate in _candidates(contrasts, effects, closed)
+            if candidate is not None and candidate.log10_chance < bound
+        ]
+        if not found:
+            break
+        best = max(found, key=lambda candidate: candidate.fit.gain - 2.0 * np.log(candidate.fit.rank + 1.0))
+        claimed.append(best)
+        contrasts.z = _close(contrasts, whole, claimed, closed)
+    contrasts.z = whole
+    claimed = _merge_contacts(contrasts, claimed)
+    while claimed:
+        fits = _joint_fit(contrasts, claimed)
+        chances = [fit.log10_chance(1.0) - _own_chance(candidate) for fit, candidate in zip(fits, claimed, strict=True)]
+        weakest = int(np.argmax(chances))
+        if chances[weakest] <= bound:
+            return [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
+        del claimed[weakest]
+    return []
+
+
+def _own_chance(candidate: Candidate) -> float:
+    """log10 of what the search took off the chance: the size of the family, as the candidate was found."""
+    return min(0.0, candidate.fit.log10_chance(1.0) - candidate.log10_chance)
+
+
+def _candidates(contrasts: Contrasts, effects: Sequence[Effect], closed: _Closed) -> list[Candidate | None]:
+    found: list[Candidate | None] = []
+    for effect in effects:
+        match effect:
+            case TorqueSensorDrift():
+                found.append(find_drift(contrasts, effect, closed.drift))
+            case ThermalFriction():
+                found.append(find_thermal(contrasts, effect, closed.thermal))
+            case PayloadChange():
+                found.append(find_payload(contrasts, effect))
+            case ExternalContact():
+                found.append(find_contact(contrasts, effect, closed.spans))
+    return found
+
+
+def _close(contrasts: Contrasts, whole: FloatArray, claimed: Sequence[Candidate], closed: _Closed) -> FloatArray:
+    """The contrasts without what is claimed, and without the space that each claim's residue would live in."""
+    contrasts.z = whole
+    rest = whole.copy()
+    for candidate, fit in zip(claimed, _joint_fit(contrasts, claimed), strict=True):
+        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+        rest[:, :, list(joints)] -= contrasts.whiten(rows, joints) @ fit.coefficients
+    for candidate in claimed:
+        match candidate.effect:
+            case TorqueSensorDrift() | ThermalFriction():
+                found = contrasts.repeated(candidate.effect, candidate.place, candidate.shape)
+                assert found is not None
+                joint = found[0][0]
+                basis = np.linalg.qr(contrasts.whiten_repeated(found[2], found[0])[:, 0])[0]
+                rest[:, :, joint] -= (rest[:, :, joint] @ basis) @ basis.T
+                (closed.drift if isinstance(candidate.effect, TorqueSensorDrift) else closed.thermal).add(joint)
+            case PayloadChange():
+                moment = candidate.shape["time_s"]
+                _close_span(contrasts, rest, closed, moment - WINDOW_MARGIN_S, moment + WINDOW_MARGIN_S)
+            case _:
+                assert candidate.span_s is not None
+                margin = WINDOW_MARGIN_S + 0.15 * (candidate.span_s[1] - candidate.span_s[0])
+                _close_span(contrasts, rest, closed, candidate.span_s[0] - margin, candidate.span_s[1] + margin)
+    return rest
+
+
+def _close_span(contrasts: Contrasts, rest: FloatArray, closed: _Closed, first: float, last: float) -> None:
+    """Take out of the periods concerned whatever smooth torque acts between two times on any joint."""
+    motion = contrasts.motion
+    closed.spans.append((first, last))
+    knots = np.linspace(first, last, CLOSING_POINTS)
+    width = knots[1] - knots[0]
+    for period, start in enumerate(motion.start_s):
+        time = start + motion.time
+        if not np.any((time > first) & (time < last)):
+            continue
+        hats = np.maximum(0.0, 1.0 - np.abs(time[:, None] - knots) / width)
+        rows = contrasts.evidence.project(hats[:, hats.any(axis=0)])
+        for joint in range(contrasts.evidence.n):
+            white = contrasts.whiten_repeated(rows[:, None, :], [joint])[:, 0]
+            basis, size, _ = np.linalg.svd(white, full_matrices=False)
+            basis = basis[:, size > 1e-6 * size[0]]
+            rest[period, :, joint] -= basis @ (basis.T @ rest[period, :, joint])
+
+
+def _joint_fit(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Fit]:
+    """One fit of all together. gain of each: what is lost when it alone is left out."""
+    n, size = contrasts.evidence.n, sum(len(candidate.fit.coefficients) for candidate in claimed)
+    white = np.zeros((*contrasts.z.shape[:2], n, size))
+    blocks = []
+    first = 0
+    for candidate in claimed:
+        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+        block = slice(first, first + rows.shape[-1])
+        white[:, :, list(joints), block] = contrasts.whiten(rows, joints)
+        blocks.append(block)
+        first = block.stop
+    together = contrasts.fit(white, range(n))
+    matrix = white.reshape(-1, size)
+    gram, right = matrix.T @ matrix, matrix.T @ contrasts.z.reshape(-1)
+    fits = []
+    for candidate, block in zip(claimed, blocks, strict=True):
+        others = np.r_[0 : block.start, block.stop : size]
+        without = float(right[others] @ solve(gram[np.ix_(others, others)], right[others])[0]) if others.size else 0.0
+        inflation = candidate.dispersion
+        fits.append(
+            replace(
+                candidate.fit,
+                gain=(together.gain - without) / inflation,
+                coefficients=together.coefficients[block],
+                covariance=together.covariance[block, block] * inflation,
+            )
+        )
+    return fits
+
+
+def _merge_contacts(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Candidate]:
+    """Contacts on one link at the same place of several periods are one contact that comes back."""
+    period = contrasts.motion.samples * contrasts.motion.sampling_period_s
+    merged: list[Candidate] = []
+    for candidate in claimed:
+        for place, other in enumerate(merged):
+            if candidate.span_s is None or other.span_s is None or candidate.place != other.place:
+                continue
+            apart = (candidate.span_s[0] - other.span_s[0] + 0.5 * period) % period - 0.5 * period
+            if abs(apart) < 0.5 * min(candidate.shape["duration_s"], other.shape["duration_s"]):
+                count = sum(name.startswith("start_") for name in other.shape)
+                shape: Mapping[str, float] = {**other.shape, f"start_{count + 1}_s": candidate.shape["start_s"]}
+                merged[place] = replace(other, shape=shape)
+                break
+        else:
+            merged.append(candidate)
+    return merged
+
+
+def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -> Change:
+    joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+    periods, lines, n = contrasts.z.shape
+    contribution = np.zeros((periods, lines, n))
+    contribution[:, :, list(joints)] = rows @ fit.coefficients
+    mean_columns = np.zeros((lines, n, rows.shape[-1]))
+    mean_columns[:, list(joints)] = rows.mean(axis=0)
+    chance = fit.log10_chance(1.0) - _own_chance(candidate)
+    return Change(
+        evidence=number,
+        effect=candidate.effect,
+        estimate=Estimate(candidate.place, candidate.shape, fit.coefficients, fit.covariance, candidate.shape_std),
+        gain=fit.gain,
+        score=fit.score(10.0 ** -_own_chance(candidate)),
+        log10_chance=chance,
+        contribution=contribution,
+        mean_columns=mean_columns,
+    )

@@ -24,7 +24,7 @@ class ExternalContact(EnvelopedEffect):
 
     Parameters: F (3) in N; start t₀ and duration D in s; the profile p(u) = sin(π u^a)^s, of height 1, runs from a
     plateau (s → 0) over half a sine (1) to a bell (3), its peak early (a < 1) or late. The force acts at the next
-    joint's origin, on the last link `reach_m` along its axis. Seen: joints up to l, joints beyond l are clean.
+    joint's origin unless point_x_m, point_y_m, point_z_m (link frame) say otherwise. Seen: joints up to l, joints beyond l are clean.
     A contact that comes back in further periods has further shape parameters start_2_s, start_3_s … Looks like:
     payload_change if it lasts to the end. Source: τ = Jᵀ F; De Luca, Mattone, ICRA 2005 (isolation by zero pattern).
     """
@@ -43,14 +43,13 @@ class ExternalContact(EnvelopedEffect):
         return tuple(Place(link=link + 1) for link in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """Window and profile; where the force acts on the last link."""
+        """Window and profile."""
         last = float(motion.start_s[-1] + motion.time[-1])
         longest = 0.4 * float(motion.time[-1])
         return (
             ShapeParameter("start_s", "s", tuple(motion.start_s), 0.0, last, logarithmic=False),
             ShapeParameter("duration_s", "s", (0.2, 0.5, 1.2), 0.05, longest),
             *PROFILE,
-            *((REACH,) if place.link == motion.n else ()),
         )
 
     def repeated_columns(
@@ -59,7 +58,7 @@ class ExternalContact(EnvelopedEffect):
         """Joint torques of unit forces along the base frame's axes."""
         assert place.link is not None
         upstream = motion.robot.kinematics.upstream(place.link - 1)
-        values = unit_forces(motion, motion.position, place.link, shape.get("reach_m", 0.0))
+        values = unit_forces(motion, motion.position, place.link) @ point_weights(motion, place.link, shape)
         return upstream, values[:, list(upstream)]
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
@@ -110,7 +109,6 @@ class RepeatedContact(Effect):
             ShapeParameter("start_s", "s", grid, 0.0, last, logarithmic=False),
             ShapeParameter("duration_s", "s", (0.2, 0.5, 1.2), 0.05, 0.4 * last),
             *PROFILE,
-            *((REACH,) if place.link == motion.n else ()),
         )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
@@ -123,7 +121,7 @@ class RepeatedContact(Effect):
         factor = profile(since, 0.0, shape)
         touched = factor > 0.0
         values = np.zeros((motion.samples, len(upstream), 3))
-        forces = unit_forces(motion, motion.position[touched], place.link, shape.get("reach_m", 0.0))
+        forces = unit_forces(motion, motion.position[touched], place.link) @ point_weights(motion, place.link, shape)
         values[touched] = factor[touched, None, None] * forces[:, list(upstream)]
         return Columns(upstream, values)
 
@@ -144,7 +142,6 @@ PROFILE = (
     ShapeParameter("sharpness", "", (1.0,), 0.05, 4.0),
     ShapeParameter("skew", "", (1.0,), 0.3, 3.0),
 )
-REACH = ShapeParameter("reach_m", "m", (0.1,), -0.3, 0.6, logarithmic=False)
 
 
 def profile(time: FloatArray, start_s: float, shape: Mapping[str, float]) -> FloatArray:
@@ -156,24 +153,30 @@ def profile(time: FloatArray, start_s: float, shape: Mapping[str, float]) -> Flo
     return result
 
 
-def unit_forces(motion: Motion, position: FloatArray, link: int, reach_m: float) -> FloatArray:
-    """Joint torques that hold a unit force along each base axis, acting on `link` (from 1): −Jᵀ of eq. τ + JᵀF = Y π.
+def unit_forces(motion: Motion, position: FloatArray, link: int) -> FloatArray:
+    """Joint torques of unit forces along each base axis on `link` (from 1), at its origin and per metre beside it.
 
-    position: (S, n). Returns (S, n, 3) Nm/N with the sign of the measured torque: a force F on the robot changes it by
-    these columns times F. A unit mass at the point, at rest under a gravity of −1 along an axis, is such a force.
+    position: (S, n). Returns (S, n, 3, 4): direction of the force; origin, then x, y, z of the point in the link frame.
+    The torque of a force at the point p is the product with (1, p). The sign is that of the measured torque, which has
+    to hold against the force: a unit mass at rest under a gravity of +1 along the axis is held like that.
     """
-    kinematics = motion.robot.kinematics
-    child = next((joint for joint in range(motion.n) if kinematics.parent[joint] == link - 1), None)
-    point = reach_m * kinematics.axis[link - 1] if child is None else kinematics.translation[child]
     wanted = [(0, 1, 2, 3) if other == link - 1 else () for other in range(motion.n)]
-    weights = np.concatenate([[1.0], point])
     still = np.zeros_like(position)
-    values = np.zeros((len(position), motion.n, 3))
+    values = np.zeros((len(position), motion.n, 3, 4))
     for direction in range(3):
         pulled = replace(motion.robot, gravity=np.eye(3)[direction])
         for rows, columns in rigid_body_columns(pulled, position, still, still, wanted):
-            values[rows, :, direction] = np.einsum("c,cjs->sj", weights, columns)
+            values[rows, :, direction] = columns.transpose(2, 1, 0)
     return values
+
+
+def point_weights(motion: Motion, link: int, shape: Mapping[str, float]) -> FloatArray:
+    """(1, p) for the point p (link frame, m) of a shape; without one, the origin of the joint that `link` carries."""
+    kinematics = motion.robot.kinematics
+    child = next((joint for joint in range(motion.n) if kinematics.parent[joint] == link - 1), None)
+    usual = np.zeros(3) if child is None else kinematics.translation[child]
+    names = ("point_x_m", "point_y_m", "point_z_m")
+    return np.array([1.0, *(shape.get(name, float(usual[i])) for i, name in enumerate(names))])
 
 
 def force_parameters(estimate: Estimate) -> tuple[Parameter, ...]:

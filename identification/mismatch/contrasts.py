@@ -1,0 +1,151 @@
+"""The space of what differs between the periods of one recording: whitened, without their mean, without ramps.
+
+Noise that is not periodic ends a period elsewhere than it began; that leaves a ramp of its own in every period, whose
+lines are not independent. So one ramp per period and joint is given away. Called by the search between periods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import f as fisher
+
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.enveloped import EnvelopedEffect
+from identification.mismatch.evidence import Evidence
+
+FloatArray = npt.NDArray[np.float64]
+
+_RELATIVE_CUTOFF = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Least squares of columns on the contrasts. gain: drop of the whitened squares. coefficients: (m,), covariance
+    (m, m). rank: directions that the columns really have. freedom: degrees of freedom of the noise estimate behind
+    the gain (Satterthwaite: lines weighted by the energy they contribute).
+    """
+
+    gain: float
+    coefficients: FloatArray
+    covariance: FloatArray
+    rank: int
+    freedom: float
+
+    def log10_chance(self, tests: float, extra_parameters: int = 0, dispersion: float = 1.0) -> float:
+        """log10 of the chance to see this gain somewhere in so many tests of noise (Bonferroni)."""
+        dof = self.rank + extra_parameters
+        chance = fisher.logsf(self.gain / dispersion / dof, dof, self.freedom) / np.log(10.0)
+        return float(min(0.0, chance + np.log10(max(tests, 1.0))))
+
+    def score(self, tests: float) -> float:
+        """Half the gain in log-likelihood units, less what so many tests and columns gain on white noise."""
+        return 0.5 * (self.gain - self.rank) - float(np.log(max(tests, 1.0)))
+
+
+class Contrasts:
+    """The whitened contrasts of one recording.
+
+    z: (K, R, n) period rows over the standard deviation of one period's noise, less their mean over the periods and
+    each period's ramp. Rows that do not count are zero.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        assert evidence.period_torque is not None
+        self.evidence = evidence
+        self.motion = evidence.motion
+        self.periods = evidence.periods
+        deviation = np.sqrt(evidence.periods) * evidence.noise
+        self.weight: FloatArray = np.where(evidence.used, 1.0 / np.maximum(deviation, 1e-300), 0.0)
+        ramp = evidence.project(np.linspace(-1.0, 1.0, evidence.motion.samples)[:, None])[:, 0]
+        ramps = self.weight * ramp[:, None]
+        self._ramp: FloatArray = ramps / np.maximum(np.linalg.norm(ramps, axis=0), 1e-300)
+        self.z: FloatArray = self.whiten(evidence.period_torque[..., None], range(evidence.n))[..., 0]
+        self._repeated: dict[tuple[str, Place, tuple[float, ...]], tuple[tuple[int, ...], FloatArray, FloatArray]] = {}
+
+    def whiten(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(K, R, J, m) rows of every period → the same, whitened, without ramps and without their mean over K."""
+        chosen = list(joints)
+        ramp = self._ramp[:, chosen]
+        result = rows - rows.mean(axis=0)
+        result *= self.weight[:, chosen, None]
+        result -= ramp[:, :, None] * np.einsum("rj,krjm->kjm", ramp, result)[:, None]
+        return np.asarray(result, dtype=np.float64)
+
+    def whiten_repeated(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(R, J, m) rows of one period → whitened and without the ramp; for contrasts that only weight periods."""
+        chosen = list(joints)
+        ramp = self._ramp[:, chosen]
+        result = rows * self.weight[:, chosen, None]
+        return np.asarray(result - ramp[:, :, None] * np.einsum("rj,rjm->jm", ramp, result)[None], dtype=np.float64)
+
+    @property
+    def ramp(self) -> FloatArray:
+        """(R, n) the unit ramp that is given away, whitened."""
+        return self._ramp
+
+    def repeated(
+        self, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float]
+    ) -> tuple[tuple[int, ...], FloatArray, FloatArray] | None:
+        """Joints, columns (S, J, m) and their rows (R, J, m) of an effect under an envelope of 1; kept for reuse."""
+        key = (effect.name, place, tuple(value for name, value in sorted(shape.items()) if name.startswith("point_")))
+        if key not in self._repeated:
+            found = effect.repeated_columns(self.motion, place, shape)
+            if found is None:
+                return None
+            self._repeated[key] = (*found, self.evidence.project(found[1]))
+        return self._repeated[key]
+
+    def rows(
+        self, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float], columns: slice = slice(None)
+    ) -> tuple[tuple[int, ...], FloatArray]:
+        """Joints and rows (K, R, J, m) of an effect; only periods in which the envelope varies are projected anew."""
+        found = self.repeated(effect, place, shape)
+        assert found is not None
+        joints, values, constant = found
+        values, constant = values[..., columns], constant[..., columns]
+        result = np.empty((self.periods, *constant.shape))
+        for period, factor in enumerate(effect.envelope(self.motion, shape)):
+            if np.ptp(factor) == 0.0:
+                result[period] = factor[0] * constant
+            else:
+                result[period] = self.evidence.project(factor[:, None, None] * values)
+        return joints, result
+
+    def fit(self, white: FloatArray, joints: Sequence[int], target: FloatArray | None = None) -> Fit:
+        """Fit whitened columns (K, R, J, m) to the contrasts of those joints (or of `target`, like z)."""
+        z = self.z if target is None else target
+        size = white.shape[-1]
+        matrix = white.reshape(-1, size)
+        right = np.ascontiguousarray(z[:, :, list(joints)]).reshape(-1)
+        gram, projected = matrix.T @ matrix, matrix.T @ right
+        coefficients, covariance, rank = solve(gram, projected)
+        share = ((white @ coefficients) ** 2).sum(axis=0)
+        return Fit(
+            gain=float(projected @ coefficients),
+            coefficients=coefficients,
+            covariance=covariance,
+            rank=rank,
+            freedom=self.freedom(share),
+        )
+
+    def freedom(self, share: FloatArray) -> float:
+        """Degrees of freedom behind a statistic to which rows (R, J) contribute these energies."""
+        lines = np.concatenate([share[:1], share[1::2] + share[2::2]])
+        total = float(lines.sum())
+        if total <= 0.0:
+            return 1.0
+        per_line = np.concatenate([self.evidence.noise_freedom[:1], self.evidence.noise_freedom[1::2]])
+        return float(1.0 / ((lines / total) ** 2 / per_line[:, None]).sum())
+
+
+def solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+    """Least squares from normal equations with scaled columns; directions the data do not have are left at zero."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    kept = values > _RELATIVE_CUTOFF * max(float(values[-1]), 1e-300)
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+    return np.asarray(inverse @ right), np.asarray(inverse), int(kept.sum())
