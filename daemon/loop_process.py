@@ -223,7 +223,7 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
     counts = loop.session.counts
     link = loop.statistics.summary()
     period_s = loop.motion.command_period_s
-    path = loop.motion.commanded_path()
+    paths = loop.motion.commanded_paths()
     return LoopReport(
         outcome=result.outcome,
         reason=result.reason,
@@ -251,10 +251,10 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
         send_period_ms=loop.session.send_period_ms,
         turn_around=_histogram(link["turn_around"]),
         jitter=_histogram(link["jitter"]),
-        peak_command_position=_peak(path, 0, period_s),
-        peak_command_velocity=_peak(path, 1, period_s),
-        peak_command_acceleration=_peak(path, 2, period_s),
-        peak_command_jerk=_peak(path, 3, period_s),
+        peak_command_position=_peak(paths, 0, period_s),
+        peak_command_velocity=_peak(paths, 1, period_s),
+        peak_command_acceleration=_peak(paths, 2, period_s),
+        peak_command_jerk=_peak(paths, 3, period_s),
         phases=tuple(
             PhaseSpan(
                 phase=MotionPhase(span.phase).name,
@@ -275,11 +275,10 @@ def _histogram(summary: dict[str, Any]) -> Histogram:
     return Histogram(edges_us=tuple(summary["edges_us"]), counts=tuple(summary["counts"]))
 
 
-def _peak(path: NDArray[np.float64], order: int, period_s: float) -> tuple[float, ...]:
+def _peak(paths: Sequence[NDArray[np.float64]], order: int, period_s: float) -> tuple[float, ...]:
     """Per joint the largest |order-th difference quotient| of the commands; empty where nothing was commanded."""
-    if len(path) <= order:
-        return ()
-    return tuple((np.abs(np.diff(path, n=order, axis=0)).max(axis=0) / period_s**order).tolist())
+    peaks = [np.abs(np.diff(path, n=order, axis=0)).max(axis=0) for path in paths if len(path) > order]
+    return tuple((np.max(peaks, axis=0) / period_s**order).tolist()) if peaks else ()
 
 
 if __name__ == "__main__":

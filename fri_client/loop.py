@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from fri_client.answer_ahead import AnswerAhead
 from fri_client.channel import Queue, open_socket
 from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
-from fri_client.errors import CodecError, FriError
+from fri_client.errors import CodecError
 from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.journal import Journal
 from fri_client.last_samples import read_last_samples
@@ -37,9 +37,9 @@ from fri_client.messages import (
     SessionState,
 )
 from fri_client.motion import MotionPhase, MotionProgram, StopReason
+from fri_client.pilot import Pilot
 from fri_client.session import Session
 from fri_client.stop_watch import RecorderPatience, StopWatch
-from safety.errors import SafetyError
 
 __all__ = ["FriLoop", "open_socket"]
 
@@ -76,15 +76,13 @@ class FriLoop:
         self._channel = channel
         self._codec = Codec(version, learn_later=True)
         self._codec.warm_up()
-        self._make_motion = make_motion
         self._ring = ring
         self._settings = settings
         self._stop_watch = StopWatch(ring, settings.supervisor_timeout_s)
         self._journal = Journal(ring)
         self.session = Session(version)
         self.statistics = LinkStatistics()
-        self.motion = make_motion(settings.expected_period_s, 1)
-        self._prepared_for = (settings.expected_period_s, 1)
+        self._pilot = Pilot(make_motion, self.session, ring.gate, settings)
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
         self._queue = Queue(channel, self._codec)
@@ -94,12 +92,9 @@ class FriLoop:
         self._restarts = 0
         self._repeated = 0
         self._last_answer_ns = 0
-        self._last_position: Sequence[float] | None = None
         self._silence_told = False
-        self._hindrance = ""
         self._undecodable_sample = b""
         self._undecodable_error = ""
-        self._refused: FriError | SafetyError | None = None
         self._faults = 0
         self._recorder_patience = RecorderPatience(ring)
 
@@ -109,9 +104,14 @@ class FriLoop:
         self._stop_watch.signal_number = signal_number
 
     @property
+    def motion(self) -> MotionProgram:
+        """The motion that is driven; another one once the robot has said its period."""
+        return self._pilot.motion
+
+    @property
     def refusal_exit_code(self) -> int | None:
         """Exit code of the error that made the motion impossible; None where there was none."""
-        return None if self._refused is None else self._refused.exit_code
+        return None if self._pilot.refused is None else self._pilot.refused.exit_code
 
     def run(self) -> LoopResult:
         """Run until the motion is done, latched or never began; never raises for what a robot or an operator does.
@@ -133,14 +133,14 @@ class FriLoop:
                     self._receive(size, address, now)
                 except Exception as error:  # an arm in motion must not be abandoned for a bug in here
                     self._survive(error)
-            if self.motion.phase in _ENDINGS or self._refused is not None or self._faults > 1:
+            if self.motion.phase in _ENDINGS or self._pilot.refused is not None or self._faults > 1:
                 outcome = self._ending(now, started)
         return self._conclude(outcome, started)
 
     def _ending(self, now: int, started: int) -> Outcome | None:
         """The outcome once there is one; asked where the motion waits, is over or was lost."""
         motion, settings = self.motion, self._settings
-        if self._refused is not None:
+        if self._pilot.refused is not None:
             return "refused"
         if self._faults > 1:
             return "fault"
@@ -176,8 +176,7 @@ class FriLoop:
         """All that the answer did not have to wait for, and the proof that it was the right one."""
         session, foreseen = self.session, self._ahead.foreseen
         assert foreseen is not None
-        self.motion.take(foreseen)
-        self._last_position = foreseen.command
+        self._pilot.take(foreseen, self._ahead.counter, went_out=bool(send_ns))
         message = self._codec.decode_monitoring(datagram)
         disposition = session.judge(message, receive_ns)
         if disposition != _FRESH or not session.answer_due or session.drop is not None:
@@ -210,13 +209,17 @@ class FriLoop:
         command: bytes | None = None
         send_ns = 0
         if session.answer_due:
-            position = session.answer_position(message, self._decide(message, queued, disposition == _FRESH))
+            position = session.answer_position(
+                message, self._pilot.decide(message, queued=queued, usable=disposition == _FRESH)
+            )
             if position is not None:
                 command = self._codec.encode_position_command(session.own_counter, counter, position)
             else:
                 header = MessageHeader(COMMAND_IDENTIFIER, session.own_counter, counter)
                 command = self._codec.encode_command(CommandMessage(header))
             send_ns = self._send(command, address)
+            if send_ns:
+                self._pilot.went_out(counter)
         else:
             self.motion.skip()
         self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=queued)
@@ -270,75 +273,16 @@ class FriLoop:
         reason = self._stop_watch.poll(receive_ns)
         if reason is not None:
             motion.stop(reason)
-        if usable:
+        if usable and self._pilot.is_on_time(counter):
             self._ahead.prepare(session, motion, counter)
-
-    def _decide(self, message: MonitoringMessage, queued: bool, usable: bool) -> Sequence[float] | None:
-        """The position the motion wants to send; None: what the session mirrors."""
-        session, monitor = self.session, message.monitor_data
-        if monitor is None or monitor.measured_joint_position is None:
-            return None
-        measured = monitor.measured_joint_position
-        phase = self.motion.phase
-        if phase == _WAITING:
-            if not self._begin(message, measured, may_move=usable and not queued):
-                return None
-        elif session.state != _ACTIVE:
-            return None
-        elif queued or phase == _DONE:
-            return self._last_position  # of a lost session too: its stop moves one step per cycle of the robot
-        elif phase == _LATCHED:
-            self._last_position = self.motion.tick_latched(measured) if session.may_ramp_down else None
-            return self._last_position
-        self._last_position = self.motion.tick(measured, monitor.external_torque if usable else None)
-        return self._last_position
-
-    def _begin(self, message: MonitoringMessage, measured: Sequence[float], *, may_move: bool) -> bool:
-        """Prepare the motion in COMMANDING_WAIT and begin it in COMMANDING_ACTIVE; True where it has begun."""
-        session, ipo = self.session, message.ipo_data
-        try:
-            self._adapt()
-            if session.state < _COMMANDING_WAIT or ipo is None or ipo.joint_position is None:
-                return False
-            self.motion.prepare(ipo.joint_position)
-            cleared = self._ring.gate.passes(ipo.joint_position, *self._prepared_for)
-            if session.state != _ACTIVE or not may_move:
-                return False
-            self._hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo.joint_position)
-            if not cleared and not self._hindrance:
-                self._hindrance = "nobody has said yet that the start ramp is clear"
-            if self._hindrance:
-                return False
-            session.begin_motion(message)
-            self.motion.begin(ipo.joint_position)
-        except (FriError, SafetyError) as error:
-            self._refused = error
-            return False
-        return True
-
-    def _adapt(self) -> None:
-        """Build the motion for the command period the robot states, where it is not the one expected."""
-        session = self.session
-        if session.command_period_ms and session.send_period_ms:
-            wanted = (session.command_period_ms / 1000.0, session.command_period_ms // session.send_period_ms)
-            if wanted != self._prepared_for:
-                self.motion = self._make_motion(*wanted)
-                self._prepared_for = wanted
-
-    def _far_from_ipo(self, measured: Sequence[float], ipo: Sequence[float]) -> str:
-        """An arm that another client has led away from the IPO position would jump back to it."""
-        limit = self._settings.maximum_ipo_distance_rad
-        for joint, (here, there) in enumerate(zip(measured, ipo, strict=True), start=1):
-            if abs(here - there) > limit:
-                return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"
-        return ""
 
     # Drops, faults, silence, and what is not fresh.
 
     def _drop(self) -> None:
         # A robot without answers holds the last command; one that has just had its answer is still moving.
         self._ahead.forget()
-        self.motion.latch(at_rest=time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9)
+        silent = time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9
+        self.motion.latch(at_rest=silent or self._pilot.robot_stands(self.session.last_counter))
         self._journal.dropped(self.session, time.monotonic_ns())
 
     def _survive(self, error: Exception) -> None:
@@ -424,8 +368,8 @@ class FriLoop:
             motion,
             session,
             self._settings,
-            hindrance=self._hindrance,
-            refused=self._refused,
+            hindrance=self._pilot.hindrance,
+            refused=self._pilot.refused,
             version=self._version_sentence() if outcome == "version_mismatch" else "",
             foreign=self._foreign,
         )

@@ -13,7 +13,8 @@ with room for it in the limits. Else each joint stops on its own: on the start r
 command, after an internal error.
 
 One call of `tick` is one command: the path advances by one step per answered fresh message and never by more, so a lost
-or late message delays the path and cannot make a step larger than planned.
+or late message delays the path and cannot make a step larger than planned. After a pause that the robot cannot bridge
+`resume_from_rest` takes the path up again from rest (`re_entry`); a stop that was under way has ended by itself then.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from fri_client.handover import EventCode
 from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
+from fri_client.re_entry import ReEntry, plan_re_entry, re_entry_steps
 from fri_client.standstill import Standstill
 from fri_client.stop_reason import StopKind, StopReason, too_much_torque
 from safety.errors import RampError
@@ -127,6 +129,10 @@ class MotionProgram:
         self._on_path = 0
         self._stop_steps = 0
         self._stop_done = False
+        self._re_entry: ReEntry | None = None
+        self._re_entry_step = 0
+        self._re_entries: list[tuple[float, int, int]] = []  # start, ticks, how many of them went out
+        self._straight_from = 0  # commands on the table that were no part of the last re-entry begin here
         self._stop_asked: StopReason | None = None
         self.phase = _WAITING
         self.period = -1
@@ -244,6 +250,29 @@ class MotionProgram:
         self._next_on_path()
         self._last = foreseen.command
 
+    def resume_from_rest(self) -> None:
+        """The robot had no command for longer than it bridges: it stands on the last one, and the path begins there.
+
+        A motion goes on along its path; where no re-entry fits into the limits it is stopped, where it stands. A stop
+        under way is over.
+        """
+        if self.phase in (_STOP_RAMP, _LATCHED):
+            self._stop_ramp = None
+        if not _START_RAMP <= self.phase < _STOP_RAMP or not self._start_done:
+            return
+        start = float(self._start_done + self._on_path - 1)
+        if self._re_entry is not None and self._re_entry_step:
+            ticks = len(self._re_entry.positions)
+            start = float(re_entry_steps(self._re_entry.start, ticks)[self._re_entry_step - 1])
+            self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))
+        self._guard.anchor(self._last)
+        self._re_entry_step = 0
+        self._re_entry = plan_re_entry(start, self.command_period_s, self._positions_at, self._path_stops.fits)
+        if self._re_entry is None:
+            self._re_entry = ReEntry(start, 0, [])  # the stop finds an arm that stands
+            sentence = "Too many cycles were lost, and the path leaves no room to take it up again from rest."
+            self.stop(StopReason(EventCode.RAMP_ERROR, sentence))
+
     def skip(self) -> None:
         """A fresh sample that is not answered (receive multiplier above 1): only its label moves on."""
         if self.phase == _EXCITATION:
@@ -279,30 +308,60 @@ class MotionProgram:
         """
         return self._next_of_stop(measured_position)
 
-    def commanded_path(self) -> FloatArray:
-        """All commands of the motion so far, (M, 7) rad, with the anchor in front: rebuilt from the plan, not stored.
+    def commanded_paths(self) -> list[FloatArray]:
+        """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored.
 
-        Of more than two periods on the table the repetitions are left out (they change no peak).
+        One path, or several where the robot stood in between; each begins with three commands at rest. Of more than two
+        periods on the table the repetitions are left out (they change no peak).
         """
         if not self._last:
-            return np.empty((0, self._limits.joint_count))
-        period = self.command_period_s
-        rows: list[Sequence[float]] = [self._start_position] * 3
-        if self._start_ramp is not None:
-            rows += [self._start_ramp.position_at(k * period) for k in range(self._start_done)]
-        # Whole periods are left out, so that the stop follows on the row it was planned from.
-        beyond = max(0, self._on_path - self._lead_in - 2 * len(self._path))
-        count = self._on_path + -beyond // len(self._path) * len(self._path)
-        rows += [self._path[(self._first + k) % len(self._path)] for k in range(count)]
+            return []
+        paths: list[FloatArray] = []
+        entries, now = list(self._re_entries), self._start_done + self._on_path
+        if self._re_entry is not None:
+            entries.append((self._re_entry.start, len(self._re_entry.positions), self._re_entry_step))
+        here, rows = 0, [np.array([self._start_position] * 3)]
+        for start, ticks, sent in entries:
+            rows.append(self._positions_at(self._steps_between(here, math.floor(start) + 1)))
+            paths.append(np.concatenate(rows))
+            rows = [paths[-1][[-1] * 3]]
+            steps = re_entry_steps(start, ticks)[:sent] if sent else np.empty(0)
+            rows.append(self._positions_at(steps))
+            here = math.ceil(start) + ticks // 2 + 1 if sent == ticks else now
+        rows.append(self._positions_at(self._steps_between(here, now)))
         if self._stop_ramp is not None:
-            rows += [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
-        return np.array(rows, dtype=np.float64)
+            period = self.command_period_s
+            stop = [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
+            rows.append(np.array(stop).reshape(-1, self._limits.joint_count))
+        paths.append(np.concatenate(rows))
+        return paths
+
+    def _steps_between(self, begin: int, end: int) -> FloatArray:
+        """Steps from begin to before end; of many periods on the table all but some two are left out, whole ones."""
+        period = len(self._path)
+        surplus = max(0, (end - max(begin, self._start_ticks)) // period - 2) * period
+        return np.arange(begin, end - surplus, dtype=np.float64)
+
+    def _positions_at(self, steps: FloatArray) -> FloatArray:
+        """Positions, (m, n) rad, on the path of start ramp and table at steps of it, which need be no whole numbers."""
+        on_table = steps >= self._start_ticks
+        positions = np.empty((len(steps), self._limits.joint_count))
+        rows = (self._first + steps[on_table] - self._start_ticks) * self._stride
+        positions[on_table] = self._path_stops.positions_at(rows)
+        ramp = self._start_ramp
+        if ramp is not None:
+            times = (steps[~on_table] * self.command_period_s).tolist()
+            positions[~on_table] = np.reshape([ramp.position_at(time) for time in times], (-1, positions.shape[1]))
+        return positions
 
     # The path.
 
     def _next_on_path(self) -> Sequence[float] | None:
         """The next command of ramp, lead-in or table; None when the table is done. Moves the labels."""
         command = self._upcoming()
+        if self._re_entry is not None:
+            self._next_of_re_entry(self._re_entry)
+            return command
         if self.phase == _START_RAMP:
             if self._step < self._start_ticks:
                 self._step += 1
@@ -321,16 +380,33 @@ class MotionProgram:
         return command
 
     def _upcoming(self) -> Sequence[float] | None:
-        """The next command of ramp, lead-in or table; None when the table is done. Nothing moves."""
+        """The next command of ramp, lead-in, table or re-entry; None when the table is done. Nothing moves."""
+        if self._re_entry is not None:
+            return self._re_entry.positions[self._re_entry_step]
         if self.phase == _START_RAMP and self._step < self._start_ticks and self._start_ramp is not None:
             return self._start_ramp.position_at(self._step * self.command_period_s)
         if self._on_path >= self._lead_in + self._total:
             return None
         return self._path[(self._first + self._on_path) % len(self._path)]
 
+    def _next_of_re_entry(self, re_entry: ReEntry) -> None:
+        self.period = self.sample_in_period = -1
+        self._re_entry_step += 1
+        if self._re_entry_step < len(re_entry.positions):
+            return
+        self._re_entry = None
+        self._re_entries.append((re_entry.start, self._re_entry_step, self._re_entry_step))
+        done = re_entry.landing + 1
+        self._step = self._start_done = min(done, self._start_ticks)
+        self._on_path = self._straight_from = done - self._start_done
+        if self._on_path and self.phase == _START_RAMP:
+            self.phase = _LEAD_IN
+
     def _step_back(self) -> None:
         """The command last taken from the path was refused, so it does not count as driven."""
-        if self.phase == _START_RAMP:
+        if self._re_entry is not None:
+            self._re_entry_step -= 1
+        elif self.phase == _START_RAMP:
             self._start_done -= 1
         else:
             self._on_path -= 1
@@ -354,6 +430,8 @@ class MotionProgram:
         self._step = 0
 
     def _plan_stop(self) -> None:
+        if self._re_entry is not None and not self._re_entry_step:
+            return  # the arm stands
         reason = self._stop_asked
         self._stop_ramp = self._plan_stop_on_path()
         self.stop_kind = "path" if self._stop_ramp is not None else "joint_space"
@@ -376,7 +454,8 @@ class MotionProgram:
     def _plan_stop_on_path(self) -> PathStop | None:
         """The stop that keeps to the table's path, or None; tried once: a fault in it costs a tick and not the stop."""
         reason = self._stop_asked
-        if self._path_stop_tried or self._on_path < _ROWS_BEFORE_PATH_STOP or (reason and not reason.path_is_good):
+        straight = 0 if self._re_entry is not None else self._on_path - self._straight_from
+        if self._path_stop_tried or straight < _ROWS_BEFORE_PATH_STOP or (reason and not reason.path_is_good):
             return None
         self._path_stop_tried = True
         return self._path_stops.plan((self._first + self._on_path - 1) * self._stride)

@@ -291,6 +291,11 @@ class Session:
         self.own_counter = (self.own_counter + 1) & _WRAP
         self.counts.answered += 1
 
+    @property
+    def last_counter(self) -> int:
+        """Sequence counter of the newest message."""
+        return self._counter.last
+
     def note_silence(self, silence_s: float, timeout_s: float) -> None:
         """No usable message came for the time-out. After it any counter is taken as the robot's new one."""
         self._counter.resynchronise()

@@ -101,11 +101,23 @@ class PathStops:
         spline = self._spline[row:]
         for rung in self._rungs:
             stretch = rung.positions(spline)
-            if self._is_inside(np.concatenate((before, stretch, stretch[[-1] * _HISTORY]))):
+            if self.fits(np.concatenate((before, stretch, stretch[[-1] * _HISTORY]))):
                 return PathStop(stretch, self._period, rung.rows)
         return None
 
-    def _is_inside(self, positions: FloatArray) -> bool:
+    def positions_at(self, rows: FloatArray) -> FloatArray:
+        """Positions on the path, (m, n) rad, at places that need be no whole rows and may lie in any period."""
+        whole = np.floor(rows).astype(np.int64)
+        ahead = (rows - whole)[:, None]
+        behind = 1.0 - ahead
+        here, there = self._spline[whole % self._count], self._spline[(whole + 1) % self._count]
+        n = self._table.shape[1]
+        positions: FloatArray = behind * here[:, :n] + ahead * there[:, :n]
+        positions += ((behind**3 - behind) * here[:, n:] + (ahead**3 - ahead) * there[:, n:]) / 6.0
+        return positions
+
+    def fits(self, positions: FloatArray) -> bool:
+        """Whether commands, (m, n) rad, one per period, are inside every limit; of the jerk see JERK_TOLERANCE."""
         steps = np.diff(positions, axis=0)
         seconds = np.diff(steps, axis=0)
         thirds = np.diff(seconds, axis=0)

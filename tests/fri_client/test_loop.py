@@ -280,7 +280,7 @@ def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
         robot.to_active()
         robot.exchange(ACTIVE, 300)
         robot.exchange(ACTIVE, 40, quality=2)
-        robot.counter += 14
+        robot.counter += 9
         robot.exchange(ACTIVE, 1, quality=1)
         robot.exchange(READY, 5, quality=1)
         robot.until_done(client)
@@ -291,7 +291,7 @@ def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
     for words in (
         "at cycle 352, ",
         " s into the motion: the connection quality fell to FAIR, below GOOD (still in COMMANDING_ACTIVE; ",
-        "in the last second 14 messages missing and longest turn-around ",
+        "in the last second 9 messages missing and longest turn-around ",
         "quality EXCELLENT -> GOOD ",
         " s before -> FAIR 0.00 s before); no command follows by itself.",
     ):

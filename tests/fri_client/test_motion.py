@@ -259,7 +259,7 @@ def test_the_rebuilt_path_is_what_was_commanded() -> None:
         drive.tick(ticks)
         drive.motion.stop(OPERATOR)
         drive.finish()
-        rebuilt = drive.motion.commanded_path()
+        (rebuilt,) = drive.motion.commanded_paths()
         moving = len(rebuilt) - 3
         assert np.array_equal(rebuilt[3:], np.array(drive.commands[:moving]))
         assert all(command == drive.commands[-1] for command in drive.commands[moving:])

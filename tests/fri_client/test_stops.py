@@ -93,5 +93,5 @@ def test_the_peaks_of_a_long_run_that_was_stopped_are_those_of_its_commands() ->
     drive.tick(3 * 2000 + 700)
     drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
     drive.finish()
-    rebuilt = drive.motion.commanded_path()
+    (rebuilt,) = drive.motion.commanded_paths()
     assert abs(rebuilt[1:] - rebuilt[:-1]).max() <= abs(sine_table()[1:] - sine_table()[:-1]).max() * 1.001
