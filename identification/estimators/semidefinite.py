@@ -100,6 +100,7 @@ def solve_semidefinite(
         masses = np.zeros((links, stride))
         masses[:, 0] = 1.0
         solution = program.settle("pseudo-inertia program, lightest set", solution, masses.ravel())
+    solution = replace(solution, variables=_inside_the_cone(solution.variables, links, stride, inertia_margin))
     physical = PhysicalParameters.from_dynamic_parameters(
         solution.variables.reshape(links, stride)[:, :INERTIAL_COUNT],
         base.extra_of(solution.variables, "FV"),
@@ -116,6 +117,22 @@ def solve_semidefinite(
         iterations=solution.iterations,
         status=solution.status,
     )
+
+
+def _inside_the_cone(variables: FloatArray, links: int, stride: int, margin: float) -> FloatArray:
+    """The same parameters with each link's Σ about its centre of mass at least margin (kg m²) in every direction.
+
+    The solver's tolerance may leave a link some 1e-5 kg m² outside, which a simulator refuses; the nearest Σ inside is
+    taken (Frobenius norm). Masses and first moments stay.
+    """
+    table = variables.reshape(links, stride).copy()
+    for link, tensor in enumerate(PhysicalParameters.from_dynamic_parameters(table[:, :INERTIAL_COUNT]).inertia):
+        values, vectors = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
+        lifted = (vectors * np.maximum(values, margin)) @ vectors.T
+        change = np.trace(lifted) * np.eye(3) - lifted - tensor
+        for (row, column), place in _TENSOR.items():
+            table[link, place] += change[row, column]
+    return table.ravel()
 
 
 def relax_constrained_program(
