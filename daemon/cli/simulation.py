@@ -16,6 +16,8 @@ ParametersOption = Annotated[
     str,
     typer.Option("--parameters", help="physical: the set of program (10); consistent: nearest that bodies can have."),
 ]
+_BADLY_FOLLOWED = 0.02
+"""rad (m) RMS between simulated and commanded position."""
 _FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 
 
@@ -128,7 +130,9 @@ def simulate(
     positions = comparison.position_rms()
     width = max(len(name) for name in positions)
     for name, values in positions.items():
-        data(f"{name:<{width}s}" + "".join(f"{1e3 * value:8.3f}" for value in values))
+        data(f"{name:<{width}s}" + "".join(f"{1e3 * value:10.3f}" for value in values))
+    if float(positions["simulated minus commanded"].max()) > _BADLY_FOLLOWED:
+        message("The simulated arm follows badly: friction, which the controller neglects, wins. Raise --bandwidth.")
     data("RMS of torque differences per joint, Nm:")
     data(comparison.torque_rms().text())
     for name, file in (("Figure", figure), ("Series", out)):

@@ -41,11 +41,9 @@ class ModelParameters:
 
     def pinocchio_model(self, robot: RobotModel) -> pinocchio.Model:
         """The robot with these inertias and rotor inertias (`armature`); friction and offset are not in it."""
-        physical = self.physical
-        inertias = tuple(
-            pinocchio.Inertia(float(m), c, tensor)
-            for m, c, tensor in zip(physical.mass, physical.center_of_mass, physical.inertia, strict=True)
-        )
+        # M, MX, …, tensor in Pinocchio's order; its constructor from masses refuses inertias that are not positive.
+        inertial = self.physical.dynamic_parameters()[:, (0, 1, 2, 3, 4, 5, 7, 6, 8, 9)]
+        inertias = tuple(pinocchio.Inertia.FromDynamicParameters(link) for link in inertial)
         model = build_pinocchio_model(robot.name, robot.kinematics, robot.joint_names, robot.gravity, inertias)
         model.armature = self.rotor_inertia
         return model
