@@ -106,7 +106,9 @@ def separating_experiment(names: Sequence[str]) -> str | None:
     for a name that the library has not.
     """
     distinct = tuple(dict.fromkeys(names))
-    known = [_EXPERIMENTS[key] for pair in combinations(distinct, 2) if (key := frozenset(pair)) in _EXPERIMENTS]
+    known = [
+        _EXPERIMENTS[key] for pair in combinations(sorted(distinct), 2) if (key := frozenset(pair)) in _EXPERIMENTS
+    ]
     if known:
         return " ".join(dict.fromkeys(known))
     return effect_named(distinct[0]).separating_experiment if distinct else None

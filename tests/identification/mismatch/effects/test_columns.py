@@ -1,0 +1,234 @@
+"""The torque of each effect. Truth: Pinocchio at displaced states, MuJoCo's joint forces, closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+import pytest
+
+from identification.estimators import PhysicalParameters
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Place
+from identification.mismatch.motion import Motion
+from identification.robots import RobotModel
+from tests.identification.mismatch.effects.motions import (
+    motion_of,
+    pinocchio_model,
+    pinocchio_torque,
+    random_links,
+    shipped_motion,
+    sliding_robot,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def links() -> PhysicalParameters:
+    return random_links(7, 11)
+
+
+@pytest.fixture(scope="module")
+def motion(iiwa14: RobotModel, links: PhysicalParameters) -> Motion:
+    return shipped_motion(iiwa14, links, rate_hz=50.0)
+
+
+def torque(motion: Motion, name: str, place: Place, shape: Mapping[str, float] | None = None) -> FloatArray:
+    """(S, n, m), zero on the joints that the effect leaves alone."""
+    columns = effect_named(name).columns(motion, place, shape or {})
+    assert columns is not None
+    result = np.zeros((motion.samples, motion.n, columns.values.shape[2]))
+    result[:, list(columns.joints)] = columns.values
+    return result
+
+
+def displaced(motion: Motion, links: PhysicalParameters, joint: int, by: FloatArray) -> FloatArray:
+    """Pinocchio's torque when joint `joint` (from 0) is off by this (S,), with its exact rates, less that when not."""
+    model = pinocchio_model(motion.robot, links)
+    spectrum = np.fft.rfft(by)
+    rotation = 2.0j * np.pi * np.fft.rfftfreq(by.size, motion.sampling_period_s)
+    states = [motion.position.copy(), motion.velocity.copy(), motion.acceleration.copy()]
+    for order, state in enumerate(states):
+        state[:, joint] += np.fft.irfft(spectrum * rotation**order, n=by.size)
+    return pinocchio_torque(model, *states) - pinocchio_torque(
+        model, motion.position, motion.velocity, motion.acceleration
+    )
+
+
+@pytest.mark.parametrize("joint", [1, 2, 4, 6])
+def test_elasticity_is_the_torque_at_the_position_behind_the_spring(
+    motion: Motion, links: PhysicalParameters, joint: int
+) -> None:
+    model = pinocchio_model(motion.robot, links)
+    load = pinocchio_torque(model, motion.position, motion.velocity, motion.acceleration)[:, joint - 1]
+    stiffness = 1e6
+    truth = displaced(motion, links, joint - 1, -load / stiffness) * stiffness
+    ours = torque(motion, "joint_elasticity", Place(joint=joint))[..., 0]
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=2e-4 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("joint", [2, 3, 6, 7])
+def test_a_zero_offset_is_the_torque_at_the_other_angle(motion: Motion, links: PhysicalParameters, joint: int) -> None:
+    truth = displaced(motion, links, joint - 1, np.full(motion.samples, 1e-5)) / 1e-5
+    ours = torque(motion, "joint_zero_offset", Place(joint=joint))[..., 0]
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
+
+
+def test_torque_does_not_depend_on_the_angle_about_a_vertical_first_axis(motion: Motion) -> None:
+    assert effect_named("joint_zero_offset").columns(motion, Place(joint=1), {}) is None
+
+
+def test_play_is_lost_on_the_side_that_the_load_presses_to(motion: Motion, links: PhysicalParameters) -> None:
+    model = pinocchio_model(motion.robot, links)
+    load = pinocchio_torque(model, motion.position, motion.velocity, motion.acceleration)[:, 1]
+    width = 0.3 * np.abs(load).max()
+    truth = displaced(motion, links, 1, -0.5e-6 * np.tanh(load / width)) / 1e-6
+    ours = torque(motion, "backlash", Place(joint=2), {"crossing_torque": width})[..., 0]
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-3 * np.abs(truth).max())
+
+
+def test_backlash_says_nothing_about_a_joint_whose_torque_never_reverses(iiwa14: RobotModel) -> None:
+    """A heavy last link held out level by joint 2, which moves by a few degrees."""
+    links = random_links(7, 11)
+    motion = motion_of(iiwa14, links, rate_hz=20.0)
+    small = replace(
+        motion,
+        position=0.02 * motion.position + np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        velocity=0.02 * motion.velocity,
+        acceleration=0.02 * motion.acceleration,
+    )
+    assert effect_named("backlash").columns(small, Place(joint=2), {"crossing_torque": 1.0}) is None
+
+
+def test_bending_moments_are_mujocos_joint_forces(iiwa14: RobotModel) -> None:
+    """An arm of three bodies in MuJoCo, its wrench between bodies moved to the joint's origin."""
+    robot = sliding_robot()
+    links = random_links(3, 4)
+    motion = motion_of(robot, links, rate_hz=2.0)
+    kinematics = robot.kinematics
+    bodies = ""
+    for link in range(3):
+        turn = pinocchio.Quaternion(kinematics.rotation[link]).coeffs()
+        moments = links.inertia[link]
+        tensor = [moments[0, 0], moments[1, 1], moments[2, 2], moments[0, 1], moments[0, 2], moments[1, 2]]
+        bodies += (
+            f'<body name="{link}" pos="{words(kinematics.translation[link])}" quat="{words(turn[[3, 0, 1, 2]])}">'
+            f'<joint type="{"hinge" if kinematics.revolute[link] else "slide"}" '
+            f'axis="{words(kinematics.axis[link])}"/>'
+            f'<inertial mass="{links.mass[link]}" pos="{words(links.center_of_mass[link])}" '
+            f'fullinertia="{words(tensor)}"/>'
+        )
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><option gravity='{words(robot.gravity)}'/><compiler angle='radian'/>"
+        f"<worldbody>{bodies}{'</body>' * 3}</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    for sample in range(motion.samples):
+        data.qpos[:], data.qvel[:] = motion.position[sample], motion.velocity[sample]
+        data.qacc[:] = motion.acceleration[sample]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        for joint in (0, 2):
+            body = joint + 1
+            lever = data.subtree_com[model.body_rootid[body]] - data.xpos[body]
+            world = data.cfrc_int[body, :3] + np.cross(lever, data.cfrc_int[body, 3:])
+            local = data.xmat[body].reshape(3, 3).T @ world
+            ours = torque(motion, "bending_crosstalk", Place(joint=joint + 1))[sample, joint]
+            axis = kinematics.axis[joint]
+            # Both moments are across the axis, and together with it they make up the whole.
+            across = local - (local @ axis) * axis
+            assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(across), rel=1e-9)
+            if joint == 0:  # about y: the two across are z and x
+                np.testing.assert_allclose(ours, local[[2, 0]], rtol=0.0, atol=1e-9 * np.abs(local).max())
+
+
+def words(values: npt.ArrayLike) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values))
+
+
+def test_a_leaning_base_is_seen_as_turned_gravity(motion: Motion, links: PhysicalParameters) -> None:
+    model = pinocchio_model(motion.robot, links)
+    states = motion.position, motion.velocity, motion.acceleration
+    leaning = model.copy()
+    lean = np.array([3e-6, -2e-6, 0.0])
+    leaning.gravity.linear = pinocchio.exp3(lean).T @ model.gravity.linear
+    truth = pinocchio_torque(leaning, *states) - pinocchio_torque(model, *states)
+    ours = torque(motion, "base_tilt", Place()) @ lean[:2]
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
+
+
+def test_a_payload_is_what_pinocchio_adds_for_a_body_on_the_last_link(
+    motion: Motion, links: PhysicalParameters
+) -> None:
+    model = pinocchio_model(motion.robot, links)
+    states = motion.position, motion.velocity, motion.acceleration
+    before = pinocchio_torque(model, *states)
+    load = pinocchio.Inertia(2.0, np.array([0.01, 0.02, 0.1]), np.diag([0.01, 0.02, 0.025]))
+    model.inertias[7] += load
+    dynamic = load.toDynamicParameters()  # m, h, then Ixx Ixy Iyy Ixz Iyz Izz about the frame's origin
+    ours = torque(motion, "payload", Place(link=7)) @ dynamic[[0, 1, 2, 3, 4, 5, 7, 6, 8, 9]]
+    np.testing.assert_allclose(ours, pinocchio_torque(model, *states) - before, rtol=0.0, atol=1e-9)
+
+
+def test_a_shared_motor_takes_as_much_power_as_its_friction_and_inertia(motion: Motion) -> None:
+    """Virtual work: Σ τ q̇ = f(ω) ω with ω = q̇_j + r q̇_i, whatever the ratio."""
+    for ratio in (-1.0, 1.0, 0.4):
+        columns = torque(motion, "joint_coupling", Place(joint=6, other_joint=5), {"ratio": ratio})
+        omega = motion.velocity[:, 5] + ratio * motion.velocity[:, 4]
+        omega_dot = motion.acceleration[:, 5] + ratio * motion.acceleration[:, 4]
+        power = np.einsum("sjm,sj->sm", columns, motion.velocity)
+        law = np.column_stack([np.sign(omega), omega, omega_dot])
+        np.testing.assert_allclose(power, law * omega[:, None], rtol=0.0, atol=1e-12)
+
+
+def test_friction_columns_are_zero_at_rest_and_odd_or_even_in_the_velocity(motion: Motion) -> None:
+    still = motion.velocity.copy()
+    still[10] = 0.0
+    forth, back = replace(motion, velocity=still), replace(motion, velocity=-still)
+    cases: tuple[tuple[str, dict[str, float], float], ...] = (
+        ("stribeck_friction", {"stribeck_velocity": 0.05, "exponent": 1.3}, -1.0),
+        ("load_dependent_friction", {}, -1.0),
+        ("position_dependent_friction", {}, -1.0),
+        ("nonlinear_viscous_friction", {"exponent": 1.6}, -1.0),
+        ("asymmetric_viscous_friction", {}, 1.0),
+    )
+    for name, shape, parity in cases:
+        first, second = (torque(way, name, Place(joint=3), shape) for way in (forth, back))
+        assert not first[10].any(), name
+        np.testing.assert_array_equal(first, parity * second, err_msg=name)
+
+
+def test_the_laws_of_one_joint_are_what_their_equations_say(motion: Motion) -> None:
+    q, v, load = motion.position[:, 3], motion.velocity[:, 3], motion.torque[:, 3]
+    s = np.sign(v)
+    rms = np.sqrt(np.mean(load**2))
+    expected: dict[str, tuple[dict[str, float], list[FloatArray]]] = {
+        "torque_offset": ({}, [np.ones_like(q)]),
+        "stribeck_friction": (
+            {"stribeck_velocity": 0.05, "exponent": 2.0},
+            [np.exp(-((v / 0.05) ** 2)) * s],
+        ),
+        "asymmetric_viscous_friction": ({}, [np.abs(v)]),
+        "nonlinear_viscous_friction": ({"exponent": 2.0}, [v * np.abs(v)]),
+        "load_dependent_friction": ({}, [np.abs(load) * s]),
+        "position_dependent_friction": ({}, [np.sin(q) * s, np.cos(q) * s]),
+        "position_dependent_torque": ({"order": 3.0}, [np.sin(3.0 * q), np.cos(3.0 * q)]),
+        "cable_spring": ({}, [q, np.ones_like(q)]),
+        "torque_ripple": (
+            {"order": 159.3, "load_share": 0.5},
+            [wave(159.3 * q) * (0.5 + 0.5 * np.abs(load) / rms) for wave in (np.sin, np.cos)],
+        ),
+        "torque_sensor_gain": ({}, [load]),
+        "rotor_inertia": ({}, [motion.acceleration[:, 3]]),
+    }
+    for name, (shape, columns) in expected.items():
+        ours = torque(motion, name, Place(joint=4), shape)
+        np.testing.assert_allclose(ours[:, 3], np.column_stack(columns), rtol=0.0, atol=1e-12, err_msg=name)
+        assert not np.delete(ours, 3, axis=1).any(), name
+    crosstalk = torque(motion, "joint_crosstalk", Place(joint=4, other_joint=5))
+    np.testing.assert_array_equal(crosstalk[:, 3, 0], motion.torque[:, 4])
