@@ -153,9 +153,10 @@ class BaseRegressor:
             for first, own in zip(firsts, extras, strict=True)
         ]
         for rows, packed in rigid_body_columns(self.robot, q, dq, ddq, self._wanted, spare=spare):
+            velocity, acceleration = dq[rows].T.copy().T, ddq[rows].T.copy().T  # read along the samples
             for joint, own in enumerate(extras):
                 for place, (_, symbol, _) in enumerate(own, start=len(inertial)):
-                    packed[place, joint] = _extra_values(symbol, joint, dq[rows], ddq[rows])
+                    packed[place, joint] = _extra_values(symbol, joint, velocity, acceleration)
             # A joint's torque depends on the links beyond it: the first columns are zero.
             yield (
                 rows,

@@ -151,12 +151,13 @@ _UNIT_WRENCHES = _unit_wrenches()
 class _Link:
     """What is constant about one link and its joint.
 
-    turn: (9, 3) rotation into the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. blocks: which
+    turn: (9, 3) rotation from the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. blocks: which
     entries of it, rows and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
-    offset + slide · q. axis: (3,) of the joint. own: components of a twist that the joint moves. bracket: (6, 7) with
-    V × S in the first six columns and S in the last, S the joint's unit twist. with_force, without_force: rows of the
-    table of unit wrenches for the mass and first moments (6 k, 15) and for the tensor (3 m, 15), which causes no force.
-    columns, joints: where its columns go, joints from the base outwards, its own last.
+    offset + slide · q, moved its entries other than zero. axis: (3,) of the joint. own: components of a twist that the
+    joint moves. bracket: (6, 7) with V × S in the first six columns and S in the last, S the joint's unit twist.
+    with_force, without_force: rows of the table of unit wrenches for the mass and first moments (6 k, 15) and for the
+    tensor (3 m, 12), which causes no force. columns, joints: where its columns go, joints from the base outwards, its
+    own last; serial: whether these are the first ones.
     """
 
     parent: int
@@ -164,6 +165,7 @@ class _Link:
     blocks: tuple[tuple[slice, slice], ...]
     offset: FloatArray
     slide: FloatArray
+    moved: tuple[int, ...]
     axis: FloatArray
     own: slice
     bracket: FloatArray
@@ -171,6 +173,7 @@ class _Link:
     without_force: FloatArray
     columns: slice
     joints: tuple[int, ...]
+    serial: bool
 
     @classmethod
     def of(cls, kinematics: Kinematics, link: int, wanted: Sequence[int], first: int) -> _Link:
@@ -186,19 +189,23 @@ class _Link:
             bracket = np.block([[zero, zero, zero[:, :1]], [crossed, zero, axis[:, None]]])
         with_force = [parameter for parameter in wanted if parameter < _FIRST_WITHOUT_FORCE]
         without_force = list(wanted[len(with_force) :])
+        turn = turn.transpose(1, 0, 2)
+        upstream = kinematics.upstream(link)
         return cls(
             parent=int(kinematics.parent[link]),
             turn=turn.reshape(9, 3),
             blocks=_blocks(np.asarray(turn.any(axis=-1))),
             offset=kinematics.translation[link],
             slide=slide,
+            moved=tuple(np.flatnonzero((kinematics.translation[link] != 0.0) | (slide != 0.0)).tolist()),
             axis=axis,
             own=own,
             bracket=bracket,
-            with_force=_UNIT_WRENCHES[with_force].transpose(1, 0, 2).reshape(-1, 15),
-            without_force=_UNIT_WRENCHES[without_force, :3].transpose(1, 0, 2).reshape(-1, 15),
+            with_force=_UNIT_WRENCHES[with_force].reshape(-1, 15),
+            without_force=_UNIT_WRENCHES[without_force, :3, :12].reshape(-1, 12),
             columns=slice(first, first + len(wanted)),
-            joints=kinematics.upstream(link),
+            joints=upstream,
+            serial=upstream == tuple(range(len(upstream))),
         )
 
 
@@ -211,18 +218,19 @@ def _links(kinematics: Kinematics, wanted: tuple[tuple[int, ...], ...]) -> tuple
 class _Chain:
     """The links of a robot with the arrays that one chunk needs, used again by the next: fresh memory costs time.
 
-    Per link a block of twists in its own frame, (2, 3, 2 + k, samples), angular before linear: velocity, spatial
+    Per link a block of twists in its own frame, (2 + k, 2, 3, samples), angular before linear: velocity, spatial
     acceleration, and the unit twist of each of the k upstream joints, the link's own last (constant in its own frame).
+    The components stand next to the samples, so that sums over them run in the innermost cache.
     """
 
     def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int, spare: int) -> None:
         self._links = _links(robot.kinematics, tuple(map(tuple, wanted)))
-        self._twists = [np.zeros((2, 3, 2 + len(link.joints), samples)) for link in self._links]
+        self._twists = [np.zeros((2 + len(link.joints), 2, 3, samples)) for link in self._links]
         for link, twists in zip(self._links, self._twists, strict=True):
-            twists[link.own.start // 3, :, -1] = link.axis[:, None]
+            twists[-1, link.own.start // 3] = link.axis[:, None]
         # A base accelerating upwards stands for gravity: linear accelerations are "minus gravity".
-        self._base = np.zeros((2, 3, 2, samples))
-        self._base[1, :, 1] = -robot.gravity[:, None]
+        self._base = np.zeros((2, 2, 3, samples))
+        self._base[1, 1] = -robot.gravity[:, None]
         self._out = np.zeros((sum(map(len, wanted)) + spare, robot.n, samples))
         self._turns = np.ones((robot.n, 3, samples))
         self._rotation = np.empty((9, samples))
@@ -250,61 +258,59 @@ class _Chain:
 
     def _carry(self, link: _Link, parent: FloatArray, turn: FloatArray, q: FloatArray, child: FloatArray) -> None:
         """Express the parent's twists at the child's origin and in the child's frame."""
-        moved = np.flatnonzero((link.offset != 0.0) | (link.slide != 0.0))
-        if len(moved):
+        if len(link.moved):
             parent = parent.copy()
-            angular, linear = parent
-            for k in moved:
+            angular, linear = parent[:, 0], parent[:, 1]
+            for k in link.moved:
                 arm = link.offset[k] + link.slide[k] * q if link.slide[k] else link.offset[k]
-                linear[(k + 1) % 3] += angular[(k + 2) % 3] * arm
-                linear[(k + 2) % 3] -= angular[(k + 1) % 3] * arm
+                linear[:, (k + 1) % 3] += angular[:, (k + 2) % 3] * arm
+                linear[:, (k + 2) % 3] -= angular[:, (k + 1) % 3] * arm
         rotation = np.matmul(link.turn, turn, out=self._rotation[:, : len(q)]).reshape(3, 3, len(q))
         for rows, columns in link.blocks:
-            np.einsum("ijs,gims->gjms", rotation[rows, columns], parent[:, rows], out=child[:, columns, :-1])
+            np.einsum("jis,mgis->mgjs", rotation[rows, columns], parent[:, :, columns], out=child[:-1, :, rows])
 
     def _add_joint(self, link: _Link, twists: FloatArray, dq: FloatArray, ddq: FloatArray) -> None:
         """The joint's own motion: A += S q̈ + V × S q̇, then V += S q̇."""
         joint = self._joint[:, : len(dq)]
-        np.multiply(twists[:, :, 0], dq, out=joint[:6].reshape(2, 3, len(dq)))
+        np.multiply(twists[0], dq, out=joint[:6].reshape(2, 3, len(dq)))
         joint[6] = ddq
-        twists[:, :, 1] += (link.bracket @ joint).reshape(2, 3, len(dq))
-        twists[link.own.start // 3, :, 0] += link.axis[:, None] * dq
+        twists[1] += (link.bracket @ joint).reshape(2, 3, len(dq))
+        twists[0, link.own.start // 3] += link.axis[:, None] * dq
 
     def _project(self, link: _Link, twists: FloatArray, out: FloatArray) -> None:
         """Power of each unit twist on the wrench of each wanted parameter; out is (wanted, n, samples)."""
         samples = twists.shape[-1]
         motion = self._motion[:, :samples]
-        omega, velocity = twists[:, :, 0]
+        omega, velocity = twists[0]
         np.multiply(omega[:, None], omega, out=motion[:9].reshape(3, 3, samples))
-        motion[9:].reshape(2, 3, samples)[...] = twists[:, :, 1]
+        motion[9:].reshape(2, 3, samples)[...] = twists[1]
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # acceleration of the origin = spatial + ω × v
             motion[12 + i] += omega[j] * velocity[k]
             motion[12 + i] -= omega[k] * velocity[j]
         upstream, last = len(link.joints) - 1, link.joints[-1]
-        serial = link.joints[:-1] == tuple(range(upstream))
-        axes = twists.reshape(6, 3 + upstream, samples)[:, 2:-1]
+        axes = twists[2:-1].reshape(upstream, 6, samples)
         place = slice(0, 0)
         for table, components in ((link.with_force, 6), (link.without_force, 3)):
             count = len(table) // components
             place = slice(place.stop, place.stop + count)
             if count == 0:
                 continue
-            wrench = np.matmul(table, motion, out=self._wrench[: len(table), :samples])
-            wrench = wrench.reshape(components, count, samples)
+            wrench = np.matmul(table, motion[: table.shape[1]], out=self._wrench[: len(table), :samples])
+            wrench = wrench.reshape(count, components, samples)
             if link.own.stop <= components:
-                np.einsum("cms,c->ms", wrench[link.own], link.axis, out=out[place, last])
-            if serial:
-                np.einsum("cms,cks->mks", wrench, axes[:components], out=out[place, :upstream])
+                np.einsum("mcs,c->ms", wrench[:, link.own], link.axis, out=out[place, last])
+            if link.serial:
+                np.einsum("mcs,kcs->mks", wrench, axes[:, :components], out=out[place, :upstream])
             else:  # a branch of a tree: its upstream joints are not the first ones
-                out[place, list(link.joints[:-1])] = np.einsum("cms,cks->mks", wrench, axes[:components])
+                out[place, list(link.joints[:-1])] = np.einsum("mcs,kcs->mks", wrench, axes[:, :components])
 
 
 def _blocks(used: npt.NDArray[np.bool_]) -> tuple[tuple[slice, slice], ...]:
-    """Rectangles (rows, columns) that hold all entries in use of a (3, 3) matrix: columns alike are taken together."""
-    columns_of: dict[tuple[int, ...], list[int]] = {}
-    for column in range(3):
-        columns_of.setdefault(tuple(np.flatnonzero(used[:, column])), []).append(column)
-    return tuple((_slice(rows), _slice(columns)) for rows, columns in columns_of.items())
+    """Rectangles (rows, columns) that hold all entries in use of a (3, 3) matrix; each row is in one of them."""
+    rows_of: dict[tuple[int, ...], list[int]] = {}
+    for row in range(3):
+        rows_of.setdefault(tuple(np.flatnonzero(used[row])), []).append(row)
+    return tuple((_slice(rows), _slice(columns)) for columns, rows in rows_of.items())
 
 
 def _slice(chosen: Sequence[int]) -> slice:
