@@ -5,20 +5,19 @@ Called by the diagnosis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.between_periods import Change
-from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.equivalence import separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, extend, uncertainties
-from identification.mismatch.findings import Curve, Finding
+from identification.mismatch.findings import Alternative, Curve, Finding
 from identification.mismatch.heldout import Residuals, residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
@@ -72,6 +71,9 @@ class _Check:
     heldout_after: Residuals | None
 
 
+_Checker = Callable[[Sequence[Member]], _Check]
+
+
 def build_findings(
     problem: Problem,
     library: Library,
@@ -101,9 +103,7 @@ def build_findings(
     dropped: list[str] = []
     while trial.members:
         failing = [
-            index
-            for index in range(len(trial.members))
-            if not _passes(trial, index, before, now, check, library, settings)
+            index for index in range(len(trial.members)) if not _passes(trial, index, before, now, check, settings)
         ]
         if not failing:
             break
@@ -112,11 +112,11 @@ def build_findings(
         member = trial.members[worst]
         where = "" if member.place.joint is None else f" on joint {member.place.joint}"
         dropped.append(f"{member.effect.name}{where} describes part of the misfit, but not enough of it to be claimed")
-        trial = fitted(problem, [item for index, item in enumerate(trial.members) if index != worst], settings)
+        trial = fitted(problem, _without(trial.members, worst), settings)
         now = check(trial.members)
     findings = [
         *_between(fitted_role.changes if physics else (), len(library.evidences)),
-        *_repeatable(problem, library, result, trial, now, before, check, settings, unseen is not None),
+        *_repeatable(problem, library, result, trial, now, before, check, settings),
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
@@ -131,24 +131,37 @@ def _torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
     return rows
 
 
-def _passes(trial, index, before, now, check, library, settings) -> bool:  # type: ignore[no-untyped-def]
-    """The rule of abstention for one member."""
-    del library
+def _passes(
+    trial: Trial, index: int, before: _Check, now: _Check, check: _Checker, settings: DiagnosisSettings
+) -> bool:
+    """The rule of abstention for one member: enough removed on its joints, here and there, and no loss there."""
     member = trial.members[index]
     joints = joints_of(member, _torque_of(member, now.extension.coefficients[index], trial.problem.n))
     if not trial.complete and not explains_enough(before.after, now.after, joints, settings.share_removed):
         return False
-    if now.heldout_after is None:
+    if now.heldout_after is None or before.heldout_after is None:
         return True
     if not explains_enough(before.heldout_after, now.heldout_after, joints, settings.heldout_share_removed):
         return False
-    rest = check([item for position, item in enumerate(trial.members) if position != index]).heldout_after
+    rest = check(_without(trial.members, index)).heldout_after
+    if rest is None:
+        return True
     gain = float((rest.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
-    spread = float(np.sqrt((rest.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()))
-    return gain > -2.0 * spread
+    variance = (rest.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
+    return gain > -2.0 * float(np.sqrt(variance))
 
 
-def _repeatable(problem, library, result, trial, now, before, check, settings, unseen) -> list[Finding]:  # type: ignore[no-untyped-def]
+def _repeatable(
+    problem: Problem,
+    library: Library,
+    result: SearchResult,
+    trial: Trial,
+    now: _Check,
+    before: _Check,
+    check: _Checker,
+    settings: DiagnosisSettings,
+) -> list[Finding]:
+    """One finding per member that passed, with its alternatives and its held-out gain."""
     if not trial.members:
         return []
     screen = build_screen(problem, result.candidates)
@@ -157,26 +170,14 @@ def _repeatable(problem, library, result, trial, now, before, check, settings, u
     found = []
     for index, member in enumerate(trial.members):
         coefficients = now.extension.coefficients[index]
-        estimate = Estimate(
-            member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std
-        )
+        estimate = Estimate(member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std)
         others = alternatives(problem, trial, index, screen, library, settings)
         rows = _torque_of(member, coefficients, problem.n)
         joints = joints_of(member, rows)
         whitened = (rows * problem.weight).ravel()
-        energy = float(whitened @ whitened)
         visible = off(problem.basis, whitened)
-        gain = np.zeros(0)
-        if now.heldout_after is not None:
-            rest = check([item for position, item in enumerate(trial.members) if position != index])
-            gain = rest.heldout_after.rms_nm - now.heldout_after.rms_nm
-        curve, where = _place(problem, library.evidences[0], before.after, now.after, rows, visible, joints, trial, result)
-        sentence = member.effect.sentence(estimate)
-        if others:
-            sentence += " This data cannot tell it from " + ", ".join(_named(item.effect, item.joint) for item in others) + "."
-        if not unseen:
-            sentence += " Unconfirmed: no held-out recording was given."
-        names = [member.effect.name, *(item.effect for item in others)]
+        gain = _heldout_gain(check(_without(trial.members, index)), now)
+        curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result)
         found.append(
             Finding(
                 effect=member.effect.name,
@@ -185,15 +186,17 @@ def _repeatable(problem, library, result, trial, now, before, check, settings, u
                 coefficients=coefficients,
                 covariance=sure[index].covariance,
                 shape=member.shape,
-                absorbed_fraction=1.0 - float(visible @ visible) / max(energy, 1e-300),
+                absorbed_fraction=1.0 - float(visible @ visible) / max(float(whitened @ whitened), 1e-300),
                 score=scores[index],
                 significance=significance(scores[index], len(member.selection), len(result.candidates)),
-                sentence=sentence,
+                sentence=_sentence(member.effect.sentence(estimate), others, gain.size > 0),
                 where=where,
                 heldout_gain_nm=gain,
-                confirmed=None if not unseen else bool(gain[joints].max() > 0.0),
+                confirmed=None if gain.size == 0 else bool(gain[joints].max() > 0.0),
                 alternatives=others,
-                separating_experiment=separating_experiment(names) if others else None,
+                separating_experiment=separating_experiment([member.effect.name, *(item.effect for item in others)])
+                if others
+                else None,
                 share_removed=share_removed(before.after, now.after, joints)[0],
                 curve=curve,
             )
@@ -201,18 +204,43 @@ def _repeatable(problem, library, result, trial, now, before, check, settings, u
     return found
 
 
-def _place(problem, evidence, before, after, rows, visible, joints, trial, result):  # type: ignore[no-untyped-def]
+def _without(members: Sequence[Member], index: int) -> list[Member]:
+    return [item for position, item in enumerate(members) if position != index]
+
+
+def _heldout_gain(rest: _Check, now: _Check) -> FloatArray:
+    """(n,) Nm by which a member lowers the RMS of held-out recordings; empty without any."""
+    if rest.heldout_after is None or now.heldout_after is None:
+        return np.zeros(0)
+    return np.asarray(rest.heldout_after.rms_nm - now.heldout_after.rms_nm, dtype=np.float64)
+
+
+def _sentence(plain: str, others: Sequence[Alternative], checked: bool) -> str:
+    if others:
+        plain += " This data cannot tell it from " + ", ".join(_named(item.effect, item.joint) for item in others) + "."
+    return plain if checked else plain + " Unconfirmed: no held-out recording was given."
+
+
+def _place(
+    problem: Problem,
+    evidence: Evidence,
+    before: _Check,
+    now: _Check,
+    rows: FloatArray,
+    visible: FloatArray,
+    joints: Sequence[int],
+    result: SearchResult,
+) -> tuple[Curve, dict[str, Any]]:
     """Curve and `where` of a member on the joint it shows most, on the first evidence."""
     size = evidence.frequency.size
     shown = visible.reshape(problem.n, problem.rows) / np.where(problem.weight > 0.0, problem.weight, np.inf)
     joint = max(joints, key=lambda item: float(shown[item] @ shown[item]))
-    parts = np.stack([before.rows[joint, :size], after.rows[joint, :size], rows[joint, :size], shown[joint, :size]])
-    series = rows_to_time(evidence, parts.T).T
+    parts = (before.after.rows, now.after.rows, rows, shown)
+    series = rows_to_time(evidence, np.stack([part[joint, :size] for part in parts], axis=1)).T
     noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))
     curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2])
     where = where_of(evidence, result.before.power, joint, series[3], curve, share)
     where["joints"] = [item + 1 for item in joints]
-    del trial
     return curve, where
 
 
@@ -254,9 +282,5 @@ def _curve_over_periods(change: Change) -> Curve:
 
 
 def _named(effect: str, joint: int | None) -> str:
-    effect_named(effect)
     words = effect.replace("_", " ")
     return words if joint is None else f"{words} of joint {joint}"
-
-
-__all__ = ["Claims", "Role", "build_findings"]

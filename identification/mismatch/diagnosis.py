@@ -17,7 +17,6 @@ from identification.errors import EstimationError
 from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults
-from identification.mismatch.detection import band_power
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, with_parameters
 from identification.mismatch.extension import extend
@@ -83,8 +82,12 @@ def diagnose(
     claims = build_findings(problem, library, result, fitted, unseen, settings, physics=not _stops_physics(faults))
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
-    baseline = _baseline(residuals(nominal, fitted.evidences, library), band_power(result.before.problem).probability, claims)
-    diagnosis = summarise(problem, library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings)
+    baseline = _baseline(
+        residuals(nominal, fitted.evidences, library), band_power(result.before.problem).probability, claims
+    )
+    diagnosis = summarise(
+        problem, library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
+    )
     report("done", 1.0)
     return diagnosis
 

@@ -140,8 +140,9 @@ def uncertainties(
 def _tangents(
     nominal: Problem, extension: Extension, library: Library
 ) -> tuple[FloatArray, list[tuple[int, int | str]]]:
-    """Whitened columns of all coefficients and of all nonlinear parameters at the estimate, with what each belongs to."""
-    columns, labels = [], []
+    """Whitened columns of all coefficients and all nonlinear parameters at the estimate, and what each belongs to."""
+    columns: list[FloatArray] = []
+    labels: list[tuple[int, int | str]] = []
     motion = library.evidences[0].motion
     for index, (member, coefficients) in enumerate(zip(extension.members, extension.coefficients, strict=True)):
         columns.append(spread(nominal, member.rows.joints, member.used_rows()))
@@ -154,9 +155,7 @@ def _tangents(
     return (np.concatenate(columns, axis=1) if columns else np.zeros((0, 0))), labels
 
 
-def _slope(
-    member: Member, parameter: ShapeParameter, library: Library, coefficients: FloatArray
-) -> FloatArray | None:
+def _slope(member: Member, parameter: ShapeParameter, library: Library, coefficients: FloatArray) -> FloatArray | None:
     """Derivative of the member's torque rows by one nonlinear parameter, (len(joints), R)."""
     value = member.shape[parameter.name]
     step = SHAPE_STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension, prediction_variance, predicted
+from identification.mismatch.extension import Extension, predicted, prediction_variance
 from identification.mismatch.library import Library
 from identification.mismatch.problem import off
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -85,21 +86,23 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
     for _ in range(rounds if len(parameters) > 1 else 1):
         before = best_score
         for parameter in parameters:
-
-            def at(value: float, parameter: ShapeParameter = parameter) -> tuple[float, Member | None]:
-                shape = tuple((name, value if name == parameter.name else old) for name, old in best.rows.shape)
-                rows = library.rows(best.effect, best.place, shape)
-                if rows is None:
-                    return -math.inf, None
-                moved = Member(rows, best.selection)
-                return score_of(problem, moved), moved
-
+            at = partial(_moved, problem, library, best, parameter.name)
             score, moved = _best_near(at, parameter, best.shape[parameter.name])
             if moved is not None and score > best_score:
                 best, best_score = moved, score
         if best_score - before < 0.05:
             break
     return best
+
+
+def _moved(problem: Problem, library: Library, member: Member, name: str, value: float) -> tuple[float, Member | None]:
+    """The member with one nonlinear parameter set to a value, and its score."""
+    shape = tuple((key, value if key == name else old) for key, old in member.rows.shape)
+    rows = library.rows(member.effect, member.place, shape)
+    if rows is None:
+        return -math.inf, None
+    moved = Member(rows, member.selection)
+    return score_of(problem, moved), moved
 
 
 def _best_near(

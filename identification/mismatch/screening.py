@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +54,7 @@ def build_screen(problem: Problem, candidates: Sequence[EffectRows]) -> Screen:
     columns = np.concatenate([spread(problem, item.joints, item.rows) for item in candidates], axis=1)
     start = np.concatenate([[0], np.cumsum([item.coefficients for item in candidates])]).astype(np.int64)
     raw = np.einsum("ij,ij->j", columns, columns)
-    plain = tuple(columns[:, a:b].T @ columns[:, a:b] for a, b in zip(start[:-1], start[1:], strict=True))
+    plain = tuple(columns[:, a:b].T @ columns[:, a:b] for a, b in pairwise(start.tolist()))
     screen = Screen(problem, candidates, columns, start, plain, raw, np.zeros(columns.shape[1]))
     return narrowed(screen, problem.basis, problem)
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.detection import BandPower, band_power, inflation_of, whittle
+from identification.mismatch.effects.base import Place
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.refinement import Member, refine, score_of
@@ -157,9 +158,9 @@ def _best(trials: Sequence[Trial]) -> Trial:
     return max(trials, key=lambda trial: trial.likelihood)
 
 
-def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, object]]) -> list[Member]:
+def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]]) -> list[Member]:
     """The best candidates, one per effect and place, refined."""
-    chosen: dict[tuple[str, object], Member] = {}
+    chosen: dict[tuple[str, Place], Member] = {}
     best = 0.0
     for score, variant in gains(screen):
         rows = screen.candidates[variant.index]
@@ -183,7 +184,7 @@ def _pairs(
     screen: Screen,
     firsts: Sequence[Member],
     library: Library,
-    taken: set[tuple[str, object]],
+    taken: set[tuple[str, Place]],
     settings: DiagnosisSettings,
 ) -> list[tuple[Member, Member]]:
     """Each of the best candidates (refined or not) with the partner that gains most beside it."""

@@ -114,9 +114,7 @@ def _held_out(claims: Claims) -> HeldOut | None:
         return None
     square, deviation = after.rms_nm**2, after.excess_deviation
     interval = np.sqrt(np.maximum(np.column_stack([square - 1.96 * deviation, square + 1.96 * deviation]), 0.0))
-    return HeldOut(
-        before.rms_nm, after.rms_nm, interval, after.noise_floor_nm, before.excess_nm, after.excess_nm
-    )
+    return HeldOut(before.rms_nm, after.rms_nm, interval, after.noise_floor_nm, before.excess_nm, after.excess_nm)
 
 
 def _shift(problem: Problem, claims: Claims, regressor: BaseRegressor) -> tuple[ParameterShift, ...]:

@@ -80,10 +80,10 @@ def _own_score(
 
 
 def _contains(problem: Problem, larger: Member, smaller: Member) -> bool:
-    """Whether the smaller member is a special case of the larger one, off all that is fitted."""
+    """Whether the smaller member is a special case of the larger one with all its columns, off all that is fitted."""
     spaces = [
-        orthonormal(off(problem.basis, spread(problem, item.rows.joints, item.used_rows())), tolerance=1e-6)
-        for item in (smaller, larger)
+        orthonormal(off(problem.basis, spread(problem, item.rows.joints, rows)), tolerance=1e-6)
+        for item, rows in ((smaller, smaller.used_rows()), (larger, larger.rows.rows))
     ]
     return relation(spaces[0], spaces[1]).kind == "first_in_second"
 
