@@ -82,9 +82,7 @@ def diagnose(
     claims = build_findings(problem, library, result, fitted, unseen, settings, physics=not _stops_physics(faults))
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
-    baseline = _baseline(
-        residuals(nominal, fitted.evidences, library), band_power(result.before.problem).probability, claims
-    )
+    baseline = _baseline(residuals(nominal, fitted.evidences, library), result.before.power.probability, claims)
     diagnosis = summarise(
         problem, library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
     )
