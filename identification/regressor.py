@@ -30,7 +30,7 @@ INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""
 
 # Long enough that numpy's calls cost little, short enough that a link's arrays stay in a core's cache.
-CHUNK = 2000
+CHUNK = 1500
 _FIRST_WITHOUT_FORCE = 4
 _ALL_PARAMETERS = tuple(range(len(INERTIAL_SYMBOLS)))
 

@@ -114,6 +114,18 @@ def test_stacked_matrix_is_the_same_joint_by_joint(iiwa14_base: BaseRegressor) -
         np.testing.assert_array_equal(stacked[joint == index], matrix[:, index])
 
 
+def test_packed_columns_of_each_joint_are_those_of_the_matrix_and_leave_out_only_zeros(iiwa14: RobotModel) -> None:
+    base = BaseRegressor(iiwa14, RegressorOptions(rotor_inertia=True, offset=True))
+    generator = np.random.default_rng(13)
+    q, dq, ddq = (generator.uniform(-2.0, 2.0, (4101, 7)) for _ in range(3))
+    matrix = base.matrix(q, dq, ddq)
+    for rows, joints in base.joint_columns(q, dq, ddq):
+        for joint, (packed, positions) in enumerate(joints):
+            rebuilt = np.zeros((rows.stop - rows.start, base.size))
+            rebuilt[:, positions] = packed[:-1].T
+            np.testing.assert_array_equal(rebuilt, matrix[rows, joint])
+
+
 def test_rotor_inertia_of_joint_1_is_grouped_into_its_link_and_the_others_named(iiwa14: RobotModel) -> None:
     base = BaseRegressor(iiwa14, RegressorOptions(rotor_inertia=True, offset=True))
     assert "IA_1" not in base.names

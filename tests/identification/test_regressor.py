@@ -79,6 +79,35 @@ def test_random_chain_of_revolute_and_prismatic_joints_equals_pinocchio(n: int, 
     assert_equals_pinocchio(robot, seed=seed, samples=4)
 
 
+def random_tree(generator: np.random.Generator, n: int) -> RobotModel:
+    """Any parent, any axis, either joint type, any placement."""
+    joints = []
+    for joint in range(1, n + 1):
+        axis, offset, angles = (" ".join(map(str, values)) for values in generator.normal(size=(3, 3)))
+        kind = "prismatic" if generator.random() < 0.4 else "revolute"
+        joints.append(
+            f'<link name="l{joint}"/><joint name="{joint}" type="{kind}"><axis xyz="{axis}"/>'
+            f'<origin xyz="{offset}" rpy="{angles}"/><parent link="l{generator.integers(joint)}"/>'
+            f'<child link="l{joint}"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        )
+    return robot_from_urdf(f'<robot name="tree"><link name="l0"/>{"".join(joints)}</robot>', source="tree")
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 8), st.integers(0, 2**32 - 1))
+def test_random_tree_with_axes_in_general_position_equals_pinocchio(n: int, seed: int) -> None:
+    assert_equals_pinocchio(random_tree(np.random.default_rng(seed), n), seed=seed, samples=4)
+
+
+@pytest.mark.parametrize("angle", [np.pi, -np.pi, np.pi / 2, 0.0, 1e4])
+def test_angles_where_the_half_angle_formula_is_delicate_equal_pinocchio(iiwa14: RobotModel, angle: float) -> None:
+    generator = np.random.default_rng(5)
+    q = angle + generator.choice([0.0, 1e-12, -1e-9], (20, 7))
+    dq, ddq = generator.uniform(-2.0, 2.0, (2, 20, 7))
+    theirs = pinocchio_regressor(iiwa14, q, dq, ddq)
+    np.testing.assert_allclose(torque_regressor(iiwa14, q, dq, ddq), theirs, rtol=0.0, atol=2e-12)
+
+
 def test_chunks_join_without_a_seam(iiwa14: RobotModel) -> None:
     generator = np.random.default_rng(4)
     q, dq, ddq = (generator.uniform(-2.0, 2.0, (4017, 7)) for _ in range(3))
