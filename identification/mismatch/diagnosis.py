@@ -72,19 +72,26 @@ def diagnose(
         fitted.evidences, fitted.torque, [(change.evidence, change.mean_columns) for change in fitted.changes]
     )
     library = Library(EFFECTS, fitted.evidences)
-    candidates, inactive = library.candidates()
-    result = search(problem, library, candidates, settings)
+
+    def renewed(values: FloatArray) -> Library:
+        base = values[: regressor.size]
+        return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in fitted.evidences))
+
+    inactive = library.candidates()[1]
+    result = search(problem, library, renewed, settings)
     report("held-out check", 0.8)
     unseen = None
     if heldout:
-        values = extend(problem, ()).base[: regressor.size]
+        values = extend(problem, result.trial.members).base[: regressor.size]
         unseen = _prepare([_upright(item, faults) for item in heldout], robot, regressor, settings, values)
-    claims = build_findings(problem, library, result, fitted, unseen, settings, physics=not _stops_physics(faults))
+    claims = build_findings(
+        problem, result.library, result, fitted, unseen, settings, physics=not _stops_physics(faults)
+    )
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
     baseline = _baseline(residuals(nominal, fitted.evidences, library), result.before.power.probability, claims)
     diagnosis = summarise(
-        problem, library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
+        problem, result.library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
     )
     report("done", 1.0)
     return diagnosis

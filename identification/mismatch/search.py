@@ -8,7 +8,7 @@ diagnosis; decides nothing about words.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from identification.mismatch.detection import BandPower, band_power, inflation_of, whittle
 from identification.mismatch.effects.base import Place
+from identification.mismatch.extension import extend
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.refinement import Member, refine, score_of
@@ -30,6 +31,11 @@ LOOK_AHEAD = 12
 """Candidates whose best partner is looked for where no single one is enough."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
+MOST_RENEWALS = 4
+WORTH_RENEWING = 4.0
+"""Whitened squares that a new nominal torque must save."""
+
+Renewal = Callable[[FloatArray], Library]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +56,15 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """What the search settled on. scores: per member, what is lost without it. before: the nominal problem."""
+    """What the search settled on. scores: per member, what is lost without it. before: the nominal problem.
+
+    library, candidates: those of the last nominal torque.
+    """
 
     trial: Trial
     scores: tuple[float, ...]
     before: Trial
+    library: Library
     candidates: Sequence[EffectRows]
 
 
@@ -69,11 +79,15 @@ def fitted(nominal: Problem, members: Sequence[Member], settings: DiagnosisSetti
     return Trial(tuple(members), problem, power, complete, whittle(power))
 
 
-def search(
-    nominal: Problem, library: Library, candidates: Sequence[EffectRows], settings: DiagnosisSettings
-) -> SearchResult:
-    """Forward steps until nothing more is gained, exchange of members, then pruning by the regime that holds."""
+def search(nominal: Problem, library: Library, renewed: Renewal, settings: DiagnosisSettings) -> SearchResult:
+    """Forward steps until nothing more is gained, exchange of members, then pruning by the regime that holds.
+
+    renewed: the library seen from other base parameters. The torque that gains, delays and loads act on is that of the
+    nominal fit, which an effect that is not yet modelled bends; after each step it is taken from the extended fit, if
+    the members then explain more.
+    """
     before = fitted(nominal, (), settings)
+    candidates = library.candidates()[0]
     screen = build_screen(nominal, candidates)
     trial = before
     while len(trial.members) < settings.largest_findings:
@@ -82,8 +96,33 @@ def search(
             break
         trial = _polished(nominal, step, library, settings)
         trial = _exchanged(nominal, trial, screen, library, settings)
+        known = library
+        trial, library = _seen_anew(nominal, trial, library, renewed, settings)
+        if library is not known:
+            candidates = library.candidates()[0]
+            screen = build_screen(nominal, candidates)
     trial, scores = pruned(nominal, trial, settings)
-    return SearchResult(trial, scores, before, candidates)
+    return SearchResult(trial, scores, before, library, candidates)
+
+
+def _seen_anew(
+    nominal: Problem, trial: Trial, library: Library, renewed: Renewal, settings: DiagnosisSettings
+) -> tuple[Trial, Library]:
+    """The members on the torque of the extended fit, in turns, as long as that explains clearly more."""
+    for _ in range(MOST_RENEWALS):
+        other = renewed(extend(nominal, trial.members).base)
+        members = []
+        for member in trial.members:
+            rows = other.rows(member.effect, member.place, member.rows.shape)
+            if rows is None:
+                return trial, library
+            members.append(Member(rows, member.selection))
+        again = fitted(nominal, members, settings)
+        if again.squares > trial.squares - WORTH_RENEWING:
+            break
+        library = other
+        trial = _polished(nominal, again, library, settings, alone=True)
+    return trial, library
 
 
 def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
@@ -222,9 +261,11 @@ def _pairs(
     return refined
 
 
-def _polished(nominal: Problem, trial: Trial, library: Library, settings: DiagnosisSettings) -> Trial:
-    """Nonlinear parameters of all members refined beside each other."""
-    if len(trial.members) < 2:
+def _polished(
+    nominal: Problem, trial: Trial, library: Library, settings: DiagnosisSettings, *, alone: bool = False
+) -> Trial:
+    """Nonlinear parameters of all members refined beside each other; of a single one only when asked for."""
+    if len(trial.members) < 2 and not alone:
         return trial
     members = list(trial.members)
     for index, member in enumerate(members):
