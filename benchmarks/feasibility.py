@@ -38,7 +38,7 @@ def main() -> int:
     base, truth, deviation = experiment.base, experiment.truth, experiment.deviation
     rules = rules_for(experiment.robot)
     print(
-        "Nearest physical robot to Table 2 (noise-free), RMS in Nm: joints 1 … 7, sum, pooled; lower bound (in the weights)"
+        "Nearest physical robot to Table 2 (noise-free), RMS in Nm: joints 1 … 7, sum, pooled; bound (in the weights)"
     )
     for label, chosen, weights in (
         ("matter only", None, None),

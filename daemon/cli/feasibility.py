@@ -1,4 +1,4 @@
-"""The command `feasibility`: can any robot have a model's base parameters, and how far away is the nearest that exists."""
+"""The command `feasibility`: can any robot have a model's base parameters, and how far away is the nearest."""
 
 from __future__ import annotations
 

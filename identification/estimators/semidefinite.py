@@ -277,10 +277,21 @@ class _ConicProgram:
         )
 
     def settle(self, what: str, optimum: _ConicSolution, price: FloatArray) -> _ConicSolution:
-        """Of all points whose cost is within 1e-6 of the optimum's, the one with the smallest price · x."""
+        """Of all points whose cost is within 1e-6 of the optimum's, the one with the smallest price · x.
+
+        Where the solver cannot work in so thin a shell, within 1e-5, 1e-4, 1e-3.
+        """
+        for widening in (1.0, 10.0, 100.0):
+            try:
+                return self._settle(what, optimum, price, widening * _SETTLING_TOLERANCE)
+            except SolverError:
+                continue
+        return self._settle(what, optimum, price, 1000.0 * _SETTLING_TOLERANCE)
+
+    def _settle(self, what: str, optimum: _ConicSolution, price: FloatArray, tolerance: float) -> _ConicSolution:
         size, p = len(self._centre), len(self._image)
         cone_rows = np.vstack([np.zeros(size + p), np.hstack([np.zeros((p, size)), -np.eye(p)])])
-        radius = np.append(np.sqrt(optimum.excess + _SETTLING_TOLERANCE * max(1.0, optimum.excess)), np.zeros(p))
+        radius = np.append(np.sqrt(optimum.excess + tolerance * max(1.0, optimum.excess)), np.zeros(p))
         solution = self._run(
             what,
             np.zeros(size + p),
