@@ -21,6 +21,7 @@ from identification.mismatch.changes import (
     find_drift,
     find_payload,
     find_thermal,
+    without_outliers,
 )
 from identification.mismatch.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Effect, Estimate
@@ -100,7 +101,7 @@ def _search(
     number: int, evidence: Evidence, effects: Sequence[Effect], settings: BetweenPeriodsSettings
 ) -> list[Change]:
     contrasts = Contrasts(evidence)
-    whole = contrasts.z
+    contrasts.z = whole = without_outliers(contrasts)
     closed = _Closed()
     claimed: list[Candidate] = []
     bound = float(np.log10(settings.false_alarm))

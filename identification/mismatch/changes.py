@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize, minimize_scalar
+from scipy.stats import chi2
 
 from identification.mismatch.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Place
@@ -31,6 +32,8 @@ COURSE_MARGIN = 8.0
 POINT_MARGIN = 14.0
 """A contact at a free point of another link must gain this much more than one on the last link's axis."""
 LARGEST_ARM_M = 0.5
+OUTLIER_GAIN = 30.0
+OUTLIER_PASSES = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +67,7 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
     gains = (weights @ contrasts.z[:, 0]) ** 2
     gains[:, list(closed)] = 0.0
     joint = int(np.unravel_index(np.argmax(gains), gains.shape)[1])
-    if gains[:, joint].max() <= 0.0:
+    if _hopeless(float(gains[:, joint].max()), 1, gains.size):
         return None
     place = Place(joint=joint + 1)
     best: dict[int, tuple[dict[str, float], Fit]] = {}
@@ -112,7 +115,7 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
             if best is None or gain > best[0]:
                 best = (gain, place, time)
                 rests[place] = float(np.sum(seen**2)) - gain
-    if best is None:
+    if best is None or _hopeless(best[0], 2, len(places) * len(parameter.grid)):
         return None
     _, place, time = best
     bounds = (parameter.lower, parameter.upper)
@@ -142,6 +145,8 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         gain = float(right @ solve(gram, right)[0])
         if gain > best_gain:
             best_gain, best_step = gain, step
+    if _hopeless(best_gain, 4, 8.0 * contrasts.periods):
+        return None
     shape = {"time_s": float(starts[best_step])}
     period = float(starts[1] - starts[0])
     last = float(starts[-1] + motion.time[-1])
@@ -186,7 +191,8 @@ def find_contact(
     best: tuple[float, Place, dict[str, float]] | None = None
     for place in reversed(effect.places(contrasts.motion)):
         gain, point = _best_point(contrasts, effect, place, shape)
-        if best is None or gain > best[0] + (POINT_MARGIN if best[1].link == contrasts.motion.n else 3.0):
+        margin = POINT_MARGIN + 0.02 * gain if best is not None and best[1].link == contrasts.motion.n else 3.0
+        if best is None or gain > best[0] + margin:
             best = (gain, place, point)
     assert best is not None
     _, place, point = best
@@ -216,7 +222,7 @@ def _scan_windows(
     grid = 4 * lines
     position = np.arange(grid) * period / grid
     keep = 1.0 - 1.0 / contrasts.periods
-    best: tuple[float, float, float, FloatArray, int, int] | None = None
+    best: tuple[float, float, float, FloatArray, int, float] | None = None
     tests = 0.0
     for duration in CONTACT_DURATIONS_S:
         if duration > 0.3 * period or duration < 4.0 * motion.sampling_period_s:
@@ -226,10 +232,11 @@ def _scan_windows(
         turned = _turned(rows[None], contrasts.ramp[None], grid)[0]
         norm = np.maximum((rows**2).sum(axis=0) - turned**2, 1e-300) * keep
         gains = _turned(rows[None], contrasts.z, grid) ** 2 / norm
-        others = (gains.sum(axis=0) - gains) / max(1, contrasts.periods - 1)
+        # Scatter of the same window in the other periods, about their own mean.
+        others = (gains.sum(axis=0) - gains * (1.0 + 1.0 / (contrasts.periods - 1))) * keep
         by_link = np.cumsum(gains, axis=2)
         freedom = np.arange(1, evidence.n + 1)
-        value = (by_link - 2.0 * freedom - 2.0 * np.sqrt(freedom)) if evidence.n else by_link
+        value = by_link - 2.0 * freedom - 2.0 * np.sqrt(freedom)
         begin = motion.start_s[:, None] + position
         for low, high in closed:
             value[(begin + duration > low) & (begin < high)] = -np.inf
@@ -242,13 +249,15 @@ def _scan_windows(
                 duration,
                 others[where[:2]],
                 int(where[2]),
-                int(where[0]),
+                float(by_link[where]),
             )
     if best is None or not np.isfinite(best[0]):
         return None
-    _, start, duration, others_there, joint, _ = best
-    usual = float(others_there[: joint + 1].sum()) * (contrasts.periods - 1)
-    return start, duration, tests, _dispersion(usual, (joint + 1) * (contrasts.periods - 1))
+    _, start, duration, others_there, joint, gain_there = best
+    if _hopeless(gain_there, joint + 1, tests):
+        return None
+    dispersion = _dispersion(float(others_there[: joint + 1].sum()), (joint + 1) * (contrasts.periods - 2))
+    return start, duration, tests, dispersion
 
 
 def _turned(rows: FloatArray, z: FloatArray, grid: int) -> FloatArray:
@@ -257,6 +266,46 @@ def _turned(rows: FloatArray, z: FloatArray, grid: int) -> FloatArray:
     data = z[:, 1::2] + 1j * z[:, 2::2]
     spectrum = np.concatenate([2.0 * rows[:, :1] * z[:, :1] + 0j, np.conj(window) * data], axis=1)
     return np.asarray(np.fft.irfft(spectrum, n=grid, axis=1) * (grid / 2.0), dtype=np.float64)
+
+
+def without_outliers(contrasts: Contrasts) -> FloatArray:
+    """The contrasts without single samples that stand out: they are faults of the data and look like short pushes.
+
+    A sample counts as one when a sudden jerk there explains more than any push of CONTACT_DURATIONS_S[0] around it.
+    """
+    motion, evidence = contrasts.motion, contrasts.evidence
+    z = contrasts.z.copy()
+    lines = (len(evidence.frequency) - 1) // 2
+    grid = 16 * lines
+    period = motion.samples * motion.sampling_period_s
+    near = round(CONTACT_DURATIONS_S[0] / period * grid)
+    single = np.zeros(motion.samples)
+    single[0] = 1.0
+    push = np.where(motion.time < CONTACT_DURATIONS_S[0], np.sin(np.pi * motion.time / CONTACT_DURATIONS_S[0]), 0.0)
+    jerk, window = (contrasts.weight * evidence.project(shape[:, None]) for shape in (single, push))
+    angle = 2.0 * np.pi / grid * np.arange(1, lines + 1)
+    for _ in range(OUTLIER_PASSES):
+        gains = _turned(jerk[None], z, grid) / (jerk**2).sum(axis=0)
+        power = gains**2 * (jerk**2).sum(axis=0)
+        at = power.argmax(axis=1)
+        periods, joints = np.nonzero(power.max(axis=1) > OUTLIER_GAIN)
+        if not periods.size:
+            break
+        pushed = _turned(window[None], z, grid) ** 2 / (window**2).sum(axis=0)
+        found = False
+        for k, j in zip(periods, joints, strict=True):
+            place = int(at[k, j])
+            around = np.arange(place - 2 * near, place + near) % grid
+            if pushed[k, around, j].max() > power[k, place, j]:
+                continue
+            turn = np.exp(-1j * angle * place)
+            spectrum = (jerk[1::2, j] + 1j * jerk[2::2, j]) * turn
+            rows = np.concatenate([jerk[:1, j], np.stack([spectrum.real, spectrum.imag], axis=1).ravel()])
+            z[k, :, j] -= gains[k, place, j] * rows
+            found = True
+        if not found:
+            break
+    return np.asarray(z - z.mean(axis=0), dtype=np.float64)
 
 
 def _refine_window(contrasts: Contrasts, effect: ExternalContact, start: float, duration: float) -> dict[str, float]:
@@ -300,8 +349,12 @@ def _search(
         }
 
     simplex = np.vstack([np.zeros(4), step * np.eye(4)])
-    options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2}
-    result = minimize(lambda x: -gain_of(unpack(x)), np.zeros(4), method="Nelder-Mead", options=options)
+    result = minimize(
+        lambda x: -gain_of(unpack(x)),
+        np.zeros(4),
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2},
+    )
     return unpack(result.x) if -result.fun > gain_of(shape) else shape
 
 
@@ -342,7 +395,10 @@ def _best_point(
         point, gain = float(result.x) * axis, -float(result.fun)
     else:
         best = minimize(
-            lambda p: -gain_at(p), np.full(3, 0.05), method="L-BFGS-B", bounds=3 * [(-LARGEST_ARM_M, LARGEST_ARM_M)]
+            lambda p: -gain_at(p),
+            np.array([0.05, 0.05, 0.05]),
+            method="L-BFGS-B",
+            bounds=3 * [(-LARGEST_ARM_M, LARGEST_ARM_M)],
         )
         point, gain = np.asarray(best.x), -float(best.fun)
     return gain, {f"point_{axis}_m": float(point[i]) for i, axis in enumerate("xyz")}
@@ -409,6 +465,11 @@ def _spread(
         if step > abs(value) and value != 0.0:
             break
     return {name: float("nan")}
+
+
+def _hopeless(gain: float, dof: int, tests: float) -> bool:
+    """Whether a refinement, which adds at most a half to a scan's gain, cannot make it significant."""
+    return bool(chi2.logsf(1.5 * gain + 4.0, dof) + np.log(tests) > -2.0)
 
 
 def _dispersion(squares: float, freedom: int) -> float:
