@@ -47,11 +47,14 @@ def build_block(
     signals: ProcessedSignals, regressor: BaseRegressor, split: Split | None, start_s: float, duration_s: float
 ) -> Block | None:
     """Project the regressor columns like the torque and sort the rows; None if no row is left to fit or to hold out."""
-    time_columns = regressor.matrix(signals.position, signals.velocity, signals.acceleration)
+    stacked, _ = regressor.stacked(signals.position, signals.velocity, signals.acceleration)
+    # (S, n, p) as a view whose columns lie in memory one after the other, as the operators read them.
+    time_columns = stacked.T.reshape(regressor.size, signals.n, -1).T
     torque = signals.project(signals.torque)
-    columns = np.empty((*torque.shape, regressor.size))
+    columns = np.zeros((*torque.shape, regressor.size))
     for joint in range(signals.n):  # joint by joint: the tall array is never copied whole
-        columns[:, joint] = signals.project(time_columns[:, joint])
+        used = np.flatnonzero(time_columns[:, joint].any(axis=0))
+        columns[:, joint, used] = signals.project(time_columns[:, joint, used])
     fitted = signals.used.copy()
     held_out = np.zeros_like(fitted)
     if split is not None and signals.row_time is not None:
