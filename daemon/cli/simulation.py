@@ -85,7 +85,7 @@ def simulate(
         str, typer.Option("--controller", help="computed_torque (the paper's), position or impedance.")
     ] = "computed_torque",
     bandwidth: Annotated[
-        float | None, typer.Option("--bandwidth", help="Hz, critically damped; default: 2 (position: 8).")
+        float | None, typer.Option("--bandwidth", help="Hz, critically damped; default: 10 (position: 8).")
     ] = None,
     stiffness: Annotated[float | None, typer.Option("--stiffness", help="Of impedance, Nm/rad; default 300.")] = None,
     parameters: ParametersOption = "physical",
@@ -132,7 +132,7 @@ def simulate(
     for name, values in positions.items():
         data(f"{name:<{width}s}" + "".join(f"{1e3 * value:10.3f}" for value in values))
     if float(positions["simulated minus commanded"].max()) > _BADLY_FOLLOWED:
-        message("The simulated arm follows badly: friction, which the controller neglects, wins. Raise --bandwidth.")
+        message("The simulated arm follows badly: the controller neglects friction. Raise --bandwidth or --stiffness.")
     data("RMS of torque differences per joint, Nm:")
     data(comparison.torque_rms().text())
     for name, file in (("Figure", figure), ("Series", out)):

@@ -16,6 +16,9 @@ from identification.robots import RobotModel
 
 TIME_STEP_S = 0.001
 
+_HARD_FRICTION = (f"{2.0 * TIME_STEP_S!r} 1.0", "0.9999 0.9999 0.001 0.5 2.0")
+"""As hard as MuJoCo's dry friction gets at this step: by default it is so soft that a light wrist hardly feels it."""
+
 
 def write_mjcf(
     arm: Arm, urdf: ElementTree.Element, robot: RobotModel, parameters: ModelParameters
@@ -51,6 +54,8 @@ def write_mjcf(
             damping=number(physical.viscous[index]),
             frictionloss=number(physical.coulomb[index]),
             armature=number(parameters.rotor_inertia[index]),
+            solreffriction=_HARD_FRICTION[0],
+            solimpfriction=_HARD_FRICTION[1],
         )  # fmt: skip
         lower, upper = robot.position_lower[index], robot.position_upper[index]
         if math.isfinite(lower) and math.isfinite(upper):

@@ -41,7 +41,10 @@ _FRICTION_NOTES = {
         "Drake uses damping and ignores friction.",
         "Gazebo's world has 9.8 m/s² unless told otherwise: set <gravity>0 0 -9.81</gravity> in yours.",
     ),
-    "mjcf": ("damping and frictionloss hold viscous and Coulomb friction; MuJoCo knows no velocity limits.",),
+    "mjcf": (
+        "damping and frictionloss hold viscous and Coulomb friction, the latter as hard as steps of 1 ms allow. MuJoCo "
+        "knows no velocity limits, and meshes stay behind.",
+    ),
 }
 _ROTOR_NOTES = {
     "urdf": "Rotor inertia stands in drake:rotor_inertia (Drake). Elsewhere URDF has no place for it: set armature "

@@ -39,7 +39,8 @@ def motor_inertia_of(robot: RobotModel, parameters: ModelParameters) -> tuple[Fl
     prior = np.where(np.isfinite(rated) & robot.kinematics.revolute, INERTIA_PER_TORQUE * rated, own)
     values = np.where(identified > 0.0, identified, prior)
     listed = ", ".join(f"{value:.3g}" for value in values)
+    origin = "from rated torque" if np.isfinite(rated).all() else "where no rated torque is stated, as the links' own"
     return values, (
-        f"Motor inertias are no identified numbers but a prior ({listed} kg m², from rated torque): they move the "
-        "simulated arm and are not in its measured torque."
+        f"Motor inertias are no identified numbers but a prior ({listed} kg m²; {origin}): they move the simulated arm "
+        "and are not in its measured torque."
     )

@@ -48,7 +48,7 @@ def test_the_true_model_leaves_noise_and_the_loop_adds_what_friction_costs(
     recorded: tuple[Recording, ModelParameters],
 ) -> None:
     recording, parameters = recorded
-    comparison = compare_with_recording(recording, load_robot("iiwa14"), parameters, ComputedTorque(), SETTINGS)
+    comparison = compare_with_recording(recording, load_robot("iiwa14"), parameters, ComputedTorque(2.0), SETTINGS)
     rms = comparison.torque_rms()
     assert rms.row("measured minus inverse dynamics").rms_nm == pytest.approx(NOISE / np.sqrt(2.0), rel=0.1)
     assert comparison.noise_floor_nm == pytest.approx(NOISE / np.sqrt(2.0), rel=0.1)
