@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
-from identification.mismatch.effects.dynamics import across, rigid_torque
+from identification.mismatch.effects.dynamics import across, hidden_moments, rigid_torque
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
 
@@ -19,13 +19,15 @@ FloatArray = npt.NDArray[np.float64]
 class BendingCrosstalk(OwnJointEffect):
     """c₁ M_x + c₂ M_y, the moments across the axis of the wrench between the joint's two links, in the link's frame.
 
-    Columns follow the link parameters of the fit; what these leave undetermined (a mass on the axis, say) shifts the
-    moments by little more than a constant.
+    Two parameters of the link are hidden from every joint torque but not from these moments: its first moment along
+    the joint's axis and its equal inertia across it, which the fit may as well give to the link before. They are
+    searched on top of what the fitted parameters have: without them the columns of an iiwa's joint 5 have a cosine of
+    0.5 with the truth, with them of 1.
     """
 
     name = "bending_crosstalk"
     code = "bend"
-    equation = "τ_j = c₁ M_x,j + c₂ M_y,j"
+    equation = "τ_j = c₁ M_x,j + c₂ M_y,j, M_j with μ z × a_j of the hidden first moment μ"
     source = "Lee, Kim, Song, calibration of joint torque sensors with crosstalk compensation, 2010"
     units = ("1", "1")
     plausible = "0.2 to 2 %"
@@ -33,10 +35,22 @@ class BendingCrosstalk(OwnJointEffect):
     separating_experiment = "Press on the arm at rest with a known force and lever, so that one moment acts at a time."
     revolute_only = True
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The hidden first moment and the hidden inertia; their range follows the links' largest first moment."""
+        del place
+        first_moments = motion.full_parameters.reshape(motion.n, -1)[:, 1:4]
+        largest = max(float(np.abs(first_moments).max()), 1e-3)
+        grid = tuple(share * largest for share in (-1.0, -0.5, -0.15, 0.0, 0.15, 0.5, 1.0))
+        widest = 0.25 * largest
+        return (
+            ShapeParameter("hidden_moment", "kg m", grid, -1.5 * largest, 1.5 * largest, logarithmic=False),
+            ShapeParameter("hidden_inertia", "kg m²", (0.0,), -widest, widest, logarithmic=False),
+        )
+
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """The two moments."""
-        del shape
-        moment = rigid_torque(motion).moment[:, joint]
+        hidden = np.array([shape["hidden_moment"], shape["hidden_inertia"]])
+        moment = rigid_torque(motion).moment[:, joint] + hidden_moments(motion, joint) @ hidden
         return np.asarray(moment @ across(motion.robot.kinematics.axis[joint]).T)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

@@ -56,8 +56,25 @@ def once_per_motion(compute: Callable[[Motion], Result]) -> Callable[[Motion], R
 @once_per_motion
 def rigid_torque(motion: Motion) -> RigidTorque:
     """Torques and joint moments of the rigid links alone: no friction, smooth."""
-    chain = _Chain(motion)
-    return chain.backward(chain.forward(motion.velocity, motion.acceleration, motion.robot.gravity))
+    return _Chain(motion).backward(_links(motion))
+
+
+@once_per_motion
+def _links(motion: Motion) -> list[_Link]:
+    return _Chain(motion).forward(motion.velocity, motion.acceleration, motion.robot.gravity)
+
+
+def hidden_moments(motion: Motion, joint: int) -> FloatArray:
+    """Moment about a joint per unit of the two parameters behind it that no joint torque tells from those before it.
+
+    A first moment along the joint's own axis z (1 kg m) and equal inertia about the two axes across it (1 kg m²): both
+    look the same whether link j or the link before carries them, Khalil's regrouping of MZ_j and YY_j. (S, 3, 2) Nm in
+    the link's frame.
+    """
+    axis, link = motion.robot.kinematics.axis[joint][:, None], _links(motion)[joint]
+    round_inertia = np.eye(3) - axis @ axis.T
+    inertial = round_inertia @ link.alpha + _cross(link.omega, round_inertia @ link.omega)
+    return np.stack([_cross(axis, link.linear).T, inertial.T], axis=-1)
 
 
 @once_per_motion
@@ -69,8 +86,8 @@ def torque_derivatives(motion: Motion) -> TorqueDerivatives:
     n, gravity, step = motion.n, motion.robot.gravity, 1e-6
     result = TorqueDerivatives(*(np.empty((motion.samples, n, n)) for _ in range(3)))
     chain = _Chain(motion)
-    reference = chain.forward(motion.velocity, motion.acceleration, gravity)
-    torque = chain.backward(reference).torque
+    reference = _links(motion)
+    torque = rigid_torque(motion).torque
     for joint in range(n):
         unit = np.zeros(n)
         unit[joint] = 1.0
