@@ -75,7 +75,8 @@ class _LineProcess:
     def close(self) -> None:
         """End the child by closing its input."""
         if self._child.stdin is not None:
-            self._child.stdin.close()
+            with contextlib.suppress(BrokenPipeError):
+                self._child.stdin.close()
         self._child.wait()
 
 

@@ -45,8 +45,9 @@ class CaseScore:
     """How one case fared.
 
     claimed: effect names of all findings, best first. extras: findings that answer no hidden effect; misnamed: how many
-    of them stand for one that got no answer, the others are spurious. detected: whether any misfit was reported. right: for structural cases and common lags, whether the answer was the only right
-    one. removed: share of the held-out excess energy that the findings removed, None where there is none to remove.
+    of them stand for one that got no answer, the others are spurious. detected: whether any misfit was reported. right:
+    for structural cases and common lags, whether the answer was the only right one. removed: share of the held-out
+    excess energy that the findings removed, None where there is none to remove.
     """
 
     group: str

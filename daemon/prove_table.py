@@ -17,11 +17,22 @@ from scipy.stats import beta
 
 from daemon.prove_score import CaseScore, EffectScore
 
-__all__ = ["Rate", "Target", "confusion", "family_rows", "negatives", "summary", "targets", "visibility_for"]
+__all__ = [
+    "Rate",
+    "Target",
+    "confusion",
+    "family_rows",
+    "negatives",
+    "summary",
+    "targets",
+    "visibility_for",
+    "wrong_answers",
+]
 
 ORACLE_VISIBLE = 24.0
 STRONG = 100.0
 VERY_STRONG = 1000.0
+WORTH_A_LOOK = 60.0
 NOTHING_HIDDEN = ("negative", "decoy", "background")
 LIBRARY_FORMS = ("library", "first_order_lag")
 NO_NAME = "no name"
@@ -200,6 +211,32 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
         "seconds_median": _percentile(seconds, 50),
         "seconds_largest": max(seconds, default=math.nan),
     }
+
+
+def wrong_answers(cases: Sequence[tuple[int, CaseScore]]) -> list[str]:
+    """One line for each case, by its number, that names wrongly, too much, or not although λ ≥ 60."""
+    lines = []
+    for index, score in cases:
+        missed = [
+            effect
+            for effect in score.effects
+            if score.group not in ("outside", "structural")
+            and not effect.named
+            and effect.partial_visibility >= WORTH_A_LOOK
+        ]
+        if not (missed or score.extras or score.right is False or score.failed):
+            continue
+        hidden = ", ".join(
+            f"{effect.family}{'' if effect.form == 'library' else ' ' + effect.form} λ {effect.visibility:.3g}"
+            for effect in score.effects
+        )
+        claimed = ", ".join(
+            name if joint is None else f"{name} J{joint}"
+            for name, joint in zip(score.claimed, score.claimed_joints, strict=True)
+        )
+        answer = score.failed or claimed or NO_NAME
+        lines.append(f"case {index} {score.group} {score.kind} [{score.excitation}]: {hidden or 'nothing'} → {answer}")
+    return lines
 
 
 def targets(figures: Mapping[str, Any]) -> list[Target]:

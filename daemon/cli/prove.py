@@ -12,7 +12,7 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.prove_table import NO_NAME, Rate, confusion, family_rows, negatives, summary, targets
+from daemon.prove_table import NO_NAME, Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
 
 
 @app.command()
@@ -64,9 +64,9 @@ def prove(
     if wants_json_on_stdout(json_file):
         return
     show_proof(scores, figures)
-    wrong = [case for case in proven if case.error is not None]
-    for case in wrong[:20]:
-        message(f"case {case.index} (seed {seed}) could not be diagnosed: {case.error}")
+    data("Wrong, superfluous or missing (λ ≥ 60) names:")
+    for line in wrong_answers([(case.index, case.score) for case in proven]) or ["none"]:
+        data(f"  {line}")
     data(f"One of these cases again: python -m fixtures.cases --seed {seed} --case I --out DIR")
 
 

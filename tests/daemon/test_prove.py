@@ -1,0 +1,272 @@
+"""Claims about the proof: what is scored as right, that the diagnosing side is blind, that a seal binds."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon import prove as proof
+from daemon.errors import ProofProcessError, SealBrokenError
+from daemon.prove_score import CaseScore, score_case
+from daemon.prove_table import Rate, confusion, negatives, summary, targets, visibility_for, wrong_answers
+from fixtures.cases.plan import plan_of
+
+TUNING_SEED = 21
+
+
+def unheard(name: str, commitment: str) -> None:
+    """Where nobody listens to what is published."""
+
+
+def truth(effect: str = "load_dependent_friction", joint: int | None = 2, **changes: Any) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "family": "loadf",
+        "joint": joint,
+        "link": None,
+        "other_joint": None,
+        "visible_joints": [] if joint is None else [joint],
+        "covered_by": [],
+        "form": "library",
+        "amplitude": {"name": "friction_per_load", "value": 0.02},
+        "lambda": 2000.0,
+        "partial_lambda": 2000.0,
+        "acceptable": [effect],
+        **changes,
+    }
+
+
+def label(*truths: dict[str, Any], group: str = "single", kind: str = "") -> dict[str, Any]:
+    return {"group": group, "kind": kind, "motions": {"A": ["paper", 0]}, "effects": list(truths)}
+
+
+def finding(effect: str = "load_dependent_friction", joint: int | None = 2, **changes: Any) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "joint": joint,
+        "link": None,
+        "score": 50.0,
+        "parameters": {"friction_per_load": {"value": 2.02, "std": 0.02, "unit": "%"}},
+        "alternatives": [],
+        "separating_experiment": "Repeat with a payload.",
+        **changes,
+    }
+
+
+def diagnosis(*findings: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    return {
+        "baseline": {"detected": [bool(findings)] * 7},
+        "findings": list(findings),
+        "not_identifiable_here": [],
+        "heldout": {"rms_before_nm": [0.5], "rms_after_nm": [0.3], "noise_floor_nm": [0.3]},
+        **changes,
+    }
+
+
+def scored(case: dict[str, Any], answer: dict[str, Any] | None) -> CaseScore:
+    return score_case(case, answer, 1.0)
+
+
+def test_a_perfect_answer_is_named_measured_and_without_extras() -> None:
+    score = scored(label(truth()), diagnosis(finding()))
+    (effect,) = score.effects
+    assert (effect.named, effect.in_set, effect.placed, score.extras) == (True, True, True, 0)
+    assert effect.amplitude_error == pytest.approx(0.01)
+    assert effect.covered is True
+    assert score.removed == pytest.approx(1.0)
+
+
+def test_an_empty_answer_names_nothing_and_is_no_false_name() -> None:
+    score = scored(label(truth()), diagnosis())
+    assert not score.effects[0].in_set
+    assert not score.detected
+    assert score.extras == 0
+
+
+@pytest.mark.parametrize("answer", [finding("stribeck_friction", 2), finding(joint=3)])
+def test_a_wrong_name_or_joint_is_wrong_but_stands_for_the_effect_it_missed(answer: dict[str, Any]) -> None:
+    score = scored(label(truth()), diagnosis(answer))
+    assert not score.effects[0].named
+    assert score.effects[0].placed == (answer["joint"] == 2)
+    assert (score.extras, score.misnamed) == (1, 1)
+
+
+def test_an_extra_beside_the_right_answer_is_spurious() -> None:
+    score = scored(label(truth()), diagnosis(finding(), finding("torque_offset", 5, score=1.0)))
+    assert score.effects[0].named
+    assert (score.extras, score.misnamed) == (1, 0)
+
+
+def test_a_set_that_holds_the_truth_counts_as_a_set_only() -> None:
+    alternatives = [{"effect": "load_dependent_friction", "joint": 2}]
+    score = scored(label(truth()), diagnosis(finding("position_dependent_friction", 2, alternatives=alternatives)))
+    assert (score.effects[0].named, score.effects[0].in_set, score.extras) == (False, True, 0)
+
+
+def test_one_finding_answers_one_of_two_equal_effects() -> None:
+    score = scored(label(truth(), truth(joint=3), group="pair"), diagnosis(finding()))
+    assert [effect.named for effect in score.effects] == [True, False]
+
+
+def test_bending_and_crosstalk_are_one_torque_where_the_axes_cross() -> None:
+    crosstalk = truth("joint_crosstalk", 1, family="xadj", other_joint=2, amplitude=None)
+    assert scored(label(crosstalk), diagnosis(finding("bending_crosstalk", 1))).effects[0].named
+    elsewhere = truth("joint_crosstalk", 2, family="xadj", other_joint=3, amplitude=None)
+    assert not scored(label(elsewhere), diagnosis(finding("bending_crosstalk", 2))).effects[0].named
+
+
+def test_a_force_may_sit_before_joints_that_do_not_show_it_but_not_behind_its_link() -> None:
+    force = truth("external_contact", None, family="contact", link=6, visible_joints=[1, 2, 4], amplitude=None)
+    for link, right in ((3, False), (4, True), (6, True), (7, False)):
+        score = scored(label(force), diagnosis(finding("external_contact", None, link=link)))
+        assert score.effects[0].named == right
+
+
+def test_outside_effects_may_be_called_what_they_are_or_nothing() -> None:
+    backlash = truth("backlash", 3, family="backlash", amplitude=None)
+    bump = truth("torque_bump", 3, family="bump", amplitude=None, acceptable=[])
+    assert scored(label(backlash, group="outside"), diagnosis(finding("backlash", 3))).extras == 0
+    assert scored(label(bump, group="outside"), diagnosis()).extras == 0
+    assert scored(label(bump, group="outside"), diagnosis(finding("torque_offset", 3))).extras == 1
+
+
+def test_structural_cases_want_the_set_with_its_experiment_or_the_word_that_it_cannot_be_seen() -> None:
+    crosstalk = label(
+        truth("joint_crosstalk", 1, other_joint=2, amplitude=None), group="structural", kind="bend_crosstalk"
+    )
+    set_answer = finding("joint_crosstalk", 1, alternatives=[{"effect": "bending_crosstalk", "joint": 1}])
+    assert scored(crosstalk, diagnosis(set_answer)).right
+    assert not scored(crosstalk, diagnosis(finding("joint_crosstalk", 1))).right
+    assert not scored(crosstalk, diagnosis({**set_answer, "separating_experiment": None})).right
+
+    zero = label(truth("joint_zero_offset", 7, amplitude=None), group="structural", kind="zero_last")
+    unseen = [{"effect": "joint_zero_offset", "joint": 7, "reason": "absorbed"}]
+    assert scored(zero, diagnosis(not_identifiable_here=unseen)).right
+    assert not scored(zero, diagnosis()).right
+    assert not scored(zero, diagnosis(finding("joint_zero_offset", 7), not_identifiable_here=unseen)).right
+
+
+def test_a_common_lag_is_a_delay_of_all_joints_and_nothing_else() -> None:
+    lag = label(truth("torque_delay", None, family="delayall", amplitude=None), group="decoy", kind="common_lag")
+    assert scored(lag, diagnosis(finding("torque_delay", None))).right
+    assert not scored(lag, diagnosis(finding("torque_delay", 4))).right
+    assert not scored(lag, diagnosis(finding("torque_delay", None), finding("torque_delay", 4))).right
+
+
+def test_a_case_without_a_diagnosis_is_counted_as_failed() -> None:
+    score = score_case(label(truth()), None, 0.0, "RecordingError: empty")
+    assert score.failed is not None
+    assert summary([score])["failed"] == 1
+    assert wrong_answers([(4, score)]) == ["case 4 single  [paper]: loadf λ 2e+03 → RecordingError: empty"]
+
+
+def test_rates_carry_the_upper_bound_of_clopper_and_pearson() -> None:
+    assert Rate(0, 44).upper_bound == pytest.approx(1.0 - 0.05 ** (1 / 44))  # closed form for no hit
+    assert Rate(3, 3).upper_bound == 1.0
+
+
+def test_visibility_at_which_names_come_right_is_found_on_a_known_curve() -> None:
+    random = np.random.default_rng(3)
+    visibility = np.exp(random.uniform(np.log(3.0), np.log(1000.0), 4000))
+    chance = 1.0 / (1.0 + np.exp(-4.0 * (np.log(visibility) - np.log(30.0))))
+    pairs = list(zip(visibility.tolist(), (random.random(4000) < chance).tolist(), strict=True))
+    assert visibility_for(pairs, 0.5) == pytest.approx(30.0, rel=0.05)
+    assert visibility_for(pairs, 0.9) == pytest.approx(30.0 * math.exp(math.log(9.0) / 4.0), rel=0.08)
+    assert visibility_for([(10.0, True), (20.0, True)], 0.9) is None
+
+
+def test_tables_tell_met_from_not_met_and_from_nothing_to_judge_by() -> None:
+    right = scored(label(truth()), diagnosis(finding()))
+    quiet = scored(label(group="negative"), diagnosis())
+    loud = scored(label(group="decoy", kind="hum"), diagnosis(finding()))
+    figures = summary([right, quiet, loud])
+    met = {target.text: target.met for target in targets(figures)}
+    assert met["singles, λ ≥ 100: family and joint right"] is True
+    assert met["false names, clean and decoys"] is False
+    assert met["pairs, both visible: both named"] is None
+    assert negatives([quiet, loud]) == {"decoy: hum": Rate(1, 1), "negative": Rate(0, 1)}
+    assert confusion([right, scored(label(truth()), diagnosis())]) == {"loadf": {"right": 1, "no name": 1}}
+
+
+STUB = """
+import json, os, sys
+for line in sys.stdin:
+    request = json.loads(line)
+    with open(sys.argv[1], "a") as log:
+        log.write(json.dumps({"request": request, "argv": sys.argv[2:], "beside": sorted(
+            os.listdir(os.path.dirname(request["recordings"][0])))}) + "\\n")
+    nothing = {"baseline": {"detected": [False] * 7}, "findings": []}
+    print(json.dumps({"diagnosis": nothing, "seconds": 0.5}), flush=True)
+"""
+
+
+def test_the_diagnosing_side_sees_two_recordings_and_nothing_else(tmp_path: Path) -> None:
+    stub, log = tmp_path / "stub.py", tmp_path / "log"
+    stub.write_text(STUB)
+    published: list[tuple[str, str, int]] = []
+
+    def publish(name: str, commitment: str) -> None:
+        published.append((name, commitment, len(log.read_text().splitlines()) if log.exists() else 0))
+
+    proven = proof.prove(TUNING_SEED, [0, 1, 3], jobs=1, worker=[str(stub), str(log)], publish=publish)
+    seen = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [entry[2] for entry in published] == [0, 1, 2]  # each hash is out before its recordings are looked at
+    for entry, case in zip(seen, proven, strict=True):
+        assert set(entry["request"]) == {"recordings", "heldout"}
+        assert entry["beside"] == ["A.npz", "B.npz"]
+        folder = Path(entry["request"]["recordings"][0]).parent
+        assert folder.name == case.name
+        assert not folder.exists()
+    assert [case.index for case in proven] == [0, 1, 3]
+    assert {case.commitment for case in proven} == {commitment for _, commitment, _ in published}
+
+
+def test_a_label_that_was_changed_after_sealing_voids_the_proof() -> None:
+    text = json.dumps({"group": "negative"})
+    case = {"name": "a", "index": 0, "commitment": hashlib.sha256(("salt" + text).encode()).hexdigest(), "answer": {}}
+    with pytest.raises(SealBrokenError, match="void"):
+        proof._opened(case, {"salt": "salt", "label": text.replace("negative", "single")})
+
+
+def test_a_process_that_dies_ends_the_proof_with_its_code(tmp_path: Path) -> None:
+    stub = tmp_path / "dies.py"
+    stub.write_text("import sys; sys.exit(3)")
+    with pytest.raises(ProofProcessError, match="code 3"):
+        proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(stub)], publish=unheard)
+
+
+def test_strong_effects_are_named_and_negatives_are_left_alone() -> None:
+    """End to end with the real diagnosis, on cases that nobody should get wrong: strong ones, and nothing hidden."""
+    indices = [_strong("drift"), _strong("offset"), _strong("poslow")]
+    indices += proof.select_cases(TUNING_SEED, 2, "negative")
+    proven = proof.prove(TUNING_SEED, indices, jobs=1, publish=unheard)
+    for case in proven:
+        assert case.error is None
+        if case.label["effects"]:
+            assert case.score.effects[0].named, case.score
+        else:
+            assert case.score.claimed == ()
+
+
+def _strong(family: str) -> int:
+    """The first case of a family, alone on a designed motion, of textbook form, at λ near 1000."""
+    return next(
+        index
+        for index in range(5000)
+        if (plan := plan_of(TUNING_SEED, index)).families == (family,)
+        and (plan.group, plan.excitation, plan.grades, plan.perturbed) == ("single", "paper", (1e3,), (False,))
+    )
+
+
+def test_scores_do_not_depend_on_the_order_of_findings() -> None:
+    first = diagnosis(finding(), finding("torque_offset", 5, score=1.0))
+    second = copy.deepcopy(first)
+    second["findings"].reverse()
+    assert scored(label(truth()), first) == scored(label(truth()), second)
