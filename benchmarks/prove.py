@@ -9,6 +9,7 @@ cannot pass for a good one.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 
 import numpy as np
@@ -36,7 +37,8 @@ def main() -> None:
     visibility = [score.effects[0].visibility for score in scores if score.group == "single"]
     edges = [0.0, 12.0, 24.0, 60.0, 100.0, 1000.0, 10_000.0, np.inf]
     counts, _ = np.histogram(visibility, edges)
-    print("singles by λ:", ", ".join(f"{low:g}-{high:g}: {n}" for low, high, n in zip(edges, edges[1:], counts)))
+    bins = [f"{low:g} to {high:g}: {n}" for (low, high), n in zip(itertools.pairwise(edges), counts, strict=True)]
+    print("singles by λ:", ", ".join(bins))
     show_proof(scores, summary(scores))
 
 
