@@ -2,8 +2,9 @@
 
 Run: python -m benchmarks.identification_speed [--repeats 7]. FIGAROH comes with `pip install -e '.[bench]'`; without it
 its rows are left out. The data: one period of the shipped excitation at 1 kHz (10 000 samples, iiwa 14), torque by
-Pinocchio's inverse dynamics of a drawn arm, plus friction and white noise (seed printed). The tools take turns, so that
-a busy machine slows all alike; read the ratios. All use one BLAS thread.
+Pinocchio's inverse dynamics of a drawn arm, plus friction and white noise (seed printed). All use one BLAS thread, and
+times are CPU time of this process. The tools take turns, so that neighbours on the machine, who take caches and clock,
+slow all alike; read the ratios.
 
 What a fit is, for each: from q, q̇, q̈ and torque to the values of the base parameters, the choice of these parameters
 included. Ours has the σ of eq. (15) and the RMS per joint in it too; FIGAROH's quality figures and reports are left out
@@ -86,9 +87,9 @@ def main() -> int:
     answers: dict[str, FloatArray] = {}
     for _ in range(repeats):
         for name, run in (regressors | fits).items():
-            began = time.perf_counter()
+            began = time.process_time()
             answers[name] = run()
-            times[name].append(1e3 * (time.perf_counter() - began))
+            times[name].append(1e3 * (time.process_time() - began))
             if name in regressors:
                 del answers[name]
     _print_times("regressor", regressors, times, STREAMED, count)

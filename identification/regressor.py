@@ -30,7 +30,7 @@ INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""
 
 # Long enough that numpy's calls cost little, short enough that a link's arrays stay in a core's cache.
-CHUNK = 1500
+CHUNK = 1250
 _FIRST_WITHOUT_FORCE = 4
 _ALL_PARAMETERS = tuple(range(len(INERTIAL_SYMBOLS)))
 
@@ -68,7 +68,7 @@ def rigid_body_columns(
     chain = _Chain(robot, wanted, min(samples, CHUNK), spare)
     for start in range(0, samples, CHUNK):
         rows = slice(start, min(start + CHUNK, samples))
-        yield rows, chain.columns(q[rows].T, dq[rows].T, ddq[rows].T)
+        yield rows, chain.columns(*(np.ascontiguousarray(state[rows].T, dtype=np.float64) for state in (q, dq, ddq)))
 
 
 def viscous_columns(velocity: FloatArray) -> FloatArray:
