@@ -7,6 +7,7 @@ joints goes through the same functions, so that hundreds of draws cost seconds.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,10 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from typer.testing import CliRunner
 
+import daemon.cli.analysis  # noqa: F401  registers the command
+from daemon.cli.app import app
 from identification.errors import EstimationError
 from identification.estimators.observation import CompressedObservation
 from identification.fit import FitSettings, fit_recordings
@@ -111,7 +115,7 @@ def test_maximum_likelihood_reaches_the_cramer_rao_bound_and_its_intervals_hold(
 
 
 def test_intervals_of_the_papers_estimator_hold_with_measured_noise_and_not_with_equation_15() -> None:
-    errors, stated, paper = draws(500, "ols", periodic_block)
+    errors, stated, paper = draws(300, "ols", periodic_block)
     assert 0.93 <= np.mean(np.abs(errors) < 1.96 * stated) <= 0.97
     assert np.mean(np.abs(errors) < 1.96 * paper) < 0.9
 
@@ -256,3 +260,35 @@ def test_lines_of_the_bound_and_of_the_block_are_the_same() -> None:
     block = periodic_block(np.zeros((PERIODS * SAMPLES, JOINTS)))
     lines = (len(block.torque) - 1) // 2
     np.testing.assert_allclose(block.columns[:, 1], to_lines(COLUMNS[:, 1], lines), atol=1e-12)
+
+
+def test_the_command_line_takes_estimator_bounds_and_consistency(shared_folder: Path, tmp_path: Path) -> None:
+    recording = iiwa_recording(shared_folder)
+    log, bounds, model = tmp_path / "log.npz", tmp_path / "bounds.yaml", tmp_path / "model.json"
+    np.savez(log, t=recording.time, q=recording.position, tau=recording.torque, period_s=10.0, robot="iiwa14")
+    bounds.write_text("mass: [0.5, 9]\nviscous: [0.05, null]\n")
+    words = [
+        "fit",
+        str(log),
+        "--estimator",
+        "huber",
+        "--bounds",
+        str(bounds),
+        "--full-consistency",
+        "--out",
+        str(model),
+    ]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    for text in ("σ, eq. (15)", "fully physically consistent", "huber", "Torque later than position", "made of matter"):
+        assert text in result.output
+    written = json.loads(model.read_text())
+    assert written["provenance"]["estimator"] == "huber"
+    assert written["provenance"]["settings"]["bounds"]["mass"] == [0.5, 9]
+    assert written["provenance"]["torque_delay"]["common_std_s"] > 0.0
+    assert min(link["mass"] for link in written["physical_parameters"]) >= 0.5
+    assert "feasible" in written["certificate"]["base_parameters"]
+    bounds.write_text("weight: [0.5, 9]\n")
+    refused = CliRunner().invoke(app, ["fit", str(log), "--bounds", str(bounds)])
+    assert isinstance(refused.exception, EstimationError)
+    assert "weight" in str(refused.exception)
