@@ -8,7 +8,7 @@ the tests hold the two together.
 How it works: the unit twist (z, u) of every joint upstream of link j is carried along the chain to the origin of link
 j's frame: z the axis, u the velocity it gives the origin (z = 0 and u the direction for a prismatic joint). The torque
 that a moment n and a force f at that origin cause at joint k is z_k·n + u_k·f (the transposed Jacobian), and n and f of
-a unit parameter are linear in ω ωᵀ, α and a: a constant table of 6 × 15 numbers per parameter. Link velocity and
+a unit parameter are linear in ω ωᵀ, α and a: a constant table of 6 × 12 numbers per parameter. Link velocity and
 spatial acceleration are twists too, so one map carries everything (Featherstone 2008, sections 2.8–2.11 and 5.3).
 """
 
@@ -121,10 +121,10 @@ def _check_states(n: int, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> int
 
 
 def _unit_wrenches() -> FloatArray:
-    """Moment n and force f about a link's origin for unit parameters of eq. (3), as (10, 6, 15) times [ω ωᵀ, α, a].
+    """Moment n and force f about a link's origin for unit parameters of eq. (3), as (10, 6, 12) times [ω ωᵀ, α, a].
 
     f = m a + α × h + ω × (ω × h) and n = I α + ω × I ω + h × a, with h = (MX, MY, MZ) and I of eq. (4) about the
-    origin; a is the origin's acceleration. The 15 numbers are the nine products ω_i ω_j row by row, α and a.
+    origin; a is the origin's acceleration. The 12 numbers are the six products ω_i ω_j, i ≤ j, row by row, α and a.
     """
     unit = np.eye(3)
     cross = np.array([[np.cross(unit[j], unit[k]) for k in range(3)] for j in range(3)]).transpose(2, 0, 1)
@@ -141,7 +141,10 @@ def _unit_wrenches() -> FloatArray:
         tensor[i, j] = tensor[j, i] = 1.0
         alpha[parameter, :3] = tensor
         products[parameter, :3] = np.einsum("ijk,kl->ijl", cross, tensor).reshape(3, 9)
-    return table
+    symmetric = products.reshape(10, 6, 3, 3) + products.reshape(10, 6, 3, 3).swapaxes(2, 3)
+    rows, columns = np.triu_indices(3)
+    symmetric = symmetric[..., rows, columns] * np.where(rows == columns, 0.5, 1.0)
+    return np.concatenate([symmetric, alpha, linear], axis=2)
 
 
 _UNIT_WRENCHES = _unit_wrenches()
@@ -155,8 +158,8 @@ class _Link:
     entries of it, rows and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
     offset + slide · q, moved its entries other than zero. axis: (3,) of the joint. own: components of a twist that the
     joint moves. bracket: (6, 7) with V × S in the first six columns and S in the last, S the joint's unit twist.
-    with_force, without_force: rows of the table of unit wrenches for the mass and first moments (6 k, 15) and for the
-    tensor (3 m, 12), which causes no force. columns, joints: where its columns go, joints from the base outwards, its
+    with_force, without_force: rows of the table of unit wrenches for the mass and first moments (6 k, 12) and for the
+    tensor (3 m, 9), which causes no force. columns, joints: where its columns go, joints from the base outwards, its
     own last; serial: whether these are the first ones.
     """
 
@@ -201,8 +204,8 @@ class _Link:
             axis=axis,
             own=own,
             bracket=bracket,
-            with_force=_UNIT_WRENCHES[with_force].reshape(-1, 15),
-            without_force=_UNIT_WRENCHES[without_force, :3, :12].reshape(-1, 12),
+            with_force=_UNIT_WRENCHES[with_force].reshape(-1, 12),
+            without_force=_UNIT_WRENCHES[without_force, :3, :9].reshape(-1, 9),
             columns=slice(first, first + len(wanted)),
             joints=upstream,
             serial=upstream == tuple(range(len(upstream))),
@@ -235,7 +238,7 @@ class _Chain:
         self._turns = np.ones((robot.n, 3, samples))
         self._rotation = np.empty((9, samples))
         self._joint = np.empty((7, samples))
-        self._motion = np.empty((15, samples))
+        self._motion = np.empty((12, samples))
         self._wrench = np.empty((6 * max(map(len, wanted)), samples))
 
     def columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -282,11 +285,13 @@ class _Chain:
         samples = twists.shape[-1]
         motion = self._motion[:, :samples]
         omega, velocity = twists[0]
-        np.multiply(omega[:, None], omega, out=motion[:9].reshape(3, 3, samples))
-        motion[9:].reshape(2, 3, samples)[...] = twists[1]
+        np.multiply(omega[0], omega, out=motion[:3])
+        np.multiply(omega[1], omega[1:], out=motion[3:5])
+        np.multiply(omega[2], omega[2], out=motion[5])
+        motion[6:].reshape(2, 3, samples)[...] = twists[1]
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # acceleration of the origin = spatial + ω × v
-            motion[12 + i] += omega[j] * velocity[k]
-            motion[12 + i] -= omega[k] * velocity[j]
+            motion[9 + i] += omega[j] * velocity[k]
+            motion[9 + i] -= omega[k] * velocity[j]
         upstream, last = len(link.joints) - 1, link.joints[-1]
         axes = twists[2:-1].reshape(upstream, 6, samples)
         place = slice(0, 0)
