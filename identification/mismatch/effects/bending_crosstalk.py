@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
-from identification.mismatch.effects.dynamics import across, hidden_moments, rigid_torque
+from identification.mismatch.effects.dynamics import bending_moments
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
 
@@ -49,9 +49,8 @@ class BendingCrosstalk(OwnJointEffect):
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """The two moments."""
-        hidden = np.array([shape["hidden_moment"], shape["hidden_inertia"]])
-        moment = rigid_torque(motion).moment[:, joint] + hidden_moments(motion, joint) @ hidden
-        return np.asarray(moment @ across(motion.robot.kinematics.axis[joint]).T)
+        weights = np.array([1.0, shape["hidden_moment"], shape["hidden_inertia"]])
+        return np.asarray(bending_moments(motion)[:, joint] @ weights)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Both sensitivities in per cent."""

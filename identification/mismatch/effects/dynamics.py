@@ -8,6 +8,7 @@ cannot serve. Called by the files of the effects.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from functools import wraps
 from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
@@ -64,17 +65,22 @@ def _links(motion: Motion) -> list[_Link]:
     return _Chain(motion).forward(motion.velocity, motion.acceleration, motion.robot.gravity)
 
 
-def hidden_moments(motion: Motion, joint: int) -> FloatArray:
-    """Moment about a joint per unit of the two parameters behind it that no joint torque tells from those before it.
+@once_per_motion
+def bending_moments(motion: Motion) -> FloatArray:
+    """Moments about the two directions `across` each joint's axis, (S, n, 2, 3) Nm.
 
-    A first moment along the joint's own axis z (1 kg m) and equal inertia about the two axes across it (1 kg m²): both
-    look the same whether link j or the link before carries them, Khalil's regrouping of MZ_j and YY_j. (S, 3, 2) Nm in
-    the link's frame.
+    Last axis: by the fitted parameters; then per unit of the two parameters behind the joint that no joint torque tells
+    from those before it: a first moment along the joint's own axis (1 kg m) and equal inertia about the two axes across
+    it (1 kg m²). Both look the same whether link j or the link before carries them (Khalil's regrouping of MZ_j, YY_j).
     """
-    axis, link = motion.robot.kinematics.axis[joint][:, None], _links(motion)[joint]
-    round_inertia = np.eye(3) - axis @ axis.T
-    inertial = round_inertia @ link.alpha + _cross(link.omega, round_inertia @ link.omega)
-    return np.stack([_cross(axis, link.linear).T, inertial.T], axis=-1)
+    result = np.empty((motion.samples, motion.n, 2, 3))
+    for joint, link in enumerate(_links(motion)):
+        axis = motion.robot.kinematics.axis[joint][:, None]
+        round_inertia = np.eye(3) - axis @ axis.T
+        inertial = round_inertia @ link.alpha + _cross(link.omega, round_inertia @ link.omega)
+        parts = (rigid_torque(motion).moment[:, joint].T, _cross(axis, link.linear), inertial)
+        result[:, joint] = np.stack([(across(axis[:, 0]) @ part).T for part in parts], axis=-1)
+    return result
 
 
 @once_per_motion
@@ -89,10 +95,9 @@ def torque_derivatives(motion: Motion) -> TorqueDerivatives:
     reference = _links(motion)
     torque = rigid_torque(motion).torque
     for joint in range(n):
-        unit = np.zeros(n)
-        unit[joint] = 1.0
+        unit = np.eye(n)[joint]
         q_dot, q_ddot = motion.velocity, motion.acceleration
-        turned = _Chain(motion, step * unit)
+        turned = chain.moved(joint, step)
         for derivative, length, changed, velocity, acceleration in (
             (result.position, step, turned, q_dot, q_ddot),
             (result.velocity, step, chain, q_dot + step * unit, q_ddot),
@@ -179,20 +184,21 @@ class _Link(NamedTuple):
 class _Chain:
     """The joints' rotations along a motion; vectors are (3, S) in their link's frame."""
 
-    def __init__(self, motion: Motion, shift: FloatArray | None = None) -> None:
+    def __init__(self, motion: Motion) -> None:
         self.kinematics = motion.robot.kinematics
-        self.position = (motion.position if shift is None else motion.position + shift).T
+        self.position = motion.position.T
         self.parameters = motion.full_parameters.reshape(motion.n, -1)[:, :_INERTIAL_COUNT]
         self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
-        self.arm = [self._arm(joint) for joint in range(motion.n)]
+        self.arm = [_arm(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
 
-    def _arm(self, joint: int) -> FloatArray:
-        """Origin of the joint's frame in its parent's, (3, S) or (3, 1)."""
-        offset = self.kinematics.translation[joint][:, None]
-        if self.kinematics.revolute[joint]:
-            return np.asarray(offset)
-        slide = self.kinematics.rotation[joint] @ self.kinematics.axis[joint]
-        return np.asarray(offset + slide[:, None] * self.position[joint])
+    def moved(self, joint: int, step: float) -> _Chain:
+        """The same with one joint's position changed by a constant."""
+        chain = copy(self)
+        position = self.position[joint] + step
+        chain.rotation, chain.arm = list(self.rotation), list(self.arm)
+        chain.rotation[joint] = _rotation(self.kinematics, joint, position)
+        chain.arm[joint] = _arm(self.kinematics, joint, position)
+        return chain
 
     def forward(
         self,
@@ -276,6 +282,15 @@ def _rotation(kinematics: Kinematics, joint: int, angle: FloatArray) -> FloatArr
     return np.asarray(
         terms[0][..., None] + terms[1][..., None] * np.sin(angle) + terms[2][..., None] * (1.0 - np.cos(angle))
     )
+
+
+def _arm(kinematics: Kinematics, joint: int, position: FloatArray) -> FloatArray:
+    """Origin of the joint's frame in its parent's, (3, S) or (3, 1)."""
+    offset = kinematics.translation[joint][:, None]
+    if kinematics.revolute[joint]:
+        return np.asarray(offset)
+    slide = kinematics.rotation[joint] @ kinematics.axis[joint]
+    return np.asarray(offset + slide[:, None] * position)
 
 
 def _body(parameters: FloatArray) -> tuple[float, FloatArray, FloatArray]:

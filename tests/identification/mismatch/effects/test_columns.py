@@ -15,7 +15,7 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators import PhysicalParameters
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.effects.dynamics import hidden_moments, rigid_torque
+from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
 from identification.robots import RobotModel
 from tests.identification.mismatch.effects.motions import (
@@ -167,7 +167,7 @@ def test_what_no_torque_shows_of_a_link_is_made_up_for_in_the_bending_moments(
     for joint in range(2, 8):
         place = Place(joint=joint)
         truth = torque(motion, "bending_crosstalk", place, NO_SHIFT)[:, joint - 1]
-        hidden = hidden_moments(motion, joint - 1)[:, :2]
+        hidden = bending_moments(motion)[:, joint - 1, :, 1:]
         apart = truth - torque(fitted, "bending_crosstalk", place, NO_SHIFT)[:, joint - 1]
         numbers = np.linalg.lstsq(hidden.reshape(-1, 2), apart.ravel(), rcond=None)[0]
         assert numbers[0] == pytest.approx(difference[joint - 1, 3], abs=1e-9)  # MZ
