@@ -53,8 +53,9 @@ def preflight(
 
     periodic: the table is repeated without a break, so its seam is checked too; otherwise it begins and ends as it
     stands. torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g.
-    load_geometry("iiwa14"); None leaves out self-collision and workspace. stop_stride: a stop is planned and checked
-    at every so many rows, and at the rows with least room; the closed form of braking.py is asked at every row.
+    load_geometry("iiwa14"); None leaves out self-collision and workspace. stop_stride: without a geometry a stop is
+    planned and checked at every so many rows only, and at the rows with least room, with one at every row; the closed
+    form of braking.py is asked at every row.
     start_row: where a start ramp hands over to the table; with start_position (default: the mean of the table) the
     ramp is planned and checked as well.
 
@@ -78,10 +79,10 @@ def preflight(
         _magnitude("acceleration", motion.acceleration, limits.acceleration, ACCELERATION_TOLERANCE, "rad/s²"),
         _jerk(motion.jerk, limits),
     ]
-    stops: list[SampledPath] = []
+    stops: FloatArray | None = None
     if all(check.passed for check in checks):
         checks.append(_stopping_velocity(motion, limits, sample_period_s))
-        stop_check, stops = _stops(table, motion, limits, stop_stride)
+        stop_check, stops = _stops(table, motion, limits, stop_stride if geometry is None else 1)
         checks.append(stop_check)
     starts: list[SampledPath] = []
     if start_row is not None:
@@ -94,11 +95,14 @@ def preflight(
         # A table outside its limits may still be looked at: the operator then learns all that is wrong at once.
         path = SampledPath(np.vstack([table, table[:1]]) if periodic else table, sample_period_s)
         distances = Distances(geometry, workspace or Workspace(), limits, self_collision_margin_m, workspace_margin_m)
-        for along, paths in (("motion", [path]), ("stop", stops), ("start ramp", starts)):
-            if paths:
-                answers, found = distances.check(paths, along)
-                checks += answers
-                clearances += found
+        found = [distances.check([path], "motion")]
+        if stops is not None:
+            found.append(distances.check_stops(stops, RAMP_SAMPLES_S))
+        if starts:
+            found.append(distances.check(starts, "start ramp"))
+        for answers, closest in found:
+            checks += answers
+            clearances += closest
     return PreflightReport(tuple(checks), clearances)
 
 
@@ -240,8 +244,11 @@ def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> C
     )
 
 
-def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, list[SampledPath]]:
-    """The stop from every row in closed form, and planned by Ruckig at every stride-th row and at the tightest rows."""
+def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, FloatArray | None]:
+    """The stop from every row in closed form, and planned by Ruckig at every stride-th row and at the tightest rows.
+
+    The planned ones are sampled every RAMP_SAMPLES_S, (rows, m, n) rad; None where one of them does not fit.
+    """
     here = table[motion.rows]
     room = np.empty_like(here)
     extreme = np.empty_like(here)
@@ -272,10 +279,10 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
         f"limit is {limit:.4f} rad."
     )
     tightest = np.argsort(room.min(axis=1))[:20]
-    paths = []
+    ramps = []
     for k in sorted({*range(0, here.shape[0], max(1, stride)), *tightest.tolist()}):
         try:
-            ramp = plan_stop_ramp(here[k], motion.stop_velocity[k], motion.stop_acceleration[k], limits)
+            ramps.append(plan_stop_ramp(here[k], motion.stop_velocity[k], motion.stop_acceleration[k], limits))
         except RampError as error:
             return Check(
                 "stop",
@@ -286,10 +293,10 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
                 error.unit,
                 f"No stop fits in row {motion.rows[k]}: {error}",
                 int(motion.rows[k]),
-            ), []
-        if k % max(1, 5 * stride) == 0:
-            paths.append(SampledPath(sample(ramp, RAMP_SAMPLES_S), RAMP_SAMPLES_S, int(motion.rows[k])))
-    return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), paths
+            ), None
+    times = np.arange(math.ceil(max(ramp.duration_s for ramp in ramps) / RAMP_SAMPLES_S) + 1) * RAMP_SAMPLES_S
+    stops = np.array([[ramp.position_at(time) for time in times.tolist()] for ramp in ramps])
+    return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), stops
 
 
 def _start(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from safety.collision import Clearance, Workspace, self_clearances, workspace_clearances
+from safety.collision import Clearance, Workspace, self_clearances, self_collision_pairs, workspace_clearances
 from safety.geometry import RobotGeometry
 from safety.limits import FloatArray, JointLimits
 from safety.preflight_report import Check
@@ -23,6 +23,9 @@ SELF_COLLISION_MARGIN_M = 0.02
 
 WORKSPACE_MARGIN_M = 0.02
 """Distance that links keep from floor, walls and boxes."""
+
+STOP_ROWS = 50
+"""Stops are looked at from every so many rows at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,58 @@ class Distances:
             _check(prefix + "workspace", judged[1], self.workspace_margin_m),
         )
         return checks, (*judged[0], *judged[1])
+
+    def check_stops(self, stops: FloatArray, period_s: float) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
+        """As `check`, of a stop from every row of a table: (rows, m, n) rad, sampled every period_s, the ends held.
+
+        Distances are looked for from every 50th row, and from as many rows between as the proof needs: at no time are
+        two stops further apart than sum_j reach_j (max |dq_j| + A_j T²/4), where the second term is what their
+        accelerations can add between two samples. By so much the distances of a stop are lessened that stand for those
+        of the rows around it.
+        """
+        reach = np.max([self.geometry.reach(capsule) for capsule in self.geometry.capsules], axis=0)
+        turn = self.limits.acceleration * period_s**2 / 4.0
+        looked_at: dict[int, tuple[tuple[Check, Check], tuple[Clearance, ...]]] = {}
+
+        def look(row: int) -> float:
+            if row not in looked_at:
+                looked_at[row] = self.check([SampledPath(stops[row], period_s, row)], "stop")
+            return min(each.guaranteed_m - each.margin_m for each in looked_at[row][1])
+
+        def apart(rows: slice, row: int) -> FloatArray:
+            gap: FloatArray = (np.abs(stops[rows] - stops[row]).max(axis=1) + turn) @ reach
+            return gap
+
+        lessened: dict[int, float] = {}
+        last = len(stops) - 1
+        pending = [(begin, min(begin + STOP_ROWS, last)) for begin in range(0, last, STOP_ROWS)] or [(0, 0)]
+        while pending:
+            begin, end = pending.pop()
+            room, middle = min(look(begin), look(end)), (begin + end) // 2
+            before, after = apart(slice(begin, middle + 1), begin), apart(slice(middle + 1, end + 1), end)
+            # The stops at both ends stand for themselves without a bound; next to each other they need none.
+            widest = max(before[1:].max(initial=0.0), after[:-1].max(initial=0.0))
+            if 0.0 <= room < widest and end - begin > 1:
+                pending += [(begin, middle), (middle, end)]
+                continue
+            lessened[begin] = max(lessened.get(begin, 0.0), float(before[1:].max(initial=0.0)))
+            lessened[end] = max(lessened.get(end, 0.0), float(after[:-1].max(initial=0.0)))
+        best: dict[str, Clearance] = {}
+        for row, less in lessened.items():
+            found = [replace(each, guaranteed_m=each.guaranteed_m - less) for each in looked_at[row][1]]
+            _keep(best, found, row)
+        return self._judge(best)
+
+    def _judge(self, best: dict[str, Clearance]) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
+        closest = sorted(best.values(), key=lambda each: each.guaranteed_m)
+        links = {f"link {i} - link {j}" for i, j in self_collision_pairs(self.geometry)}
+        own = [each for each in closest if each.pair in links]
+        outer = [each for each in closest if each.pair not in links]
+        checks = (
+            _check("stop_self_collision", own, self.self_collision_margin_m),
+            _check("stop_workspace", outer, self.workspace_margin_m),
+        )
+        return checks, (*own, *outer)
 
 
 def _keep(best: dict[str, Clearance], found: Sequence[Clearance], row: int | None) -> None:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from safety.braking import stopping_state
-from safety.collision import ForbiddenBox, Workspace
+from safety.collision import ForbiddenBox, Plane, Workspace
 from safety.errors import TrajectoryShapeError
 from safety.geometry import load_geometry
 from safety.limits import IIWA14_R820
-from safety.preflight import _stopping_states, preflight
+from safety.preflight import _Motion, _stopping_states, preflight
+from safety.preflight_distance import Distances, SampledPath, sample
 from safety.preflight_report import Check, PreflightReport
+from safety.ramps import plan_stop_ramp
 from tests.safety.motions import random_fourier_table
 
 PERIOD = 0.001
@@ -200,3 +202,27 @@ def test_shapes_that_are_no_table_are_refused() -> None:
         preflight(np.zeros((5, 7)), 0.0, LIMITS)
     with pytest.raises(TrajectoryShapeError, match="torques"):
         preflight(_sway(), PERIOD, LIMITS, torque=np.zeros((3, 7)))
+
+
+def test_the_bound_on_stops_holds_for_the_stop_from_every_row() -> None:
+    """Held against each stop by itself, looked at four times as densely as the preflight does."""
+    table, geometry = _sway(0.12, 2.0, q2=0.4, q4=-1.0)[::2], load_geometry("iiwa14")
+    motion = _Motion.of(table, PERIOD, True, LIMITS)
+    rows = range(0, len(table), 61)
+    paths = []
+    for row in rows:
+        ramp = plan_stop_ramp(table[row], motion.stop_velocity[row], motion.stop_acceleration[row], LIMITS)
+        paths.append(SampledPath(sample(ramp, 0.005), 0.005, row))
+    # A wall so far from the furthest point of any stop.
+    reached = max(float(geometry.tip_path(path.positions)[:, 0].max()) for path in paths)
+    walls = (Plane("wall", (-1.0, 0.0, 0.0), -(reached + 0.09)),)
+    workspace = Workspace(floor_height_m=None, walls=walls)
+    report = preflight(table, PERIOD, LIMITS, geometry=geometry, workspace=workspace)
+    _, single = Distances(geometry, workspace, LIMITS).check(paths, "stop")
+    smallest = {each.pair: each.distance_m for each in single}
+    claimed = {each.pair: each for each in report.clearances if each.along == "stop"}
+    assert claimed.keys() == smallest.keys()
+    for pair, clearance in claimed.items():
+        assert clearance.guaranteed_m <= smallest[pair] + 1e-6
+    # Near a wall more stops are looked at, until the bound says what is true: they keep the margin.
+    assert report.safe == (min(smallest.values()) > 0.03), report.failures
