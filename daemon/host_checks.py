@@ -113,7 +113,12 @@ def check_clock(step_s: float | None, seconds: float) -> DoctorCheck:
     steady = "" if step_s is None else f"The clock moved by {abs(step_s) * 1e3:.2f} ms within {seconds:.1f} s. "
     if _clock_is_kept():
         return DoctorCheck("clock", "ok", f"{steady}It is synchronised.")
-    return DoctorCheck("clock", "ok", f"{steady}Nobody synchronises it: dates in logs are those of this machine alone.")
+    return DoctorCheck(
+        "clock",
+        "warning",
+        f"{steady}Nobody synchronises it: dates in logs are those of this machine alone.",
+        "let chrony or systemd-timesyncd keep the clock; a motion does not depend on it.",
+    )
 
 
 def _clock_is_kept() -> bool:

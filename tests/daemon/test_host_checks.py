@@ -36,6 +36,9 @@ def test_a_clock_that_jumps_is_told(step: float) -> None:
     assert f"{step * 1e3:.0f} ms" in check.sentence
 
 
-def test_a_clock_that_runs_on_is_no_warning() -> None:
-    assert check_clock(0.0002, 3.0).status == "ok"
-    assert check_clock(None, 0.0).status == "ok"
+def test_a_clock_that_runs_on_is_no_warning_unless_nobody_keeps_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kept, status in ((True, "ok"), (False, "warning")):
+        monkeypatch.setattr("daemon.host_checks._clock_is_kept", lambda kept=kept: kept)
+        for check in (check_clock(0.0002, 3.0), check_clock(None, 0.0)):
+            assert check.status == status
+            assert bool(check.remedy) == (not kept)
