@@ -46,8 +46,9 @@ from daemon.log.writer import LogWriter
 from daemon.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.handover import Disposition, HandoverRecord, HandoverRing
+from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
+from fri_client.robot_counter import Order, RobotCounter
 
 __all__ = ["Recorder", "main"]
 
@@ -65,8 +66,6 @@ MAXIMUM_UNDECODABLE_TEXTS = 1000
 UNDECODABLE = 1001
 DISK_TROUBLE = 1002
 RECORDING_ENDED = 1003
-
-_COUNTER_MODULUS = 2**32
 
 
 class Recorder:
@@ -93,7 +92,7 @@ class Recorder:
         self._epoch_offset_ns = ring.epoch_offset_ns
         self._parent = os.getppid()
         self._expected_index: int | None = None
-        self._expected_counter: int | None = None
+        self._counter = RobotCounter()
         self._first_index = -1
         self._last_index = -1
         self._safe_index = -1
@@ -138,16 +137,19 @@ class Recorder:
         receive_ns = record.receive_ns + self._epoch_offset_ns
         if record.event_code:
             self._write_event(record, receive_ns)
-        if record.disposition == Disposition.EVENT_ONLY:
-            return
+        if record.disposition != Disposition.EVENT_ONLY:
+            self._take_sample(record, receive_ns)
+        if record.event_code == EventCode.SILENCE:
+            self._counter.resynchronise()  # as the session does
+
+    def _take_sample(self, record: HandoverRecord, receive_ns: int) -> None:
         try:
             message = self._codec.decode_monitoring(record.monitoring)
         except CodecError as error:
             self._write_undecodable(record, receive_ns, error)
             return
         command = self._command(record)
-        if record.disposition == Disposition.FRESH or record.disposition == Disposition.REFUSED:
-            self._count_gap(message.header.sequence_counter)
+        self._count_gap(message.header.sequence_counter)
         labels = SampleLabels(
             receive_ns,
             record.send_ns + self._epoch_offset_ns if record.send_ns else 0,
@@ -172,12 +174,12 @@ class Recorder:
         return None
 
     def _count_gap(self, counter: int) -> None:
-        """The robot's counter skips what was lost before the loop; a jump backwards is a restart, not a gap."""
-        if self._expected_counter is not None:
-            ahead = (counter - self._expected_counter) % _COUNTER_MODULUS
-            if 0 < ahead < _COUNTER_MODULUS // 2:
-                self._sequence_gaps += ahead
-        self._expected_counter = (counter + 1) % _COUNTER_MODULUS
+        """What was lost before the loop, by the loop's own rule; asked of every message, as the loop asks it."""
+        order = self._counter.judge(counter)
+        if order == Order.NEXT:
+            self._sequence_gaps += self._counter.gap
+        elif order == Order.BELATED and self._sequence_gaps:
+            self._sequence_gaps -= 1
 
     def _write_event(self, record: HandoverRecord, time_ns: int) -> None:
         self._writer.write_event(

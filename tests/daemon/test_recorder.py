@@ -112,6 +112,22 @@ def test_a_hole_in_the_robots_counter_and_one_in_the_ring_are_told_apart(tmp_pat
     ring.close()
 
 
+@pytest.mark.parametrize("jump", [100_000, -60])
+def test_a_counter_that_begins_anew_is_a_restart_for_recorder_and_loop_alike(tmp_path: Path, jump: int) -> None:
+    ring = HandoverRing.create(64)
+    producer = Producer(ring)
+    producer.push(20)
+    producer.push(20, skip=jump)
+    producer.push(5, skip=3)
+    ring.finish()
+    said: list[ControlMessage] = []
+    Recorder(make_job(tmp_path), HandoverRing.attach(ring.fd), said.append).run()
+    end = said[-1]
+    assert isinstance(end, RecorderFinished)
+    assert (end.sequence_gaps, end.samples) == (3, 45)
+    ring.close()
+
+
 def test_duplicates_garbage_and_events_are_kept_and_flagged(tmp_path: Path, ring: HandoverRing) -> None:
     producer = Producer(ring)
     producer.push(5)
