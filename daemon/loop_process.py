@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except FriError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    request = None
+    request = report = None
     try:
         request = read_json(options.request, RunRequest)
         report, code = run_loop(request, ring)
@@ -91,9 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ring.finish()
         if request is not None and os.getppid() != supervisor:
             # Imported here: what it needs has no place in the process while it answers a robot.
-            from daemon.rescue import rescue_if_abandoned
+            from daemon.rescue import leave_outcome, rescue_if_abandoned
 
             rescue_if_abandoned(request, ring)
+            if report is not None:
+                leave_outcome(request, report, code)
     if code:
         print(report.sentence, file=sys.stderr)
     return code

@@ -1,6 +1,6 @@
 """The last resort of the loop's process: supervisor and recorder are both gone, and the ring holds what nobody wrote.
 
-Here: finding out that nobody else is left, and writing the rest into the run's folder. Not here: the loop itself, which
+Here: finding out that nobody else is left, writing the rest into the run's folder, and the account of such a run. Not here: the loop itself, which
 has ended before (the arm stands, or the session is lost, and no datagram is answered any more), and the recorder's
 work, which is done by the recorder's own code in this process. The loop's process calls it at its very end.
 """
@@ -14,16 +14,20 @@ import sys
 import time
 from pathlib import Path
 
-from daemon.api import RecorderJob, RunRequest
+from daemon.api import LoopReport, RecorderJob, RunOutcome, RunRequest
+from daemon.commissioning import tags
 from daemon.errors import DaemonError, LogIOError
-from daemon.log.parts import join_parts, part_path, parts_of
+from daemon.host import software_versions
+from daemon.log.parts import RECORDING_NAME, join_parts, part_path, parts_of, recover
 from daemon.log.recover import RecoverReport
 from daemon.log.stream import is_being_written
+from daemon.outcome import digests_of, outcome_sentences
 from daemon.recorder import Recorder
-from daemon.spare_folder import spare_folder
+from daemon.spare_folder import spare_folder, write_run_file
+from daemon.times import now_text
 from fri_client.handover import HandoverRing
 
-__all__ = ["rescue_if_abandoned"]
+__all__ = ["leave_outcome", "rescue_if_abandoned"]
 
 RECORDER_PATIENCE_S = 60.0
 POLL_S = 0.1
@@ -54,6 +58,48 @@ def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverRepor
     if report is not None:
         print(f"Supervisor and recorder were gone: {' '.join(report.sentences)}", file=sys.stderr)
     return report
+
+
+def leave_outcome(request: RunRequest, report: LoopReport, exit_code: int) -> None:
+    """run.json of a run whose supervisor is gone, where it left none; a sentence says who wrote it.
+
+    The samples in the periods are not counted, and no fit was started. What the disk refuses is said on stderr.
+    """
+    folder = Path(request.out_dir)
+    if (folder / "run.json").exists():
+        return
+    gone = (
+        "The supervising process was gone at the end: this account was written by the loop's process, and no fit was "
+        "started; `iiwa-ident fit` takes the recording."
+    )
+    samples = missing = lost = 0
+    try:
+        held = recover(folder)
+        samples, missing, lost = held.samples, held.missing, held.missing_in_handover
+    except DaemonError as error:
+        gone += f" {error}"
+    recording = folder / RECORDING_NAME
+    outcome = RunOutcome(
+        run_id=request.run_id,
+        outcome=report.outcome,
+        exit_code=exit_code,
+        sentences=outcome_sentences(report, request, samples, missing, lost, (gone,)),
+        out_dir=str(folder),
+        recordings=(str(recording),) if recording.is_file() else (),
+        samples=samples,
+        sequence_gaps=missing,
+        handover_gaps=lost,
+        loop=report,
+        files=digests_of(folder, recording),
+        software=software_versions(),
+        request=request,
+        finished_at=now_text(),
+        commissioning=tags(request),
+    )
+    try:
+        write_run_file(request, "run.json", outcome)
+    except LogIOError as error:
+        print(error, file=sys.stderr)
 
 
 def _write_rest(request: RunRequest, ring: HandoverRing, folder: Path) -> list[Path]:

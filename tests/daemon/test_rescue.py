@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from daemon.api import LoopReport, RunOutcome, read_json
 from daemon.errors import LogIOError
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile
 from daemon.recorder import Recorder
-from daemon.rescue import rescue_if_abandoned
+from daemon.rescue import leave_outcome, rescue_if_abandoned
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover import HandoverRing
 
@@ -103,3 +104,19 @@ def test_a_spare_folder_that_others_may_write_is_not_trusted(tmp_path: Path) -> 
     os.chmod(spare_folder(request), 0o777)
     with pytest.raises(LogIOError):
         spare_folder(request)
+
+
+def test_a_run_without_supervisor_has_an_account_that_says_who_wrote_it(tmp_path: Path, ring: HandoverRing) -> None:
+    Producer(ring).push(40)
+    ring.finish()
+    request = make_request(tmp_path)
+    rescue_if_abandoned(request, ring)
+    report = LoopReport(outcome="stopped", reason="SUPERVISOR_LOST", sentence="The supervising process was lost.")
+    leave_outcome(request, report, 1)
+    outcome = read_json(tmp_path / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.loop) == ("stopped", 1, 40, report)
+    assert "written by the loop's process" in outcome.sentences[-1]
+    assert "recording.mcap" in {file.name for file in outcome.files}
+    written = (tmp_path / "run.json").read_bytes()
+    leave_outcome(request, report, 70)
+    assert (tmp_path / "run.json").read_bytes() == written
