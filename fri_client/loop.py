@@ -27,7 +27,7 @@ from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.journal import Journal
 from fri_client.last_samples import read_last_samples
 from fri_client.link_statistics import LinkStatistics
-from fri_client.loop_result import LoopResult, LoopSettings, Outcome, explain, version_sentence
+from fri_client.loop_result import LoopResult, LoopSettings, Outcome, explain, version_doubt, version_sentence
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     CommandMessage,
@@ -93,6 +93,7 @@ class FriLoop:
         self._repeated = 0
         self._last_answer_ns = 0
         self._silence_told = False
+        self._first_sample = b""
         self._undecodable_sample = b""
         self._undecodable_error = ""
         self._faults = 0
@@ -224,6 +225,7 @@ class FriLoop:
             self.motion.skip()
         self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=queued)
         if disposition == _FRESH:
+            self._first_sample = self._first_sample or bytes(datagram)
             self._ahead.learn(datagram, message)
         self._codec.catch_up()
 
@@ -375,6 +377,7 @@ class FriLoop:
         )
         if motion.commanded and not standstill.confirmed:
             result.sentence += " The stop is NOT confirmed: fresh samples showed no standstill; look at the arm."
+        result.sentence += version_doubt(self._first_sample, self._codec.version)
         result.standstill_confirmed = standstill.confirmed
         result.tick = journal.stop_tick
         result.late = self.statistics.late + self._repeated

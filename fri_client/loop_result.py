@@ -16,7 +16,7 @@ from fri_client.messages import FriVersion, SessionState
 from fri_client.motion import MotionProgram, StopKind
 from fri_client.session import Session
 
-__all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain", "version_sentence"]
+__all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain", "version_doubt", "version_sentence"]
 
 Outcome = Literal[
     "completed",
@@ -173,6 +173,8 @@ def _explain(
         return LoopResult(outcome, outcome, version)
     if outcome == "not_started":
         why = hindrance or f"the session stands in {SessionState(session.state).name}"
+        if session.left:
+            why += f"; {session.left}"
         waited = f"{settings.command_timeout_s:g} s"
         return LoopResult(outcome, outcome, f"The robot let no motion begin within {waited}: {why}.")
     sentence = (
@@ -200,3 +202,30 @@ def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
             continue  # the same format as 1.x but for what it holds
         return f"The robot speaks FRI {version}, but this run was told FRI {mine}: choose --fri-version {version}."
     return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
+
+
+def version_doubt(datagram: bytes, mine: FriVersion) -> str:
+    """What speaks against version `mine` in a message that decodes as one; empty where nothing does.
+
+    1.x and 2.5 share their wire format and a header names no version (PROTOCOL section 13). What tells them apart is
+    what a robot puts in: only 1.x has a commanded joint position, only 2.x a Cartesian pose and a redundancy value. A
+    robot that sends neither cannot be told, and nothing in this run depends on which it is.
+    """
+    try:
+        first = Codec(FriVersion.V1_15).decode_monitoring(datagram).monitor_data
+        second = Codec(FriVersion.V2_5).decode_monitoring(datagram).monitor_data
+    except CodecError:
+        return ""
+    if mine.major == 1 and second is not None and first is not None and first.commanded_joint_position is None:
+        if second.measured_cartesian_pose is not None or second.measured_redundancy_information is not None:
+            return _doubt("2.5", mine)
+    if mine == FriVersion.V2_5 and first is not None and first.commanded_joint_position is not None:
+        return _doubt("1.15", mine)
+    return ""
+
+
+def _doubt(seen: str, mine: FriVersion) -> str:
+    return (
+        f" The robot's messages hold what only FRI {seen} sends, but this run was told FRI {mine}: joint positions and "
+        f"torques are the same, the rest was left out; choose --fri-version {seen}."
+    )

@@ -91,7 +91,8 @@ class Session:
 
     After `judge` returned FRESH the attributes describe that message: state (a value out of range counts as IDLE),
     quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it). After
-    REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value.
+    REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value. left: how the robot went back
+    before a motion began, as a clause; empty where it did not.
     """
 
     __slots__ = (
@@ -111,6 +112,7 @@ class Session:
         "first_fresh_ns",
         "gap",
         "last_fresh_ns",
+        "left",
         "own_counter",
         "previous_quality",
         "previous_state",
@@ -143,6 +145,7 @@ class Session:
         self.answer_due = False
         self.first_fresh_ns = 0
         self.last_fresh_ns = 0
+        self.left = ""
         self.send_period_ms: int | None = None
         self.command_period_ms: int | None = None
         self.drop: SessionDrop | None = None
@@ -195,6 +198,8 @@ class Session:
         self.state_changed = state != self.state
         self.state = state
         quality = info.quality
+        if self.state_changed and not self._begun:
+            self._note_leaving(quality)
         self.previous_quality = self.quality
         self.quality_changed = quality != self.quality
         self.quality = quality
@@ -320,6 +325,17 @@ class Session:
         if order == Order.BELATED:
             counts.missing = max(0, counts.missing - 1)
         return int(Disposition.STALE)
+
+    def _note_leaving(self, quality: int) -> None:
+        """Of a session that goes back before a motion began: from where and how good it was; its close comes after."""
+        before, after = self.previous_state, self.state
+        if after >= _COMMANDING_WAIT:
+            self.left = ""
+        elif before >= _COMMANDING_WAIT or (after == _IDLE and not self.left):
+            names = f"{name_of(SessionState, before)} for {name_of(SessionState, after)}"
+            self.left = (
+                f"the robot left {names} at quality {name_of(ConnectionQuality, quality)}, before a motion began"
+            )
 
     # What is refused.
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from fri_client.codec import Codec
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
@@ -26,6 +27,7 @@ from fri_client.messages import (
     MessageHeader,
     MonitorData,
     MonitoringMessage,
+    QuaternionTransformation,
     RobotInfo,
 )
 from fri_client.motion import MotionPhase, MotionProgram
@@ -581,6 +583,39 @@ def test_no_robot_and_a_robot_that_gives_no_command_end_with_different_sentences
         result = client.finish()
     assert result.outcome == "not_started"
     assert "MONITORING_READY" in result.sentence
+
+
+def test_a_session_closed_before_a_motion_says_where_it_was_and_how_good_it_was() -> None:
+    with running(settings=LoopSettings(command_timeout_s=0.3)) as (client, robot):
+        robot.exchange(READY, 3)
+        robot.exchange(COMMANDING_WAIT, 3)
+        robot.exchange(WAIT, 2, quality=1)
+        while client.thread.is_alive():
+            robot.send(IDLE, quality=0)
+            pause(0.02)
+        result = client.finish()
+    assert result.outcome == "not_started"
+    left = "the robot left COMMANDING_WAIT for MONITORING_WAIT at quality FAIR, before a motion began"
+    assert f"the session stands in IDLE; {left}" in result.sentence
+
+
+@pytest.mark.parametrize(("robots", "told"), [(FriVersion.V2_5, FriVersion.V1_15), (FriVersion.V1_15, FriVersion.V2_5)])
+def test_a_robot_of_the_other_major_version_is_noticed_by_what_it_sends(robots: FriVersion, told: FriVersion) -> None:
+    with running(told) as (client, _):
+        robot = Robot(client.address, robots)
+        for _ in range(20):
+            robot.counter += 1
+            message = robot.message(READY)
+            if robots == FriVersion.V2_5:
+                assert message.monitor_data is not None
+                pose = QuaternionTransformation("", (0.0,) * 3 + (1.0, 0.0, 0.0, 0.0), None)
+                message = replace(message, monitor_data=replace(message.monitor_data, measured_cartesian_pose=pose))
+            robot.channel.sendto(robot.codec.encode_monitoring(message), robot.client)
+            robot.take()
+        client.loop.stop_from_signal(15)
+        result = client.finish()
+        robot.channel.close()
+    assert f"only FRI {robots} sends, but this run was told FRI {told}" in result.sentence
 
 
 def test_an_arm_far_from_its_ipo_position_is_not_moved() -> None:
