@@ -137,11 +137,13 @@ def _passes(
     """The rule of abstention for one member: enough removed on its joints, here and there, and no loss there."""
     member = trial.members[index]
     joints = joints_of(member, _torque_of(member, now.extension.coefficients[index], trial.problem.n))
-    if not trial.complete and not explains_enough(before.after, now.after, joints, settings.share_removed):
+    complete = trial.complete
+    if not complete and not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False):
         return False
     if now.heldout_after is None or before.heldout_after is None:
         return True
-    if not explains_enough(before.heldout_after, now.heldout_after, joints, settings.heldout_share_removed):
+    needed = settings.heldout_share_removed
+    if not explains_enough(before.heldout_after, now.heldout_after, joints, needed, complete=complete):
         return False
     rest = check(_without(trial.members, index)).heldout_after
     if rest is None:

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as fisher
 
-from identification.mismatch.problem import Problem
+from identification.mismatch.problem import Problem, reweighted
 
 FloatArray = npt.NDArray[np.float64]
 
 # Bands with less freedom than this are filled by the base parameters and test nothing.
 LEAST_FREEDOM = 0.3
+# Weights whose deviation would change by less than this factor stay as they are.
+BARELY_INFLATED = 1.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +59,22 @@ def band_power(problem: Problem, residual: FloatArray | None = None) -> BandPowe
     ratio = np.where(tested, power / np.where(tested, freedom, 1.0), 1.0)
     probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), noise_freedom), 1.0)
     return BandPower(ratio, freedom, noise_freedom, probability)
+
+
+def located(problem: Problem, power: BandPower, rounds: int = 3) -> tuple[Problem, BandPower]:
+    """Misfit where it sits: the problem weighted by noise and misfit, and its residual's power in units of the noise.
+
+    In a fit weighted by the noise alone, a large misfit on one joint bends base parameters and shows on clean joints
+    too. Here every joint and band counts as much as it fits; a few rounds of that leave misfit on its own joint.
+    """
+    weighted = problem
+    for _ in range(rounds):
+        inflation = inflation_of(problem, power)
+        if np.all(inflation < BARELY_INFLATED):
+            break
+        weighted = reweighted(problem, inflation)
+        power = band_power(weighted, weighted.residual * inflation.ravel())
+    return weighted, power
 
 
 def whittle(power: BandPower) -> float:

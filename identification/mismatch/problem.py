@@ -22,6 +22,7 @@ IntArray = npt.NDArray[np.int64]
 BAND_EDGES_HZ = (0.01, 0.25, 0.55, 0.95, 1.55, 2.55, 4.05, 6.55, 10.05, 16.05, 25.05, 40.05)
 # Columns scaled to one; directions below this share of the largest are not determined by the motion.
 RANK_TOLERANCE = 1e-9
+QUICK_RANK_TOLERANCE = 1e-6
 # A column of which less than this share of the energy is left is swallowed by the base parameters up to rounding.
 SWALLOWED = 1e-9
 
@@ -102,14 +103,25 @@ def build_problem(
 def reweighted(problem: Problem, inflation: FloatArray) -> Problem:
     """The same problem with the noise's deviation in each joint and row times inflation (n, R)."""
     weight = np.where(problem.weight > 0.0, 1.0 / (problem.noise * inflation), 0.0)
-    measured = problem.torque.reshape(weight.shape) / np.where(problem.weight > 0.0, problem.weight, 1.0)
-    return _with_basis(replace(problem, weight=weight, torque=(measured * weight).ravel()))
+    torque = problem.torque * (weight / np.where(problem.weight > 0.0, problem.weight, 1.0)).ravel()
+    columns = (problem.nominal * weight[..., None]).reshape(-1, problem.nominal.shape[2])
+    basis = _quick_basis(columns)
+    return replace(problem, weight=weight, torque=torque, basis=basis, residual=off(basis, torque))
 
 
 def _with_basis(problem: Problem) -> Problem:
     columns = (problem.nominal * problem.weight[..., None]).reshape(-1, problem.nominal.shape[2])
     basis = orthonormal(columns)
     return replace(problem, basis=basis, residual=off(basis, problem.torque))
+
+
+def _quick_basis(columns: FloatArray) -> FloatArray:
+    """As `orthonormal`, from the normal equations: several times faster, good for directions above a millionth."""
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    scaled = columns / norms
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > QUICK_RANK_TOLERANCE**2 * values[-1]
+    return np.asarray(scaled @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)
 
 
 def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
@@ -128,10 +140,15 @@ def off(basis: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def extended(problem: Problem, columns: FloatArray) -> Problem:
-    """The problem with further columns (n R, m), already off the basis, fitted along; swallowed directions left out."""
+    """The problem with further columns (n R, m), already off the basis, fitted along; swallowed directions left out.
+
+    They join the nominal columns, so that `reweighted` keeps them.
+    """
     added = orthonormal(columns, tolerance=1e-7)
+    rows = columns.reshape(problem.n, problem.rows, -1) / np.where(problem.weight > 0.0, problem.weight, 1.0)[..., None]
     return replace(
         problem,
+        nominal=np.concatenate([problem.nominal, rows], axis=2),
         basis=np.concatenate([problem.basis, added], axis=1),
         residual=off(added, problem.residual),
     )

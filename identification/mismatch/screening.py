@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.library import EffectRows
-from identification.mismatch.problem import SWALLOWED, Problem, spread
+from identification.mismatch.problem import SWALLOWED, Problem
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -34,63 +33,102 @@ class Variant:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Screen:
-    """All candidates whitened for one problem. columns: (n R, M). start: (C + 1,) first column of each candidate.
+class Batch:
+    """Candidates with the same number m of columns. members: (G,) their places in the table. columns: (G, m).
 
-    gram: candidate index → (m, m) of its columns off the problem's basis. raw: (M,) square lengths before that.
+    gram: (G, m, m) of their columns off the problem's basis.
+    """
+
+    members: IntArray
+    columns: IntArray
+    gram: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """All candidates whitened for one problem. columns: (M, n R). raw: (M,) square lengths before projection.
+
+    target: (M,) products with the problem's residual.
     """
 
     problem: Problem
     candidates: Sequence[EffectRows]
     columns: FloatArray
-    start: IntArray
-    gram: tuple[FloatArray, ...]
+    batches: tuple[Batch, ...]
     raw: FloatArray
     target: FloatArray
 
 
 def build_screen(problem: Problem, candidates: Sequence[EffectRows]) -> Screen:
     """Whiten every candidate, take it off the basis, keep its Gram matrix and its product with the residual."""
-    columns = np.concatenate([spread(problem, item.joints, item.rows) for item in candidates], axis=1)
-    start = np.concatenate([[0], np.cumsum([item.coefficients for item in candidates])]).astype(np.int64)
-    raw = np.einsum("ij,ij->j", columns, columns)
-    plain = tuple(columns[:, a:b].T @ columns[:, a:b] for a, b in pairwise(start.tolist()))
-    screen = Screen(problem, candidates, columns, start, plain, raw, np.zeros(columns.shape[1]))
+    sizes = np.array([item.coefficients for item in candidates])
+    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    columns = np.zeros((int(start[-1]), problem.n, problem.rows))
+    for item, first in zip(candidates, start.tolist(), strict=False):
+        for position, joint in enumerate(item.joints):
+            rows = item.rows[position].T * problem.weight[joint]
+            columns[first : first + item.coefficients, joint] = rows
+    flat = columns.reshape(columns.shape[0], -1)
+    batches = []
+    for size in np.unique(sizes).tolist():
+        members = np.flatnonzero(sizes == size).astype(np.int64)
+        index = start[members][:, None] + np.arange(size)
+        gram = np.empty((members.size, size, size))
+        for place, member in enumerate(members.tolist()):
+            joints = list(candidates[member].joints)
+            own = columns[index[place]][:, joints].reshape(size, -1)
+            gram[place] = own @ own.T
+        batches.append(Batch(members, index, gram))
+    raw = np.zeros(flat.shape[0])
+    for batch in batches:
+        raw[batch.columns] = np.einsum("gii->gi", batch.gram)
+    screen = Screen(problem, candidates, flat, tuple(batches), raw, np.zeros(flat.shape[0]))
     return narrowed(screen, problem.basis, problem)
 
 
 def narrowed(screen: Screen, added: FloatArray, problem: Problem) -> Screen:
     """The screen after further orthonormal directions (n R, k) were fitted; problem: the one with them."""
-    shadow = added.T @ screen.columns
-    gram = tuple(
-        gram - shadow[:, a:b].T @ shadow[:, a:b]
-        for gram, a, b in zip(screen.gram, screen.start[:-1], screen.start[1:], strict=True)
-    )
-    target = screen.columns.T @ problem.residual
-    return Screen(problem, screen.candidates, screen.columns, screen.start, gram, screen.raw, target)
+    shadow = screen.columns @ added
+    batches = []
+    for batch in screen.batches:
+        own = shadow[batch.columns]
+        batches.append(Batch(batch.members, batch.columns, batch.gram - own @ own.transpose(0, 2, 1)))
+    target = screen.columns @ problem.residual
+    return Screen(problem, screen.candidates, screen.columns, tuple(batches), screen.raw, target)
 
 
-def gains(screen: Screen, without: Sequence[int] = ()) -> list[tuple[float, Variant]]:
+def gains(screen: Screen) -> list[tuple[float, Variant]]:
     """(score, variant) of every candidate, as a whole and column by column, best first.
 
-    score: half the drop of the whitened squares, less the cost of further coefficients. without: candidates left out.
+    score: half the drop of the whitened squares, less the cost of further coefficients.
     """
     result: list[tuple[float, Variant]] = []
-    for index, gram in enumerate(screen.gram):
-        if index in without:
-            continue
-        first, last = int(screen.start[index]), int(screen.start[index + 1])
-        diagonal, raw, target = np.diag(gram), screen.raw[first:last], screen.target[first:last]
-        for column in range(last - first):
-            if diagonal[column] > SWALLOWED * raw[column]:
-                gain = target[column] ** 2 / diagonal[column]
-                result.append((0.5 * float(gain), Variant(index, (column,))))
-        if last - first > 1:
-            gain, used = group_gain(gram, target, raw)
-            if used > 1:
-                score = 0.5 * gain - COEFFICIENT_COST * (used - 1)
-                result.append((score, Variant(index, tuple(range(last - first)))))
+    for batch in screen.batches:
+        size = batch.columns.shape[1]
+        raw, target = np.maximum(screen.raw[batch.columns], 1e-300), screen.target[batch.columns]
+        diagonal = np.einsum("gii->gi", batch.gram)
+        seen = diagonal > SWALLOWED * raw
+        single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
+        for column in range(size):
+            result.extend(_listed(single[:, column], batch.members, (column,)))
+        if size > 1:
+            scale = np.sqrt(raw)
+            values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
+            kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[:, -1:])
+            projected = np.einsum("gij,gi->gj", vectors, target / scale)
+            gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+            used = kept.sum(axis=1)
+            whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
+            result.extend(_listed(whole, batch.members, tuple(range(size))))
     return sorted(result, key=lambda item: -item[0])
+
+
+def _listed(scores: FloatArray, members: IntArray, selection: tuple[int, ...]) -> list[tuple[float, Variant]]:
+    return [
+        (score, Variant(member, selection))
+        for score, member in zip(scores.tolist(), members.tolist(), strict=True)
+        if score > 0.0
+    ]
 
 
 def group_gain(gram: FloatArray, target: FloatArray, raw: FloatArray) -> tuple[float, int]:

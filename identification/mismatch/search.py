@@ -9,16 +9,16 @@ diagnosis; decides nothing about words.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.detection import BandPower, band_power, inflation_of, whittle
+from identification.mismatch.detection import BandPower, band_power, located, whittle
 from identification.mismatch.effects.base import Place
 from identification.mismatch.extension import extend
 from identification.mismatch.library import EffectRows, Library
-from identification.mismatch.problem import Problem, extended, off, reweighted, spread
+from identification.mismatch.problem import Problem, extended, off, spread
 from identification.mismatch.refinement import Member, refine, score_of
 from identification.mismatch.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.settings import DiagnosisSettings
@@ -40,13 +40,18 @@ Renewal = Callable[[FloatArray], Library]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """Members with the problem in which they are fitted. complete: nothing but noise is left. gain: drop of squares."""
+    """Members with the problem in which they are fitted. complete: nothing but noise is left.
+
+    weighted: the same problem weighted by noise and misfit; power: of its residual, in units of the noise (`located`);
+    likelihood: its profile likelihood beside an unknown background.
+    """
 
     members: tuple[Member, ...]
     problem: Problem
     power: BandPower
     complete: bool
     likelihood: float
+    weighted: Problem
 
     @property
     def squares(self) -> float:
@@ -76,7 +81,8 @@ def fitted(nominal: Problem, members: Sequence[Member], settings: DiagnosisSetti
         problem = extended(nominal, off(nominal.basis, columns))
     power = band_power(problem)
     complete = power.least_probability > settings.consistency_probability
-    return Trial(tuple(members), problem, power, complete, whittle(power))
+    weighted, spread_out = (problem, power) if complete else located(problem, power)
+    return Trial(tuple(members), problem, spread_out, complete, whittle(spread_out), weighted)
 
 
 def search(nominal: Problem, library: Library, renewed: Renewal, settings: DiagnosisSettings) -> SearchResult:
@@ -170,9 +176,7 @@ def _step(
     taken = {(member.effect.name, member.place) for member in trial.members}
     shortlist = _shortlist(screen, library, taken)
     if not trial.complete:
-        inflated = reweighted(trial.problem, inflation_of(trial.problem, trial.power)) if not trial.members else None
-        if inflated is not None:
-            shortlist = _merged(shortlist, _shortlist(build_screen(inflated, screen.candidates), library, taken))
+        shortlist = _merged(shortlist, _shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
     scored = [(score_of(trial.problem, member), member) for member in shortlist]
     scored = [item for item in scored if item[0] >= settings.complete_score]
     if not scored:
@@ -296,4 +300,4 @@ def _reordered(trial: Trial, index: int) -> Trial:
     """The member exchanged last (it stands at the end) back at its place."""
     members = list(trial.members)
     members.insert(index, members.pop())
-    return Trial(tuple(members), trial.problem, trial.power, trial.complete, trial.likelihood)
+    return replace(trial, members=tuple(members))

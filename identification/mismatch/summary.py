@@ -57,7 +57,7 @@ def summarise(
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
     left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
     verdict = verdict_of(claims.findings, baseline, left.tolist())
-    curves = _curves(fitted.evidences[0], claims.after, left) if bool(left.any()) else ()
+    curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
         robot=regressor.robot.name,
         verdict=verdict,
@@ -126,9 +126,10 @@ def _shift(problem: Problem, claims: Claims, regressor: BaseRegressor) -> tuple[
     )
 
 
-def _curves(evidence: Evidence, after: Residuals, left: npt.NDArray[np.bool_]) -> tuple[Curve, ...]:
+def _curves(evidence: Evidence, weighted: Problem, left: npt.NDArray[np.bool_]) -> tuple[Curve, ...]:
     size = evidence.frequency.size
-    series = rows_to_time(evidence, after.rows[:, :size].T)
+    rows = weighted.residual.reshape(weighted.n, -1) / np.where(weighted.weight > 0.0, weighted.weight, np.inf)
+    series = rows_to_time(evidence, rows[:, :size].T)
     curves = []
     for joint in np.flatnonzero(left):
         noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))

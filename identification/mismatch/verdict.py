@@ -96,9 +96,16 @@ def joints_of(member: Member, extension_rows: FloatArray) -> list[int]:
     return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
 
 
-def explains_enough(before: Residuals, after: Residuals, joints: Sequence[int], needed: float) -> bool:
-    """Whether the share of excess energy removed on some joints is not clearly below what a name needs."""
-    return share_removed(before, after, joints)[1] >= needed
+def explains_enough(
+    before: Residuals, after: Residuals, joints: Sequence[int], needed: float, *, complete: bool
+) -> bool:
+    """Whether the share of excess energy removed on some joints is what a name needs.
+
+    complete: the members leave nothing but noise; then only a share clearly below is too little, as the excess of a
+    weak effect is itself uncertain.
+    """
+    share, most = share_removed(before, after, joints)
+    return (most if complete else share) >= needed
 
 
 def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool]) -> Verdict:
