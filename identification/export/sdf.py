@@ -13,8 +13,7 @@ import pinocchio
 
 from identification.export.arm import Arm, Body, joint_placement
 from identification.export.parameters import ModelParameters
-from identification.export.urdf import _SYMBOLS as SYMBOLS
-from identification.export.xml_text import DRAKE, add, number, numbers, roll_pitch_yaw
+from identification.export.xml_text import DRAKE, INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
 
 _WORLD = "world"
@@ -63,7 +62,7 @@ def write_sdf(
         add(inertial, "pose", numbers([*parameters.physical.center_of_mass[index], 0.0, 0.0, 0.0]))
         add(inertial, "mass", number(parameters.physical.mass[index]))
         inertia = add(inertial, "inertia")
-        for row, column, symbol in SYMBOLS:
+        for row, column, symbol in INERTIA_SYMBOLS:
             add(inertia, symbol, number(parameters.physical.inertia[index][row, column]))
         _add_shapes(link, body)
         _add_frames(model, body)

@@ -14,10 +14,8 @@ import numpy as np
 
 from identification.export.arm import attachments, joint_placement, origin
 from identification.export.parameters import ModelParameters
-from identification.export.xml_text import DRAKE, add, number, numbers, roll_pitch_yaw
+from identification.export.xml_text import DRAKE, INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
-
-_SYMBOLS = ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz"))
 
 
 def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelParameters) -> ElementTree.Element:
@@ -45,7 +43,7 @@ def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelPa
         add(inertial, "origin", xyz=numbers(physical.center_of_mass[index]), rpy="0 0 0")
         add(inertial, "mass", value=number(physical.mass[index]))
         tensor = physical.inertia[index]
-        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in _SYMBOLS})
+        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in INERTIA_SYMBOLS})
         for stated in joint.findall("dynamics"):
             joint.remove(stated)
         add(joint, "dynamics", damping=number(physical.viscous[index]), friction=number(physical.coulomb[index]))

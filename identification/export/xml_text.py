@@ -17,6 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 DRAKE = "http://drake.mit.edu"
 """Name space of the elements that only Drake reads."""
 
+INERTIA_SYMBOLS = ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz"))
+"""Row, column and name of a tensor's entries, in URDF and SDF alike."""
+
 ElementTree.register_namespace("drake", DRAKE)
 
 

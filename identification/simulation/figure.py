@@ -31,7 +31,7 @@ def draw_comparison(comparison: Comparison, title: str, joint_units: tuple[str, 
     """
     n = comparison.simulated_torque.shape[1]
     units = joint_units or ("Nm",) * n
-    figure = Figure(figsize=(12.0, 1.5 * n + 1.6), layout="constrained")
+    figure = Figure(figsize=(13.5, 1.5 * n + 1.6), layout="constrained")
     figure.suptitle(title)
     rows = figure.subplots(n, 2, sharex=True, squeeze=False)
     step = max(1, len(comparison.torque_time) // _MOST_POINTS)
@@ -57,13 +57,17 @@ def draw_comparison(comparison: Comparison, title: str, joint_units: tuple[str, 
             axes.margins(y=0.1)
     for column in (0, 1):
         rows[-1, column].set_xlabel("time (s)")
-        rows[0, column].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small", frameon=False)
+        rows[0, column].legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small", frameon=False,
+            borderaxespad=0.2, columnspacing=1.0, handlelength=1.6,
+        )  # fmt: skip
     return figure
 
 
 def _draw_floor(axes: Axes, noise_floor: float) -> None:
     if np.isfinite(noise_floor):
-        axes.axhspan(-noise_floor, noise_floor, color=_FLOOR, alpha=0.3, linewidth=0.0, label="noise, ±1 σ")
+        for value, label in ((noise_floor, "noise, ±1 σ"), (-noise_floor, "")):
+            axes.axhline(value, color=_FLOOR, linestyle="--", linewidth=1.2, zorder=4, label=label)
 
 
 def save_figure(figure: Figure, file: Path) -> None:
