@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 PARAMETER_SETS = ("physical", "consistent")
 
-_SMALLEST_RELATIVE_SLACK = 1e-9
+_SMALLEST_RELATIVE_SLACK = 1e-12
 """Slack of the triangle inequality below this share of the largest moment is rounding: simulators may refuse it."""
 
 

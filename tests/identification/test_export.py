@@ -18,9 +18,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, InconsistentParametersError, ModelFileError
 from identification.estimators import PhysicalParameters
-from identification.export import check_export, export_model, parameters_of
+from identification.estimators.observation import ReducedProblem
+from identification.estimators.semidefinite import solve_semidefinite
+from identification.export import check_export, export_model, parameters_of, principal_slack, refuse_inconsistent
 from identification.robots import load_robot
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
 from tests.identification.synthetic import inverse_dynamics
@@ -164,6 +167,17 @@ def test_the_consistent_set_of_the_model_is_exported_on_request(tmp_path: Path, 
     assert max(item.difference_nm for item in result.agreements) < 1e-9
     with pytest.raises(ModelFileError, match="consistent parameter set"):
         export_model(model_of(tmp_path, "iiwa14", table3), tmp_path / "arm.xml", "mjcf", parameter_set="consistent")
+
+
+def test_the_fits_consistent_set_of_an_infeasible_table_is_one_that_simulators_take(
+    iiwa14_base: BaseRegressor, table2: dict[str, float]
+) -> None:
+    """Table 2 is the base parameters of no robot (ZZR_1 < 0): the nearest consistent set lies on the cone's edge."""
+    values = np.array([table2[name] for name in iiwa14_base.names])
+    problem = ReducedProblem(np.eye(len(values)) / 1e-3, values / 1e-3, 1.0, 7000, iiwa14_base.names)
+    physical = solve_semidefinite(problem, iiwa14_base).physical
+    assert principal_slack(physical).min() > 0.0
+    refuse_inconsistent(physical)
 
 
 @pytest.mark.parametrize(("form", "place"), [("urdf", "link/inertial/mass"), ("sdf", "model/link/inertial/mass")])
