@@ -36,6 +36,8 @@ FloatArray = npt.NDArray[np.float64]
 FEWEST_PERIODS = 3
 WINDOW_MARGIN_S = 0.1
 CLOSING_POINTS = 9
+RESIDUE_MARGIN = 0.35
+"""A contact nearer to a stronger one than this share of the longer duration is taken for its residue."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,17 +227,25 @@ def _joint_fit(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Fit]:
 
 
 def _merge_contacts(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Candidate]:
-    """Contacts on one link at the same place of several periods are one contact that comes back."""
+    """Contacts at one place of several periods are one that comes back; one beside a stronger one is its residue.
+
+    The link of a weak return is less certain than that of the strongest, so the strongest names it.
+    """
     period = contrasts.motion.samples * contrasts.motion.sampling_period_s
     merged: list[Candidate] = []
-    for candidate in claimed:
+    for candidate in sorted(claimed, key=lambda one: -one.fit.gain):
         for place, other in enumerate(merged):
-            if candidate.span_s is None or other.span_s is None or candidate.place != other.place:
+            if candidate.span_s is None or other.span_s is None:
                 continue
-            apart = (candidate.span_s[0] - other.span_s[0] + 0.5 * period) % period - 0.5 * period
-            if abs(apart) < 0.5 * min(candidate.shape["duration_s"], other.shape["duration_s"]):
-                count = sum(name.startswith("start_") for name in other.shape)
-                shape: Mapping[str, float] = {**other.shape, f"start_{count + 1}_s": candidate.shape["start_s"]}
+            length = other.span_s[1] - other.span_s[0]
+            starts = [value for name, value in other.shape.items() if name.startswith("start_")]
+            beside = RESIDUE_MARGIN * max(length, candidate.span_s[1] - candidate.span_s[0])
+            if any(candidate.span_s[0] < at + length + beside and candidate.span_s[1] > at - beside for at in starts):
+                break
+            apart = (sum(candidate.span_s) - sum(other.span_s)) / 2.0
+            if abs((apart + 0.5 * period) % period - 0.5 * period) < 0.5 * length:
+                came_back = other.shape["start_s"] + round(apart / period) * period
+                shape: Mapping[str, float] = {**other.shape, f"start_{len(starts) + 1}_s": came_back}
                 merged[place] = replace(other, shape=shape)
                 break
         else:

@@ -32,6 +32,7 @@ COURSE_MARGIN = 8.0
 POINT_MARGIN = 14.0
 """A contact at a free point of another link must gain this much more than one on the last link's axis."""
 LARGEST_ARM_M = 0.5
+PROFILE_STARTS = (1.0, 0.2)
 OUTLIER_GAIN = 30.0
 OUTLIER_PASSES = 8
 
@@ -231,9 +232,8 @@ def _scan_windows(
         rows = contrasts.weight * evidence.project(bump[:, None])
         turned = _turned(rows[None], contrasts.ramp[None], grid)[0]
         norm = np.maximum((rows**2).sum(axis=0) - turned**2, 1e-300) * keep
-        gains = _turned(rows[None], contrasts.z, grid) ** 2 / norm
-        # Scatter of the same window in the other periods, about their own mean.
-        others = (gains.sum(axis=0) - gains * (1.0 + 1.0 / (contrasts.periods - 1))) * keep
+        sizes = _turned(rows[None], contrasts.z, grid) / np.sqrt(norm)
+        gains = sizes**2
         by_link = np.cumsum(gains, axis=2)
         freedom = np.arange(1, evidence.n + 1)
         value = by_link - 2.0 * freedom - 2.0 * np.sqrt(freedom)
@@ -247,16 +247,19 @@ def _scan_windows(
                 float(value[where]),
                 float(begin[where[:2]]),
                 duration,
-                others[where[:2]],
+                sizes[:, where[1], : where[2] + 1],
                 int(where[2]),
                 float(by_link[where]),
             )
     if best is None or not np.isfinite(best[0]):
         return None
-    _, start, duration, others_there, joint, gain_there = best
+    _, start, duration, there, joint, gain_there = best
     if _hopeless(gain_there, joint + 1, tests):
         return None
-    dispersion = _dispersion(float(others_there[: joint + 1].sum()), (joint + 1) * (contrasts.periods - 2))
+    # Scatter of the same window over the periods, blind to pushes in fewer than half of them.
+    scatter = 1.4826 * np.median(np.abs(there - np.median(there, axis=0)), axis=0)
+    freedom_there = max(1, round(0.4 * (contrasts.periods - 1) * (joint + 1)))
+    dispersion = _dispersion(float((scatter**2).mean()) * freedom_there, freedom_there)
     return start, duration, tests, dispersion
 
 
@@ -322,7 +325,9 @@ def _refine_window(contrasts: Contrasts, effect: ExternalContact, start: float, 
         norm = np.maximum((white**2).sum(axis=(0, 1)), 1e-300)
         return float(((white * contrasts.z).sum(axis=(0, 1)) ** 2 / norm).sum())
 
-    return _search(gain_of, {"start_s": start, "duration_s": duration, "sharpness": 1.0, "skew": 1.0}, 160)
+    window = {"start_s": start, "duration_s": duration, "skew": 1.0}
+    found = [_search(gain_of, {**window, "sharpness": sharpness}, 100) for sharpness in PROFILE_STARTS]
+    return max(found, key=gain_of)
 
 
 def _polish(contrasts: Contrasts, effect: ExternalContact, place: Place, shape: dict[str, float]) -> dict[str, float]:
@@ -411,8 +416,7 @@ def _fit(
     shape: Mapping[str, float],
     columns: slice = slice(None),
 ) -> Fit:
-    joints, rows = contrasts.rows(effect, place, shape, columns)
-    return contrasts.fit(contrasts.whiten(rows, joints), joints)
+    return contrasts.fit_pieces(*contrasts.pieces(effect, place, shape, columns))
 
 
 def _refine(
@@ -468,8 +472,8 @@ def _spread(
 
 
 def _hopeless(gain: float, dof: int, tests: float) -> bool:
-    """Whether a refinement, which adds at most a half to a scan's gain, cannot make it significant."""
-    return bool(chi2.logsf(1.5 * gain + 4.0, dof) + np.log(tests) > -2.0)
+    """Whether a refinement, which adds a fifth to a scan's gain, cannot make it significant."""
+    return bool(chi2.logsf(1.2 * gain + 3.0, dof) + np.log(tests) > -6.0)
 
 
 def _dispersion(squares: float, freedom: int) -> float:

@@ -115,6 +115,49 @@ class Contrasts:
                 result[period] = self.evidence.project(factor[:, None, None] * values)
         return joints, result
 
+    def pieces(
+        self, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float], columns: slice = slice(None)
+    ) -> tuple[tuple[int, ...], FloatArray, list[FloatArray]]:
+        """An effect's rows as a few patterns: joints, weights (P, K) and whitened rows (R, J, m) of each pattern.
+
+        All periods with a constant envelope share one pattern; a period without the effect has none.
+        """
+        found = self.repeated(effect, place, shape)
+        assert found is not None
+        joints, values, constant = found
+        factors = effect.envelope(self.motion, shape)
+        flat = np.ptp(factors, axis=1) == 0.0
+        weights, patterns = [], []
+        if np.any(factors[flat] != 0.0):
+            weights.append(np.where(flat, factors[:, 0], 0.0))
+            patterns.append(self.whiten_repeated(constant[..., columns], joints))
+        for period in np.flatnonzero(~flat):
+            weights.append((np.arange(self.periods) == period).astype(float))
+            rows = self.evidence.project(factors[period][:, None, None] * values[..., columns])
+            patterns.append(self.whiten_repeated(rows, joints))
+        return joints, np.array(weights), patterns
+
+    def fit_pieces(self, joints: Sequence[int], weights: FloatArray, patterns: Sequence[FloatArray]) -> Fit:
+        """As `fit`, for columns Σ weights[p, k] · patterns[p]; costs go with the number of patterns, not of periods."""
+        if not patterns:
+            return Fit(0.0, np.zeros(1), np.zeros((1, 1)), 0, 1.0)
+        size = patterns[0].shape[-1]
+        centred = weights - weights.mean(axis=1, keepdims=True)
+        products = centred @ centred.T
+        flat = [pattern.reshape(-1, size) for pattern in patterns]
+        seen = np.einsum("pk,krj->prj", weights, self.z[:, :, list(joints)]).reshape(len(patterns), -1)
+        gram = np.zeros((size, size))
+        for p, first in enumerate(flat):
+            for q in range(p, len(flat)):
+                if products[p, q] != 0.0:
+                    block = products[p, q] * (first.T @ flat[q])
+                    gram += block if p == q else block + block.T
+        right = np.sum([pattern.T @ target for pattern, target in zip(flat, seen, strict=True)], axis=0)
+        coefficients, covariance, rank = solve(gram, right)
+        torque = np.stack([pattern @ coefficients for pattern in patterns])
+        share = np.einsum("prj,pq,qrj->rj", torque, products, torque, optimize=True)
+        return Fit(float(right @ coefficients), coefficients, covariance, rank, self.freedom(share))
+
     def fit(self, white: FloatArray, joints: Sequence[int], target: FloatArray | None = None) -> Fit:
         """Fit whitened columns (K, R, J, m) to the contrasts of those joints (or of `target`, like z)."""
         z = self.z if target is None else target
