@@ -44,10 +44,10 @@ class EffectScore:
 class CaseScore:
     """How one case fared.
 
-    claimed: effect names of all findings, best first. extras: findings that answer no hidden effect; misnamed: how many
-    of them stand for one that got no answer, the others are spurious. detected: whether any misfit was reported. right:
-    for structural cases and common lags, whether the answer was the only right one. removed: share of the held-out
-    excess energy that the findings removed, None where there is none to remove.
+    claimed: effect names of all findings, best first; set_sizes: how many names each leaves open. extras: findings that
+    answer no hidden effect; misnamed: how many of them stand for one that got no answer, the others are spurious.
+    detected: whether any misfit was reported. right: for structural cases and common lags, whether the answer was the
+    only right one. removed: share of the held-out excess energy that the findings removed, None where there is none.
     """
 
     group: str
@@ -56,6 +56,7 @@ class CaseScore:
     effects: tuple[EffectScore, ...]
     claimed: tuple[str, ...]
     claimed_joints: tuple[int | None, ...]
+    set_sizes: tuple[int, ...]
     extras: int
     misnamed: int
     detected: bool
@@ -99,6 +100,7 @@ def score_case(label: Json, diagnosis: Json | None, seconds: float, failed: str 
         effects=tuple(scores),
         claimed=tuple(finding["effect"] for finding in findings),
         claimed_joints=tuple(finding.get("joint") for finding in findings),
+        set_sizes=tuple(1 + len(finding.get("alternatives", ())) for finding in findings),
         extras=extras,
         misnamed=min(extras, sum(match is None for match in matches)),
         detected=bool(findings) or _is_detected(diagnosis),

@@ -162,6 +162,10 @@ def _percentile(values: Sequence[float], percent: float) -> float:
     return float(np.percentile(values, percent)) if len(values) else math.nan
 
 
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
+
+
 def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
     """Every figure of the proof that is not per family."""
     singles = [effect for _, effect in _singles(scores)]
@@ -190,6 +194,8 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
         **_curve(_singles(scores)),
         "false_names": rate(score.extras > 0 for score in plain),
         "false_names_background": rate(score.extras > 0 for score in scores if score.group == "background"),
+        "misfit_seen_where_nothing_is_hidden": rate(score.detected for score in plain),
+        "names_left_open_a_finding": _mean([size for score in scores for size in score.set_sizes]),
         "common_lag_right": rate(bool(s.right) for s in scores if s.kind == "common_lag"),
         "background_named_share_above_60": rate(e.named for e in background if (e.share or 0.0) > 0.6),
         "background_named_share_30_60": rate(e.named for e in background if 0.3 <= (e.share or 0.0) <= 0.6),
