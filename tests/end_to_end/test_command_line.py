@@ -13,7 +13,8 @@ from identification.excitation import default_trajectory
 from tests.end_to_end.processes import free_udp_port, iiwa_ident
 
 COMMANDS = (
-    "fake-robot", "check", "run", "doctor", "recover", "import", "fit", "validate", "design", "demo", "export", "simulate",
+    "fake-robot", "check", "run", "doctor", "recover", "import", "fit", "validate", "design", "demo",
+    "export", "simulate",
 )  # fmt: skip
 
 
