@@ -1,8 +1,9 @@
 """The last resort of the loop's process: supervisor and recorder are both gone, and the ring holds what nobody wrote.
 
-Here: finding out that nobody else is left, writing the rest into the run's folder, and the account of such a run. Not here: the loop itself, which
-has ended before (the arm stands, or the session is lost, and no datagram is answered any more), and the recorder's
-work, which is done by the recorder's own code in this process. The loop's process calls it at its very end.
+Here: finding out that nobody else is left, writing the rest into the run's folder, and the account of such a run. Not
+here: the loop itself, which has ended before (the arm stands, or the session is lost, and no datagram is answered any
+more), and the recorder's work, which is done by the recorder's own code in this process. The loop's process calls it at
+its very end.
 """
 
 from __future__ import annotations

@@ -216,10 +216,13 @@ def version_doubt(datagram: bytes, mine: FriVersion) -> str:
         second = Codec(FriVersion.V2_5).decode_monitoring(datagram).monitor_data
     except CodecError:
         return ""
-    if mine.major == 1 and second is not None and first is not None and first.commanded_joint_position is None:
-        if second.measured_cartesian_pose is not None or second.measured_redundancy_information is not None:
-            return _doubt("2.5", mine)
-    if mine == FriVersion.V2_5 and first is not None and first.commanded_joint_position is not None:
+    if first is None or second is None:
+        return ""
+    is_first = first.commanded_joint_position is not None
+    is_second = second.measured_cartesian_pose is not None or second.measured_redundancy_information is not None
+    if mine.major == 1 and is_second and not is_first:
+        return _doubt("2.5", mine)
+    if mine == FriVersion.V2_5 and is_first:
         return _doubt("1.15", mine)
     return ""
 

@@ -275,7 +275,7 @@ class MotionProgram:
 
     def skip(self) -> None:
         """A fresh sample that is not answered (receive multiplier above 1): only its label moves on."""
-        if self.phase == _EXCITATION:
+        if self.period >= 0:
             self.sample_in_period += 1
 
     def observe(self, measured_position: Sequence[float]) -> None:
@@ -320,15 +320,19 @@ class MotionProgram:
         entries, now = list(self._re_entries), self._start_done + self._on_path
         if self._re_entry is not None:
             entries.append((self._re_entry.start, len(self._re_entry.positions), self._re_entry_step))
-        here, rows = 0, [np.array([self._start_position] * 3)]
+        here: int | None = 0
+        rows = [np.array([self._start_position] * 3)]
         for start, ticks, sent in entries:
-            rows.append(self._positions_at(self._steps_between(here, math.floor(start) + 1)))
+            if here is not None:
+                rows.append(self._positions_at(self._steps_between(here, math.floor(start) + 1)))
             paths.append(np.concatenate(rows))
             rows = [paths[-1][[-1] * 3]]
             steps = re_entry_steps(start, ticks)[:sent] if sent else np.empty(0)
             rows.append(self._positions_at(steps))
-            here = math.ceil(start) + ticks // 2 + 1 if sent == ticks else now
-        rows.append(self._positions_at(self._steps_between(here, now)))
+            # One that was broken off is followed by no whole step of the path.
+            here = math.ceil(start) + ticks // 2 + 1 if sent == ticks else None
+        if here is not None:
+            rows.append(self._positions_at(self._steps_between(here, now)))
         if self._stop_ramp is not None:
             period = self.command_period_s
             stop = [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fri_client.handover import EventCode
@@ -42,7 +42,9 @@ def test_a_re_entry_begins_at_rest_ends_at_full_pace_on_a_whole_step_and_never_g
 
 
 @given(st.integers(5, 4800), st.lists(st.integers(1, 700), max_size=3))
-@settings(max_examples=25, deadline=None)
+@example(2500, [50, 30])
+@example(150, [100, 1, 149])
+@settings(max_examples=10, deadline=None)
 def test_after_each_pause_the_robot_sees_a_motion_inside_every_limit_that_drives_the_rest_of_the_path(
     first: int, later: list[int]
 ) -> None:
@@ -153,3 +155,15 @@ def test_at_the_robots_side_a_long_pause_is_left_without_a_jump(missing: int, ho
         assert np.all(shares(np.array(held)) <= (1.0001, 1.002, 1.02))
     # Never a step larger than the path's own, 0.0628 mrad, or than its stop's.
     assert np.abs(np.diff(np.array(held), axis=0)).max() <= 0.0629e-3 * 1.01
+
+
+def test_samples_between_two_commands_of_a_re_entry_carry_no_label() -> None:
+    motion = program(command_period_s=0.002, samples_per_command=2)
+    drive = Drive(motion)
+    drive.tick(1500)
+    assert motion.phase == MotionPhase.EXCITATION
+    motion.resume_from_rest()
+    for _ in range(70):
+        drive.tick()
+        motion.skip()
+        assert (motion.period, motion.sample_in_period) == (-1, -1)
