@@ -31,6 +31,11 @@ LOOK_AHEAD = 12
 """Candidates whose best partner is looked for where no single one is enough."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
+LEAST_STEP = 0.25
+"""Share of the score asked for beside a background that a step must bring while noise is not reached."""
+FULL_ROUNDS = 3
+QUICK_ROUNDS = 1
+"""Rounds in which misfit is located, from the start and from a trial that is near."""
 MOST_RENEWALS = 4
 WORTH_RENEWING = 4.0
 """Whitened squares that a new nominal torque must save."""
@@ -73,15 +78,23 @@ class SearchResult:
     candidates: Sequence[EffectRows]
 
 
-def fitted(nominal: Problem, members: Sequence[Member], settings: DiagnosisSettings) -> Trial:
-    """The nominal problem with the members fitted beside the base parameters."""
+def fitted(
+    nominal: Problem, members: Sequence[Member], settings: DiagnosisSettings, near: Trial | None = None
+) -> Trial:
+    """The nominal problem with the members fitted beside the base parameters.
+
+    near: a trial with almost the same members, whose misfit is where to start from when this one's is located.
+    """
     problem = nominal
     if members:
         columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
         problem = extended(nominal, off(nominal.basis, columns))
     power = band_power(problem)
     complete = power.least_probability > settings.consistency_probability
-    weighted, spread_out = (problem, power) if complete else located(problem, power)
+    weighted, spread_out = problem, power
+    if not complete:
+        start, rounds = (power, FULL_ROUNDS) if near is None or near.complete else (near.power, QUICK_ROUNDS)
+        weighted, spread_out = located(problem, start, rounds)
     return Trial(tuple(members), problem, spread_out, complete, whittle(spread_out), weighted)
 
 
@@ -123,12 +136,35 @@ def _seen_anew(
             if rows is None:
                 return trial, library
             members.append(Member(rows, member.selection))
+        members = _regridded(nominal, members, other, settings)
         again = fitted(nominal, members, settings)
         if again.squares > trial.squares - WORTH_RENEWING:
             break
         library = other
         trial = _polished(nominal, again, library, settings, alone=True)
     return trial, library
+
+
+def _regridded(
+    nominal: Problem, members: Sequence[Member], library: Library, settings: DiagnosisSettings
+) -> list[Member]:
+    """Each member refined anew from the best grid point of every kind (whole-numbered parameters) it comes in."""
+    result = list(members)
+    for index, member in enumerate(members):
+        if not member.shape:
+            continue
+        rest = fitted(nominal, [other for place, other in enumerate(result) if place != index], settings).problem
+        parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
+        whole = [parameter.name for parameter in parameters if parameter.integer]
+        best: dict[tuple[float, ...], Member] = {}
+        for shape in library.grid(member.effect, member.place):
+            rows = library.rows(member.effect, member.place, shape)
+            if rows is not None:
+                kind, rival = tuple(dict(shape)[name] for name in whole), Member(rows, member.selection)
+                best[kind] = max(best.get(kind, rival), rival, key=lambda item: score_of(rest, item))
+        rivals = [member, *(refine(rest, library, rival) for rival in best.values())]
+        result[index] = max(rivals, key=lambda item: score_of(rest, item))
+    return result
 
 
 def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
@@ -156,7 +192,7 @@ def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) 
     result = []
     for index, member in enumerate(trial.members):
         others = [other for position, other in enumerate(trial.members) if position != index]
-        rest = fitted(nominal, others, settings)
+        rest = fitted(nominal, others, settings, trial)
         if trial.complete:
             result.append(score_of(rest.problem, member))
         else:
@@ -181,16 +217,18 @@ def _step(
     scored = [item for item in scored if item[0] >= settings.complete_score]
     if not scored:
         return None
-    trials = [fitted(nominal, [*trial.members, member], settings) for _, member in scored]
+    trials = [fitted(nominal, [*trial.members, member], settings, trial) for _, member in scored]
     best = _best(trials)
     if best.complete or trial.complete or len(trial.members) + 2 > settings.largest_findings:
         return best
     pairs = [
-        fitted(nominal, [*trial.members, *pair], settings)
+        fitted(nominal, [*trial.members, *pair], settings, best)
         for pair in _pairs(trial.problem, screen, [member for _, member in scored], library, taken, settings)
     ]
     complete = [pair for pair in pairs if pair.complete]
-    return _best(complete) if complete else best
+    if complete:
+        return _best(complete)
+    return best if best.likelihood - trial.likelihood >= LEAST_STEP * settings.background_score else None
 
 
 def _best(trials: Sequence[Trial]) -> Trial:
@@ -289,7 +327,7 @@ def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library,
         rest = fitted(nominal, others, settings)
         taken = {(member.effect.name, member.place) for member in others}
         rivals = _shortlist(_beside(screen, rest), library, taken)
-        better = [fitted(nominal, [*others, rival], settings) for rival in rivals]
+        better = [fitted(nominal, [*others, rival], settings, trial) for rival in rivals]
         best = _best([trial, *better])
         if best is not trial and (best.squares < trial.squares - 2.0 or not best.complete):
             trial = _reordered(best, index)

@@ -76,7 +76,7 @@ def _own_score(
 ) -> float:
     if trial.complete:
         return score_of(rest.problem, member)
-    return fitted(nominal, [*others, member], settings).likelihood - rest.likelihood
+    return fitted(nominal, [*others, member], settings, trial).likelihood - rest.likelihood
 
 
 def _contains(problem: Problem, larger: Member, smaller: Member) -> bool:
