@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fri_client.handover import EventCode
+from fri_client.motion_path import MotionPath
 from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
 from fri_client.re_entry import ReEntry, plan_re_entry, re_entry_steps
 from fri_client.standstill import Standstill
@@ -117,6 +118,7 @@ class MotionProgram:
         self._path_stop_tried = False
         self._end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
         self._first = first // stride
+        self._motion_path = MotionPath(self._path_stops, len(self._path), self._first, stride, command_period_s)
         self._step = 0  # steps done within the current phase
         self._total = periods * len(self._path)
         self._start_ramp: Ramp | None = None
@@ -174,6 +176,7 @@ class MotionProgram:
         )
         self._start_position = ipo_position
         self._start_ticks = round(self._start_ramp.duration_s / self.command_period_s)
+        self._motion_path.begin(self._start_ramp, self._start_ticks)
 
     def begin(self, ipo_position: tuple[float, ...]) -> None:
         """Anchor on the IPO position of the first COMMANDING_ACTIVE message; the next `tick` returns the first command.
@@ -267,7 +270,9 @@ class MotionProgram:
             self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))
         self._guard.anchor(self._last)
         self._re_entry_step = 0
-        self._re_entry = plan_re_entry(start, self.command_period_s, self._positions_at, self._path_stops.fits)
+        self._re_entry = plan_re_entry(
+            start, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
+        )
         if self._re_entry is None:
             self._re_entry = ReEntry(start, 0, [])  # the stop finds an arm that stands
             sentence = "Too many cycles were lost, and the path leaves no room to take it up again from rest."
@@ -309,54 +314,18 @@ class MotionProgram:
         return self._next_of_stop(measured_position)
 
     def commanded_paths(self) -> list[FloatArray]:
-        """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored.
-
-        One path, or several where the robot stood in between; each begins with three commands at rest. Of more than two
-        periods on the table the repetitions are left out (they change no peak).
-        """
+        """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored; see `MotionPath`."""
         if not self._last:
             return []
-        paths: list[FloatArray] = []
-        entries, now = list(self._re_entries), self._start_done + self._on_path
+        entries = list(self._re_entries)
         if self._re_entry is not None:
             entries.append((self._re_entry.start, len(self._re_entry.positions), self._re_entry_step))
-        here: int | None = 0
-        rows = [np.array([self._start_position] * 3)]
-        for start, ticks, sent in entries:
-            if here is not None:
-                rows.append(self._positions_at(self._steps_between(here, math.floor(start) + 1)))
-            paths.append(np.concatenate(rows))
-            rows = [paths[-1][[-1] * 3]]
-            steps = re_entry_steps(start, ticks)[:sent] if sent else np.empty(0)
-            rows.append(self._positions_at(steps))
-            # One that was broken off is followed by no whole step of the path.
-            here = math.ceil(start) + ticks // 2 + 1 if sent == ticks else None
-        if here is not None:
-            rows.append(self._positions_at(self._steps_between(here, now)))
+        stop: list[Sequence[float]] = []
         if self._stop_ramp is not None:
             period = self.command_period_s
             stop = [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
-            rows.append(np.array(stop).reshape(-1, self._limits.joint_count))
-        paths.append(np.concatenate(rows))
-        return paths
-
-    def _steps_between(self, begin: int, end: int) -> FloatArray:
-        """Steps from begin to before end; of many periods on the table all but some two are left out, whole ones."""
-        period = len(self._path)
-        surplus = max(0, (end - max(begin, self._start_ticks)) // period - 2) * period
-        return np.arange(begin, end - surplus, dtype=np.float64)
-
-    def _positions_at(self, steps: FloatArray) -> FloatArray:
-        """Positions, (m, n) rad, on the path of start ramp and table at steps of it, which need be no whole numbers."""
-        on_table = steps >= self._start_ticks
-        positions = np.empty((len(steps), self._limits.joint_count))
-        rows = (self._first + steps[on_table] - self._start_ticks) * self._stride
-        positions[on_table] = self._path_stops.positions_at(rows)
-        ramp = self._start_ramp
-        if ramp is not None:
-            times = (steps[~on_table] * self.command_period_s).tolist()
-            positions[~on_table] = np.reshape([ramp.position_at(time) for time in times], (-1, positions.shape[1]))
-        return positions
+        done = self._start_done + self._on_path
+        return self._motion_path.stretches(self._start_position, entries, done, stop)
 
     # The path.
 
