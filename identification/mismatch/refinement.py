@@ -1,13 +1,13 @@
 """Nonlinear parameters of one effect, refined beside everything else that is fitted.
 
-Golden section per parameter, in turns; base parameters and coefficients are fitted anew at every point. Called by the
-search.
+Golden section per parameter, in turns, then all together; base parameters and coefficients are fitted anew at every
+point. Called by the search.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -24,6 +24,10 @@ FloatArray = npt.NDArray[np.float64]
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12
 ROUNDS = 2
+JOINT_STEPS = 8
+# Step of a derivative, as a share of the parameter (of its range where that is linear); gain that ends a refinement.
+SLOPE = 1e-3
+WORTH_IT = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +59,15 @@ class Member:
 
 def gram_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gram matrix off the basis, product with the residual, and square lengths before, of a member's columns."""
-    joints, count = list(member.rows.joints), len(member.selection)
-    columns = (member.used_rows() * problem.weight[joints][..., None]).reshape(-1, count)
+    return _gram_of_rows(problem, member.rows.joints, member.used_rows())
+
+
+def _gram_of_rows(
+    problem: Problem, touched: tuple[int, ...], values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`gram_of` for rows (len(touched), R, m) of any columns."""
+    joints, count = list(touched), values.shape[2]
+    columns = (values * problem.weight[joints][..., None]).reshape(-1, count)
     rows = problem.rows
     basis = problem.basis.reshape(problem.n, rows, -1)[joints].reshape(len(joints) * rows, -1)
     residual = problem.residual.reshape(problem.n, rows)[joints].ravel()
@@ -86,23 +97,67 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
     for _ in range(rounds if len(parameters) > 1 else 1):
         before = best_score
         for parameter in parameters:
-            at = partial(_moved, problem, library, best, parameter.name)
+            at = partial(_with_one, problem, library, best, parameter.name)
             score, moved = _best_near(at, parameter, best.shape[parameter.name])
             if moved is not None and score > best_score:
                 best, best_score = moved, score
-        if best_score - before < 0.05:
+        if best_score - before < WORTH_IT:
             break
-    return best
+    return _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
 
 
-def _moved(problem: Problem, library: Library, member: Member, name: str, value: float) -> tuple[float, Member | None]:
-    """The member with one nonlinear parameter set to a value, and its score."""
-    shape = tuple((key, value if key == name else old) for key, old in member.rows.shape)
+def _together(
+    problem: Problem, library: Library, member: Member, score: float, free: Sequence[ShapeParameter]
+) -> Member:
+    """All continuous parameters at once by Gauss-Newton: a Stribeck velocity and its exponent form a narrow valley.
+
+    Derivatives of the effect's torque by its nonlinear parameters stand beside its columns as further columns.
+    """
+    for _ in range(JOINT_STEPS if len(free) > 1 else 0):
+        coefficients, _ = estimate_of(problem, member)
+        slopes = []
+        for parameter in free:
+            value = member.shape[parameter.name]
+            step = SLOPE * (value if parameter.logarithmic else parameter.upper - parameter.lower)
+            step = -step if value + step > parameter.upper else step
+            _, beside = _moved(problem, library, member, {parameter.name: value + step})
+            if beside is None:
+                return member
+            slopes.append((beside.used_rows() - member.used_rows()) @ coefficients / step)
+        columns = np.concatenate([member.used_rows(), np.stack(slopes, axis=2)], axis=2)
+        change = coefficients_of(*_gram_of_rows(problem, member.rows.joints, columns))[0][coefficients.size :]
+        for share in (1.0, 0.5, 0.2, 0.05):
+            wanted = {
+                parameter.name: min(max(member.shape[parameter.name] + share * by, parameter.lower), parameter.upper)
+                for parameter, by in zip(free, change, strict=True)
+            }
+            better, moved = _moved(problem, library, member, wanted)
+            if moved is not None and better > score:
+                break
+        else:
+            return member
+        gained, member, score = better - score, moved, better
+        if gained < WORTH_IT:
+            return member
+    return member
+
+
+def _moved(
+    problem: Problem, library: Library, member: Member, values: Mapping[str, float]
+) -> tuple[float, Member | None]:
+    """The member with some nonlinear parameters set to these values, and its score."""
+    shape = tuple((key, values.get(key, old)) for key, old in member.rows.shape)
     rows = library.rows(member.effect, member.place, shape)
     if rows is None:
         return -math.inf, None
     moved = Member(rows, member.selection)
     return score_of(problem, moved), moved
+
+
+def _with_one(
+    problem: Problem, library: Library, member: Member, name: str, value: float
+) -> tuple[float, Member | None]:
+    return _moved(problem, library, member, {name: value})
 
 
 def _best_near(
