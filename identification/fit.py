@@ -108,7 +108,7 @@ def fit_recordings(
             seed=settings.seed,
             full_consistency=settings.full_consistency,
         )
-        feasibility = _feasibility(blocks, regressor, least_squares.values)
+        feasibility = _feasibility(blocks, regressor, least_squares)
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
     sets = {"base": least_squares.values}
@@ -210,15 +210,18 @@ def _delay(blocks: list[Block], regressor: BaseRegressor, estimate: Estimate, es
     return estimate_delay(blocks, estimate.least_squares.values, regressor, plain)
 
 
-def _feasibility(blocks: list[Block], regressor: BaseRegressor, values: FloatArray) -> FeasibilityAnswer | None:
+def _feasibility(
+    blocks: list[Block], regressor: BaseRegressor, estimate: LeastSquaresResult
+) -> FeasibilityAnswer | None:
     """Can a robot have these base parameters, asked on the fitted motion; None if the program has no answer."""
     signals = [block.signals for block in blocks]
     motion = tuple(
         np.concatenate([getattr(item, name) for item in signals]) for name in ("position", "velocity", "acceleration")
     )
     chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
+    states = (motion[0][chosen], motion[1][chosen], motion[2][chosen])
     try:
-        return nearest_physical(values, regressor, (motion[0][chosen], motion[1][chosen], motion[2][chosen]))
+        return nearest_physical(estimate.values, regressor, states, std=estimate.std)
     except (SolverError, UndeterminedParametersError):
         return None
 

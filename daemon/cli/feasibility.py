@@ -53,7 +53,10 @@ def feasibility(
         raise typer.BadParameter(f"{arm.name} has no shipped motion; name a recording of it after the model.")
     chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
     base = BaseRegressor(arm, model.options)
-    answer = nearest_physical(model.base_values(base), base, (motion[0][chosen], motion[1][chosen], motion[2][chosen]))
+    states = (motion[0][chosen], motion[1][chosen], motion[2][chosen])
+    spread = dict(zip(model.names, model.std.tolist(), strict=True))
+    values = model.base_values(base)
+    answer = nearest_physical(values, base, states, std=np.array([spread[name] for name in base.names]))
     if json_file is not None:
         write_json(json_file, answer.to_json())
     if not wants_json_on_stdout(json_file):

@@ -33,11 +33,20 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class ImpossibleParameter:
-    """A base parameter that no robot has, whatever the others are. allowed: "at least 0" or "at most 0"."""
+    """A base parameter that no robot has, whatever the others are.
+
+    allowed: "at least 0" or "at most 0". std: its standard deviation where known: noise alone may have carried it over.
+    """
 
     name: str
     value: float
     allowed: str
+    std: float | None = None
+
+    def sentence(self) -> str:
+        """The parameter with its σ and what any robot has."""
+        spread = "" if self.std is None else f" ± {self.std:.2g}"
+        return f"{self.name} = {self.value:.3g}{spread} ({self.allowed} in any robot)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +78,7 @@ class FeasibilityAnswer:
                 "A robot made of matter can have these base parameters: the nearest differs by "
                 f"{1e3 * self.total_nm:.3g} mNm (sum of the joints' RMS on this motion)."
             )
-        alone = "; ".join(f"{item.name} = {item.value:.3g} ({item.allowed} in any robot)" for item in self.impossible)
+        alone = "; ".join(item.sentence() for item in self.impossible)
         return (
             "No robot made of matter has exactly these base parameters"
             + (f": {alone}" if alone else ", though each alone is possible")
@@ -85,7 +94,8 @@ class FeasibilityAnswer:
             "pooled_nm": self.pooled_nm,
             "lower_bound_nm": self.lower_bound_nm,
             "impossible": [
-                {"name": item.name, "value": item.value, "allowed": item.allowed} for item in self.impossible
+                {"name": item.name, "value": item.value, "std": item.std, "allowed": item.allowed}
+                for item in self.impossible
             ],
             "nearest_base_parameters": self.nearest.base_values.tolist(),
         }
@@ -98,14 +108,16 @@ def nearest_physical(
     *,
     rules: FeasibilityRules | None = None,
     deviation_nm: FloatArray | None = None,
+    std: FloatArray | None = None,
 ) -> FeasibilityAnswer:
     """The physical robot whose torque on a motion is nearest to that of base parameters (p,).
 
     motion: positions, velocities, accelerations (S, n). Nearest: smallest sum of squared torque differences over all
     joints, each joint divided by deviation_nm (n,) where given. Physical: pseudo-inertia of every link positive
     semidefinite (Wensing, Kim, Slotine, IEEE RA-L 2018; Sousa and Cortesão, IJRR 2014), friction and rotor inertias not
-    negative; no bounds (10b) unless rules are given, no shapes (10d). Raises EstimationError for values of another
-    number, UndeterminedParametersError for a motion that does not excite all of them.
+    negative; no bounds (10b) unless rules are given, no shapes (10d). std: (p,) of the values, only named in the
+    answer. Raises EstimationError for values of another number, UndeterminedParametersError for a motion that does not
+    excite all of them.
     """
     if base_values.shape != (base.size,):
         raise EstimationError(f"{base.robot.name} has {base.size} base parameters, not {len(base_values)}")
@@ -125,23 +137,26 @@ def nearest_physical(
         distance_nm=np.sqrt(squares),
         pooled_nm=float(np.sqrt(np.mean(difference**2))),
         lower_bound_nm=lower_bound,
-        impossible=impossible_parameters(base_values, base),
+        impossible=impossible_parameters(base_values, base, std),
         nearest=nearest,
     )
 
 
-def impossible_parameters(base_values: FloatArray, base: BaseRegressor) -> tuple[ImpossibleParameter, ...]:
+def impossible_parameters(
+    base_values: FloatArray, base: BaseRegressor, std: FloatArray | None = None
+) -> tuple[ImpossibleParameter, ...]:
     """Base parameters (p,) whose value no robot has, whatever the other values: closed form, no motion needed.
 
     A base parameter K_i π is Σ_l tr(N_l P_l) of the links' pseudo-inertias P_l ⪰ 0 plus terms in friction; it is never
     negative exactly if all N_l ⪰ 0 and the factors of friction are not negative.
     """
     found = []
-    for name, value, factors in zip(base.names, base_values, base.regrouping, strict=True):
+    for position, (name, value, factors) in enumerate(zip(base.names, base_values, base.regrouping, strict=True)):
+        spread = None if std is None else float(std[position])
         size = _ROUNDING * float(np.abs(factors).max())
         for sign, allowed in ((1.0, "at least 0"), (-1.0, "at most 0")):
             if sign * value < 0.0 and _never_negative(sign * factors, base, size):
-                found.append(ImpossibleParameter(name, float(value), allowed))
+                found.append(ImpossibleParameter(name, float(value), allowed, spread))
     return tuple(found)
 
 

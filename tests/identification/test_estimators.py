@@ -245,6 +245,19 @@ def test_instruments_take_away_the_bias_that_position_noise_makes(shared_folder:
     assert bias["instrumental"].max() < 0.1 * bias["weighted"].max()
 
 
+def test_halves_of_the_periods_serve_as_instruments_and_the_stated_deviation_holds(shared_folder: Path) -> None:
+    robot = load_robot("iiwa14")
+    errors = []
+    for seed in range(3):
+        clean = iiwa_recording(shared_folder, seed=seed)
+        noise = np.random.default_rng(seed).normal(scale=2e-4, size=clean.position.shape)
+        noisy = replace(clean, position=clean.position + noise)
+        result = fit_recordings([noisy], robot, FitSettings(physical=False, estimator="instrumental"))
+        truth = result.regressor.base_from_physical(table_three(shared_folder))
+        errors.append((result.values - truth) / result.std)
+    assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
 def test_instruments_need_a_second_measurement_of_the_motion(shared_folder: Path) -> None:
     recording = iiwa_recording(shared_folder)
     settings = FitSettings(physical=False, estimator="instrumental", pipeline="aperiodic")
