@@ -114,12 +114,15 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
         if step is None:
             break
         trial = _polished(nominal, step, library, settings)
-        trial = _exchanged(nominal, trial, screen, library, settings)
+        if trial.complete:
+            trial = _exchanged(nominal, trial, screen, library, settings)
         known = library
         trial, library = _seen_anew(nominal, trial, library, renewed, settings)
         if library is not known:
             candidates = library.candidates()[0]
             screen = build_screen(nominal, candidates)
+    if not trial.complete:
+        trial = _exchanged(nominal, trial, screen, library, settings)
     trial, scores = pruned(nominal, trial, settings)
     return SearchResult(trial, scores, before, library, candidates)
 

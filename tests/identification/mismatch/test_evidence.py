@@ -1,0 +1,74 @@
+"""Evidence: rows, noise and nominal torque of a plant computed by Pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, rows_to_time, with_parameters
+from identification.mismatch.problem import build_problem
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import NOISE_NM, record
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
+
+
+def test_rows_and_noise_are_those_of_the_mean(clean_evidence: Evidence) -> None:
+    assert clean_evidence.noise_is_measured
+    assert clean_evidence.periods == 8
+    assert np.sqrt(np.mean(clean_evidence.noise**2)) == pytest.approx(NOISE_NM / np.sqrt(8), rel=0.05)
+    assert clean_evidence.frequency[-1] == pytest.approx(60.0)
+
+
+def test_nominal_torque_is_the_plants(clean_evidence: Evidence, iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    truth = inverse_dynamics(iiwa14, table3, q, dq, ddq)
+    assert np.sqrt(np.mean((clean_evidence.motion.torque - truth) ** 2)) < 0.3 * NOISE_NM
+
+
+def test_residual_without_effect_is_noise(clean_evidence: Evidence) -> None:
+    problem = build_problem([clean_evidence])
+    freedom = problem.residual.size - problem.basis.shape[1]
+    assert problem.residual @ problem.residual / freedom == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / freedom))
+
+
+def test_feedback_noise_does_not_enter_the_acceleration(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    (noisy,) = build_evidence(record(iiwa14, table3, position_noise=1e-5), iiwa14, iiwa14_base)
+    _, _, exact = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    assert np.abs(noisy.motion.acceleration - exact).max() < 1e-4
+
+
+def test_rows_go_back_to_time(clean_evidence: Evidence) -> None:
+    random = np.random.default_rng(1)
+    rows = random.normal(size=clean_evidence.torque.shape)
+    assert np.allclose(clean_evidence.project(rows_to_time(clean_evidence, rows)), rows)
+
+
+def test_recordings_of_one_robot_are_fitted_together(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    parts = [
+        build_evidence(record(iiwa14, table3, periods=4, motion=motion, seed=motion), iiwa14, iiwa14_base)[0]
+        for motion in (3, 9)
+    ]
+    values = fit_parameters(parts)
+    truth = iiwa14_base.base_from_physical(table3)
+    alone = fit_parameters(parts[:1])
+    assert np.linalg.norm(values - truth) < np.linalg.norm(alone - truth)
+    again = with_parameters(parts[0], iiwa14_base, truth)
+    assert np.abs(again.motion.torque - parts[0].motion.torque).max() < 0.2
+
+
+def test_without_periods_the_noise_is_said_not_to_be_measured(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    from dataclasses import replace
+
+    whole = record(iiwa14, table3, periods=2)
+    plain = replace(whole, period_index=None, sample_in_period=None, period_s=None, samples_per_period=None)
+    evidences = build_evidence(plain, iiwa14, iiwa14_base)
+    assert evidences
+    assert not any(evidence.noise_is_measured for evidence in evidences)
