@@ -122,17 +122,12 @@ def _search(
     claimed = _merge_contacts(contrasts, claimed)
     while claimed:
         fits = _joint_fit(contrasts, claimed)
-        chances = [fit.log10_chance(1.0) - _own_chance(candidate) for fit, candidate in zip(fits, claimed, strict=True)]
+        chances = [fit.log10_chance(candidate.tests) for fit, candidate in zip(fits, claimed, strict=True)]
         weakest = int(np.argmax(chances))
         if chances[weakest] <= bound:
             return [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
         del claimed[weakest]
     return []
-
-
-def _own_chance(candidate: Candidate) -> float:
-    """log10 of what the search took off the chance: the size of the family, as the candidate was found."""
-    return min(0.0, candidate.fit.log10_chance(1.0) - candidate.log10_chance)
 
 
 def _candidates(contrasts: Contrasts, effects: Sequence[Effect], closed: _Closed) -> list[Candidate | None]:
@@ -260,14 +255,13 @@ def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -
     contribution[:, :, list(joints)] = rows @ fit.coefficients
     mean_columns = np.zeros((lines, n, rows.shape[-1]))
     mean_columns[:, list(joints)] = rows.mean(axis=0)
-    chance = fit.log10_chance(1.0) - _own_chance(candidate)
     return Change(
         evidence=number,
         effect=candidate.effect,
         estimate=Estimate(candidate.place, candidate.shape, fit.coefficients, fit.covariance, candidate.shape_std),
         gain=fit.gain,
-        score=fit.score(10.0 ** -_own_chance(candidate)),
-        log10_chance=chance,
+        score=fit.score(candidate.tests),
+        log10_chance=fit.log10_chance(candidate.tests),
         contribution=contribution,
         mean_columns=mean_columns,
     )

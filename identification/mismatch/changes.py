@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import Bounds, minimize, minimize_scalar
 from scipy.stats import chi2
 
 from identification.mismatch.contrasts import Contrasts, Fit, solve
@@ -39,7 +40,8 @@ OUTLIER_PASSES = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A candidate on the contrasts. joints: from 0, whose rows (K, R, J, m) it has. log10_chance: see `Fit`.
+    """A candidate on the contrasts. joints: from 0, whose rows (K, R, J, m) it has. log10_chance, tests: see
+    `Fit.log10_chance`.
 
     dispersion: how much noisier than its estimate the noise is beside the candidate; fit is already reduced by it.
     span_s: first and last time (s from the first sample) it acts on, for contacts; None for what lasts.
@@ -50,6 +52,7 @@ class Candidate:
     shape: Mapping[str, float]
     fit: Fit
     log10_chance: float
+    tests: float
     shape_std: Mapping[str, float]
     dispersion: float = 1.0
     span_s: tuple[float, float] | None = None
@@ -89,9 +92,10 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
         shape = {"course": float(LINEAR)}
     rest = contrasts.z[:, 0, joint] @ contrasts.z[:, 0, joint] - gains[:, joint].max()
     dispersion = _dispersion(rest, contrasts.periods - 2)
-    chance = fit.log10_chance(contrasts.evidence.n * len(courses), int(chosen != LINEAR), dispersion)
+    tests = float(contrasts.evidence.n * len(courses))
+    chance = fit.log10_chance(tests, int(chosen != LINEAR), dispersion)
     std = {} if chosen == LINEAR else _spread(contrasts, effect, place, shape, "time_s", fit.gain)
-    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, std, dispersion)
+    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, tests, std, dispersion)
 
 
 def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collection[int]) -> Candidate | None:
@@ -123,9 +127,10 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
     shape = _refine(contrasts, effect, place, {parameter.name: time}, parameter.name, bounds, log=True, points=9)
     fit = _fit(contrasts, effect, place, shape)
     dispersion = _dispersion(rests[place], 2 * (contrasts.periods - 2))
-    chance = fit.log10_chance(len(places) * len(parameter.grid), 1, dispersion)
+    tests = float(len(places) * len(parameter.grid))
+    chance = fit.log10_chance(tests, 1, dispersion)
     std = _spread(contrasts, effect, place, shape, parameter.name, fit.gain)
-    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, std, dispersion)
+    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, tests, std, dispersion)
 
 
 def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | None:
@@ -158,13 +163,15 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         rows = constant[..., PAYLOAD_SCAN] @ coefficients
 
         def gain_at(time: float, torque: FloatArray = torque, rows: FloatArray = rows) -> float:
-            by_period = np.empty((contrasts.periods, *rows.shape, 1))
-            for number, factor in enumerate(effect.envelope(motion, {"time_s": time})):
-                flat = np.ptp(factor) == 0.0
-                by_period[number, ..., 0] = (
-                    factor[0] * rows if flat else contrasts.evidence.project(factor[:, None] * torque)
-                )
-            return contrasts.fit(contrasts.whiten(by_period, joints), joints).gain
+            factors = effect.envelope(motion, {"time_s": time})
+            flat = np.ptp(factors, axis=1) == 0.0
+            weights = [np.where(flat, factors[:, 0], 0.0)]
+            patterns = [contrasts.whiten_repeated(rows[..., None], joints)]
+            for number in np.flatnonzero(~flat):
+                weights.append((np.arange(contrasts.periods) == number).astype(float))
+                part = contrasts.evidence.project(factors[number][:, None] * torque)
+                patterns.append(contrasts.whiten_repeated(part[..., None], joints))
+            return contrasts.fit_pieces(joints, np.array(weights), patterns).gain
 
         grid = np.linspace(max(0.0, shape["time_s"] - width), min(last, shape["time_s"] + width), 31)
         gains = [gain_at(float(time)) for time in grid]
@@ -175,9 +182,10 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         )
         shape = {"time_s": float(result.x if -result.fun > gains[best] else grid[best])}
     fit = _fit(contrasts, effect, place, shape)
-    chance = fit.log10_chance(8.0 * contrasts.periods, 1)
+    tests = 8.0 * contrasts.periods
+    chance = fit.log10_chance(tests, 1)
     std = _spread(contrasts, effect, place, shape, "time_s", fit.gain, smallest=motion.sampling_period_s)
-    return Candidate(effect, place, shape, fit, chance, std)
+    return Candidate(effect, place, shape, fit, chance, tests, std)
 
 
 def find_contact(
@@ -206,7 +214,7 @@ def find_contact(
         for name, value in _spread(contrasts, effect, place, shape, key, fit.gain).items()
     }
     span = (shape["start_s"], shape["start_s"] + shape["duration_s"])
-    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, std, dispersion, span)
+    return Candidate(effect, place, shape, _inflated(fit, dispersion), chance, tests, std, dispersion, span)
 
 
 def _scan_windows(
@@ -354,11 +362,12 @@ def _search(
         }
 
     simplex = np.vstack([np.zeros(4), step * np.eye(4)])
-    result = minimize(
+    options: Any = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2}
+    result = minimize(  # type: ignore[call-overload]  # the stubs lose the array type of the lambda
         lambda x: -gain_of(unpack(x)),
         np.zeros(4),
         method="Nelder-Mead",
-        options={"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2},
+        options=options,
     )
     return unpack(result.x) if -result.fun > gain_of(shape) else shape
 
@@ -399,11 +408,11 @@ def _best_point(
         )
         point, gain = float(result.x) * axis, -float(result.fun)
     else:
-        best = minimize(
+        best = minimize(  # type: ignore[call-overload]
             lambda p: -gain_at(p),
             np.array([0.05, 0.05, 0.05]),
             method="L-BFGS-B",
-            bounds=3 * [(-LARGEST_ARM_M, LARGEST_ARM_M)],
+            bounds=Bounds(np.full(3, -LARGEST_ARM_M), np.full(3, LARGEST_ARM_M)),
         )
         point, gain = np.asarray(best.x), -float(best.fun)
     return gain, {f"point_{axis}_m": float(point[i]) for i, axis in enumerate("xyz")}
