@@ -10,12 +10,14 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import secrets
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -105,12 +107,15 @@ def prove(
     worker: Sequence[str] = WORKER,
     publish: Callable[[str, str], None],
     progress: Callable[[int, int], None] | None = None,
+    minutes: float = math.inf,
 ) -> list[ProvenCase]:
     """Diagnose the cases of a seed blind and score them, in the order of their numbers.
 
+    minutes: after which no further case is begun; those that are done are opened and scored.
     publish(name, commitment) is called for each case before its recordings are diagnosed. worker: arguments of the
     Python process that diagnoses. Raises SealBrokenError when an opened label is not the sealed one.
     """
+    end = time.monotonic() + 60.0 * minutes
     waiting: SimpleQueue[int] = SimpleQueue()
     for index in indices:
         waiting.put(index)
@@ -131,7 +136,7 @@ def prove(
 
         def run_lane(generator: _LineProcess, diagnoser: _LineProcess) -> list[dict[str, Any]]:
             done = []
-            for index in _drain(waiting):
+            for index in _drain(waiting, end):
                 done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish))
                 if progress is not None:
                     progress(next(count), len(indices))
@@ -147,8 +152,8 @@ def prove(
     return sorted(proven, key=lambda case: case.index)
 
 
-def _drain(waiting: SimpleQueue[int]) -> Iterator[int]:
-    while True:
+def _drain(waiting: SimpleQueue[int], end: float) -> Iterator[int]:
+    while time.monotonic() < end:
         try:
             yield waiting.get_nowait()
         except Empty:

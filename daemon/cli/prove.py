@@ -23,6 +23,10 @@ def prove(
     only: Annotated[
         str | None, typer.Option("--only", metavar="GROUP/FAMILY", help="'pair', 'single/gain' or '/gain' only.")
     ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option("--minutes", min=0.0, help="Begin no further case after this time; score those done."),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Prove the diagnosis on concealed cases: draw, seal, diagnose blind in other processes, open the seals, score.
@@ -39,6 +43,7 @@ def prove(
         seed,
         indices,
         jobs=jobs or os.cpu_count() or 1,
+        minutes=math.inf if minutes is None else minutes,
         publish=lambda name, commitment: message(f"case {name}: label sealed, sha256 {commitment}"),
         progress=lambda done, total: message(f"[{100 * done // total:3d} %] {done} of {total} cases diagnosed"),
     )

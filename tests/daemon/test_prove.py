@@ -228,6 +228,14 @@ def test_the_diagnosing_side_sees_two_recordings_and_nothing_else(tmp_path: Path
     assert {case.commitment for case in proven} == {commitment for _, commitment, _ in published}
 
 
+def test_when_the_time_is_up_no_case_is_begun(tmp_path: Path) -> None:
+    stub = tmp_path / "stub.py"
+    stub.write_text(STUB)
+    late = proof.prove(TUNING_SEED, [0, 1], jobs=1, worker=[str(stub), "log"], publish=unheard, minutes=0.0)
+    assert late == []
+    assert summary([case.score for case in late])["cases"] == 0
+
+
 def test_a_label_that_was_changed_after_sealing_voids_the_proof() -> None:
     text = json.dumps({"group": "negative"})
     case = {"name": "a", "index": 0, "commitment": hashlib.sha256(("salt" + text).encode()).hexdigest(), "answer": {}}
