@@ -34,6 +34,7 @@ _COMMAND_MODULES = (
     "acquisition",
     "analysis",
     "demonstration",
+    "diagnosis",
     "examination",
     "feasibility",
     "prove",

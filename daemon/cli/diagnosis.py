@@ -1,0 +1,115 @@
+"""The commands `diagnose` and `batch`: what is missing in the model, in words first; many recordings at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+
+if TYPE_CHECKING:
+    from identification.mismatch.findings import Diagnosis, Finding
+
+VERDICTS = {
+    "no_mismatch": "No mismatch: the nominal model explains these recordings down to their noise.",
+    "explained": "Explained: with what is named here, nothing but noise remains.",
+    "partly_explained": "Partly explained: what is named here is there, but it is not all.",
+    "unexplained": "Unexplained: there is a mismatch, and nothing known to this program explains it.",
+}
+
+
+@app.command()
+def diagnose(
+    logs: LogsArgument,
+    heldout: Annotated[
+        list[Path] | None,
+        typer.Option("--heldout", help="Recording of another motion that checks every name; may be given repeatedly."),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="MODEL.json|FILE.urdf", help="Diagnose against this model, not a nominal fit."),
+    ] = None,
+    robot: RobotOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Locate what the model leaves out, name it, model it, and check it on recordings not used for that.
+
+    Exit code 0 whatever the verdict; the verdict is the result, on the first line and in diagnosis.json.
+    Example: iiwa-ident diagnose runs/first/recording.mcap --heldout runs/second/recording.mcap --out diagnosis
+    """
+    from daemon.diagnosis import diagnose_recordings
+
+    recordings = load_recordings(logs, robot)
+    unseen = load_recordings(heldout or [], robot)
+    result = diagnose_recordings(
+        recordings,
+        unseen,
+        out or logs[0].with_name("diagnosis"),
+        robot=robot,
+        model_file=model,
+        progress=lambda phase, share: message(f"[{100 * share:3.0f} %] {phase}"),
+    )
+    if json_file is not None:
+        write_json(json_file, result.diagnosis.to_json())
+    if not wants_json_on_stdout(json_file):
+        show_diagnosis(result.diagnosis)
+        for file in result.files:
+            data(f"Written to {file}")
+
+
+def show_diagnosis(diagnosis: Diagnosis) -> None:
+    """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
+    data(VERDICTS[diagnosis.verdict])
+    for fault in diagnosis.data_faults:
+        data(f"Data: {fault.sentence}")
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        data(f"{number}. {finding.sentence}")
+        for line in finding_lines(finding):
+            data(f"   {line}")
+    data(diagnosis.remaining)
+    show_table(joint_table(diagnosis))
+    for note in diagnosis.notes:
+        data(f"note: {note}")
+
+
+def finding_lines(finding: Finding) -> Sequence[str]:
+    """Numbers of one finding: parameters with σ, how sure, how much of it base parameters hide, held-out gain."""
+    lines = [
+        "; ".join(f"{item.name} {item.value:.4g} ± {item.std:.2g} {item.unit}".rstrip() for item in finding.parameters),
+        f"score {finding.score:.0f}, chance by noise {finding.significance:.1g}, "
+        f"{100 * finding.absorbed_fraction:.0f} % of it would hide in the base parameters",
+    ]
+    if finding.heldout_gain_nm.size:
+        gain = ", ".join(f"{1e3 * value:.1f}" for value in finding.heldout_gain_nm)
+        lines.append(f"lowers the held-out RMS of joints 1 to {finding.heldout_gain_nm.size} by {gain} mNm")
+    if finding.separating_experiment:
+        lines.append(f"To tell them apart: {finding.separating_experiment}")
+    return lines
+
+
+def joint_table(diagnosis: Diagnosis) -> Table:
+    """RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
+    table = Table("RMS, Nm", *(f"joint {joint + 1}" for joint in range(diagnosis.baseline.rms_nm.size)))
+    rows = [
+        ("fitted, nominal model", diagnosis.baseline.rms_nm),
+        ("fitted, with findings", diagnosis.rms_after_nm),
+        ("fitted, noise", diagnosis.baseline.noise_floor_nm),
+    ]
+    if diagnosis.heldout is not None:
+        rows += [
+            ("held out, nominal model", diagnosis.heldout.rms_before_nm),
+            ("held out, with findings", diagnosis.heldout.rms_after_nm),
+            ("held out, noise", diagnosis.heldout.noise_floor_nm),
+        ]
+    for name, values in rows:
+        table.add_row(name, *(f"{value:.4f}" for value in values))
+    return table

@@ -1,0 +1,79 @@
+"""A diagnosis from files to files: recordings in, `diagnosis.json` and `model.json` out.
+
+Here: reading, calling, writing. Not here: any computation (`identification.mismatch`), and what is printed. Called by
+the commands `diagnose` and `batch`, and by the worker.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daemon.api import write_bytes_atomically
+from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.extended_model import extended_model
+from identification.mismatch.findings import Diagnosis
+from identification.model_file import read_model, write_model
+from identification.recordings import Recording
+from identification.recordings.reader import robot_of
+from identification.robots import load_robot
+
+__all__ = ["DiagnosisFiles", "diagnose_recordings"]
+
+Progress = Callable[[str, float], None]
+_SHARE_OF_DIAGNOSIS = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiagnosisFiles:
+    """A diagnosis, its extended model as JSON, and the files in which they stand."""
+
+    diagnosis: Diagnosis
+    model: dict[str, Any]
+    files: tuple[Path, ...]
+
+
+def diagnose_recordings(
+    recordings: Sequence[Recording],
+    heldout: Sequence[Recording],
+    out: Path,
+    *,
+    robot: str | None = None,
+    model_file: Path | None = None,
+    model_name: str = "model.json",
+    progress: Progress | None = None,
+) -> DiagnosisFiles:
+    """Diagnose recordings and write the results into the folder `out`, which is made if it is not there.
+
+    robot: None takes the recordings' own. model_file: the model to diagnose against, None for a nominal fit.
+    model_name: of the extended model. Raises the errors of the recordings, of the diagnosis, and OSError.
+    """
+    report = progress if progress is not None else _silent
+    arm = load_robot(robot or robot_of([*recordings]))
+    diagnosis = diagnose(
+        recordings,
+        arm,
+        heldout=heldout,
+        model=None if model_file is None else read_model(model_file),
+        progress=lambda phase, share: report(f"diagnosis: {phase}", _SHARE_OF_DIAGNOSIS * share),
+    )
+    model = extended_model(
+        diagnosis,
+        recordings,
+        arm,
+        progress=lambda phase, share: report(
+            f"extended model: {phase}", _SHARE_OF_DIAGNOSIS + (1.0 - _SHARE_OF_DIAGNOSIS) * share
+        ),
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    result_file = out / "diagnosis.json"
+    text = json.dumps(diagnosis.to_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    write_bytes_atomically(str(result_file), text.encode())
+    return DiagnosisFiles(diagnosis, model, (result_file, write_model(model, out / model_name)))
+
+
+def _silent(phase: str, share: float) -> None:
+    """Progress that nobody watches."""

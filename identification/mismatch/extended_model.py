@@ -1,0 +1,66 @@
+"""The model that a diagnosis leaves behind: nominal parameters, physical ones too, with the findings as effects.
+
+Here: joining the diagnosis with a fit on recordings whose torque has the effects taken off. Not here: either of them.
+Called by the command line and the worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import IdentificationError
+from identification.fit import FitSettings, Progress, fit_recordings
+from identification.mismatch.findings import Diagnosis
+from identification.mismatch.prediction import without_effects
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+
+__all__ = ["extended_model"]
+
+
+def extended_model(
+    diagnosis: Diagnosis,
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    *,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """`model.json` (contract §5) of a diagnosis, as `fit` writes it, with `effects`.
+
+    Base parameters and their deviations come from the joint fit with the effects; physical and consistent sets and the
+    certificate from programs on the torque that the effects leave. Where those programs cannot be solved on these
+    recordings, the model holds base parameters only and a note says why.
+    """
+    extended = diagnosis.extended_model_json()
+    regressor = BaseRegressor(robot)
+    known = {item.name: item.after for item in diagnosis.parameter_shift}
+    values = np.array([known[name] for name in regressor.names])
+    settings = FitSettings(rotor_inertia="no", offset="no", check_torque_sign=False)
+    turned = {
+        joint - 1 for fault in diagnosis.data_faults if fault.fault == "inverted_torque_sign" for joint in fault.joints
+    }
+    sign = np.array([-1.0 if joint in turned else 1.0 for joint in range(robot.n)])
+    try:
+        remaining = []
+        for index, recording in enumerate(recordings):
+            present = [
+                finding.to_json() for finding in diagnosis.findings if finding.where.get("recording", index) == index
+            ]
+            upright = replace(recording, torque=recording.torque * sign) if turned else recording
+            remaining.append(without_effects(upright, present, robot, values))
+        model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
+    except IdentificationError as error:
+        note = f"Base parameters only: {error}"
+        return {**extended, "provenance": {**extended["provenance"], "notes": [note]}}
+    return {
+        **model,
+        "base_parameters": extended["base_parameters"],
+        "effects": extended["effects"],
+        "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
+        "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
+    }

@@ -1,0 +1,136 @@
+"""Torque of effects that a diagnosis found, on other motions: what makes them part of the model.
+
+Findings come as they stand in `model.json`. Here: their torque on a motion, and recordings with it taken off. Not here:
+how they were found. Called by the extended model, by `validate` and by `simulate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import ModelFileError
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Place
+from identification.mismatch.evidence import build_evidence, with_parameters
+from identification.mismatch.motion import Motion
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+EffectJson = Mapping[str, Any]
+
+
+class _Timed(Protocol):
+    @property
+    def time_s(self) -> float:
+        """Time, s."""
+
+
+def repeatable(effects: Sequence[EffectJson]) -> tuple[EffectJson, ...]:
+    """Those effects that act in every recording; drift, contact and their like belong to the one they were found in."""
+    return tuple(effect for effect in effects if _library(effect).stage == "repeatable")
+
+
+def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
+    """(K, S, n) Nm, summed torque of effects in each of the motion's K periods; zero where the motion stops one acting.
+
+    Raises ModelFileError for an effect that the library does not hold or that is not complete.
+    """
+    torque = np.zeros((motion.start_s.size, motion.samples, motion.n))
+    for effect in effects:
+        try:
+            model = effect["model"]
+            place = Place(effect["joint"], effect["link"], model["other_joint"])
+            shape = {str(name): float(value) for name, value in model["shape"].items()}
+            coefficients = np.array(model["coefficients"], dtype=np.float64)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ModelFileError(
+                f"Effect {effect.get('effect')} of the model is not complete ({error!r})", field="effects"
+            ) from error
+        columns = _library(effect).columns(motion, place, shape)
+        if columns is None:
+            continue
+        joints = list(columns.joints)
+        if columns.values_by_period is not None:
+            torque[:, :, joints] += columns.values_by_period @ coefficients
+        else:
+            weights = np.ones((motion.start_s.size, coefficients.size))
+            weights = weights if columns.period_weights is None else columns.period_weights
+            torque[:, :, joints] += np.einsum("sjm,km->ksj", columns.values, weights * coefficients)
+    return torque
+
+
+def without_effects(
+    recording: Recording, effects: Sequence[EffectJson], robot: RobotModel, values: FloatArray
+) -> Recording:
+    """The recording with the effects' torque taken off each sample that has a place in a period or a stretch.
+
+    values: (p,) base parameters whose torque effects that depend on load see. Raises RecordingError where the recording
+    cannot be used.
+    """
+    if not effects:
+        return recording
+    regressor = BaseRegressor(robot)
+    torque = recording.torque.copy()
+    for evidence in build_evidence(recording, robot, regressor):
+        motion = with_parameters(evidence, regressor, values).motion
+        taken = effects_torque(effects, motion)
+        if motion.periodic:
+            assert recording.period_index is not None
+            assert recording.sample_in_period is not None
+            first = [int(np.searchsorted(recording.time - recording.time[0], start)) for start in motion.start_s]
+            for period, number in enumerate(recording.period_index[first]):
+                rows = np.flatnonzero(recording.period_index == number)
+                torque[rows] -= taken[period, recording.sample_in_period[rows]]
+        else:
+            since = recording.time - recording.time[0] - motion.start_s[0]
+            rows = np.flatnonzero((since >= motion.time[0]) & (since <= motion.time[-1]))
+            for joint in range(recording.n):
+                torque[rows, joint] -= np.interp(since[rows], motion.time, taken[0, :, joint])
+    return replace(recording, torque=torque)
+
+
+def torque_along(
+    effects: Sequence[EffectJson], robot: RobotModel, values: FloatArray, time: FloatArray, states: Sequence[FloatArray]
+) -> Callable[[_Timed], FloatArray]:
+    """Effects' torque as a function of a simulated state's time, evaluated along the commanded periodic motion.
+
+    time: (S,) s, uniform over one period. states: q, q̇, q̈ there, each (S, n). values: (p,) base parameters.
+    The returned function takes anything with `time_s` and gives (n,) Nm; only repeatable effects are in it.
+    """
+    regressor = BaseRegressor(robot)
+    position, velocity, acceleration = states
+    motion = Motion(
+        robot=robot,
+        time=time,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=regressor.matrix(position, velocity, acceleration) @ values,
+        full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
+        periodic=True,
+        start_s=np.zeros(1),
+    )
+    table = effects_torque(repeatable(effects), motion)[0]
+    step, samples = motion.sampling_period_s, motion.samples
+
+    def torque(state: _Timed) -> FloatArray:
+        row = round(state.time_s / step) % samples
+        return np.asarray(table[row], dtype=np.float64)
+
+    return torque
+
+
+def _library(effect: EffectJson) -> Any:
+    try:
+        return effect_named(str(effect.get("effect")))
+    except KeyError as error:
+        raise ModelFileError(
+            f"The model names an effect that is not known: {effect.get('effect')}", field="effects"
+        ) from error
