@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class StructuralResonance(OwnJointEffect):
-    """c G(s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²): a share c of the torque passes through a weakly damped mode.
+    """c G(s) τ̂_j, G = 1 − ω²/(s² + 2 ζ ω s + ω²): a share c of the torque passes through a weakly damped mode.
 
     Slow torque passes as it is; a friction reversal rings at ω. The second column is the same ringing turned by 45°
     (G s/(s + ω)), so that it need not be known what drives the mode: torque, its rate, or the jerk.
@@ -26,7 +26,7 @@ class StructuralResonance(OwnJointEffect):
 
     name = "structural_resonance"
     code = "resonance"
-    equation = "τ_j = c₁ G(s) τ̂_j + c₂ G(s) s/(s + ω) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²)"
+    equation = "τ_j = c₁ G(s) τ̂_j + c₂ G(s) s/(s + ω) τ̂_j, G = 1 − ω²/(s² + 2 ζ ω s + ω²)"
     source = "Ohr et al., Identification of flexibility parameters of 6-axis industrial manipulators, ISMA 2006"
     units = ("1", "1")
     plausible = "5 to 15 Hz, ζ 0.01 to 0.1, a few per cent of the torque"
@@ -47,7 +47,9 @@ class StructuralResonance(OwnJointEffect):
         """The mode's answer to the nominal torque, and the same turned by 45°."""
         omega, damping = 2.0 * np.pi * shape["frequency"], shape["damping"]
         torque = motion.torque[:, joint]
-        first = filtered(motion, torque, lambda s: s**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
+        first = filtered(
+            motion, torque, lambda s: (s**2 + 2.0 * damping * omega * s) / (s**2 + 2.0 * damping * omega * s + omega**2)
+        )
         second = filtered(motion, first, lambda s: s / (s + omega))
         return np.column_stack([first, second])
 
