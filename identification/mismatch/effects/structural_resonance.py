@@ -48,7 +48,7 @@ class StructuralResonance(OwnJointEffect):
         omega, damping = 2.0 * np.pi * shape["frequency"], shape["damping"]
         torque = motion.torque[:, joint]
         first = filtered(
-            motion, torque, lambda s: (s**2 + 2.0 * damping * omega * s) / (s**2 + 2.0 * damping * omega * s + omega**2)
+            motion, torque, lambda s: np.asarray(1.0 - omega**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
         )
         second = filtered(motion, first, lambda s: s / (s + omega))
         return np.column_stack([first, second])
