@@ -1,0 +1,52 @@
+"""Numbers as a reader wants them: rounded to what they mean. Used by every section of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+UNKNOWN = "–"
+
+
+def rounded(value: float | None, digits: int = 3) -> str:
+    """A number with so many significant digits, "–" where it is not known; no exponent between 1e-4 and 1e6."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if value == 0.0:
+        return "0"
+    place = digits - 1 - _magnitude(value, digits)
+    if not -7 < _magnitude(value, digits) < 6 or place > 9:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    return f"{round(value, place):.{max(place, 0)}f}".replace("-", "−")
+
+
+def with_sigma(value: float | None, sigma: float | None) -> tuple[str, str]:
+    """Value and standard deviation as texts: σ with two significant digits, the value to the same place."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN, UNKNOWN
+    if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
+        return rounded(value, 4), UNKNOWN
+    place = 1 - _magnitude(sigma, 2)
+    if place > 9 or place < -6:
+        return rounded(value, 4), rounded(sigma, 2)
+    return (f"{round(value, place):.{max(place, 0)}f}".replace("-", "−"), f"{round(sigma, place):.{max(place, 0)}f}")
+
+
+def row_of(values: Iterable[float | None], digits: int = 3) -> tuple[str, ...]:
+    """One text per number."""
+    return tuple(rounded(value, digits) for value in values)
+
+
+def joint_heads(count: int) -> tuple[str, ...]:
+    """Column heads "1" … "n" of a table by joint."""
+    return tuple(str(joint + 1) for joint in range(count))
+
+
+def listed(items: Sequence[str]) -> str:
+    """Items as in a sentence: "1, 2 and 5"."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
+
+
+def _magnitude(value: float, digits: int) -> int:
+    """Decimal exponent of a number after rounding: 0.0996 with two digits is 0.10, so −1."""
+    return int(f"{value:.{digits - 1}e}".split("e")[1])

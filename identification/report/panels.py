@@ -1,0 +1,138 @@
+"""One small plot as SVG text for a page: readable in print, in dark and light, and on a phone.
+
+Here: the drawing, with matplotlib's SVG writer, and what makes its output fit into an HTML page: colours that the
+page's style sheet decides, no addresses, no names that two plots share. Not here: what is drawn. Called by `page`.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from itertools import pairwise
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from identification.report.document import Line, Panel
+
+__all__ = ["MOST_POINTS", "decimate", "draw_panel"]
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_POINTS = 600
+"""Points of one line: a panel is some 400 pixels wide."""
+
+# Colours that stand for a variable of the page's style sheet; the values here are never seen.
+_INK, _FAINT = "#010101", "#020202"
+_COLOURS = {"measured": "#030303", "before": "#040404", "after": "#050505", "noise": "#060606", "fitted": "#070707"}
+_LINES: dict[str, dict[str, Any]] = {
+    "measured": {"linewidth": 0.9},
+    "before": {"linewidth": 1.0, "linestyle": (0, (4, 1.5))},
+    "after": {"linewidth": 1.0},
+    "noise": {"linewidth": 1.2, "linestyle": (0, (1, 1.2))},
+    "fitted": {"linewidth": 1.6, "linestyle": (0, (6, 1.5, 1, 1.5))},
+}
+_VARIABLES = {_INK: "currentColor", _FAINT: "var(--faint)"} | {
+    colour: f"var(--{style})" for style, colour in _COLOURS.items()
+}
+_SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+    "font.size": 8.0,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "axes.unicode_minus": True,
+    "text.color": _INK,
+    "axes.labelcolor": _INK,
+    "axes.edgecolor": _FAINT,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "grid.color": _FAINT,
+    "grid.linewidth": 0.4,
+    "axes.linewidth": 0.6,
+    "path.simplify": True,
+}
+
+
+def draw_panel(panel: Panel, name: str) -> str:
+    """The panel as an `<svg>` element without width and height; name: unique on the page."""
+    with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": name}):
+        canvas = Canvas(figsize=(3.5, 3.0 if panel.equal else 2.15))
+        canvas.patch.set_visible(False)
+        axes = canvas.add_axes((0.165, 0.15 if panel.equal else 0.2, 0.8, 0.75 if panel.equal else 0.67))
+        _draw(axes, panel)
+        text = io.StringIO()
+        canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    return _for_page(text.getvalue())
+
+
+def decimate(x: FloatArray, y: FloatArray, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
+    """No more than `most` points of a line, with the lowest and the highest of every stretch among them."""
+    if len(y) <= most:
+        return x, y
+    edges = np.linspace(0, len(y), most // 2 + 1).astype(int)
+    chosen: list[int] = []
+    for first, last in pairwise(edges):
+        part = y[first:last]
+        if np.isnan(part).all():
+            chosen.append(int(first))
+            continue
+        chosen += sorted({int(first + np.nanargmin(part)), int(first + np.nanargmax(part))})
+    return x[chosen], y[chosen]
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    axes.patch.set_visible(False)
+    if panel.floor is not None and np.isfinite(panel.floor):
+        axes.axhspan(-panel.floor, panel.floor, facecolor=_COLOURS["noise"], alpha=0.3, linewidth=0)
+    for line in panel.lines:
+        _draw_line(axes, line)
+    axes.set_title(panel.title, loc="left", fontsize=8.5, fontweight="bold", pad=4)
+    axes.set_xlabel(panel.x_label, labelpad=2)
+    axes.set_ylabel(panel.y_label, labelpad=2)
+    axes.grid(visible=True, alpha=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    if panel.logarithmic:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(numticks=6))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.yaxis.set_major_locator(MaxNLocator(5))
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    else:
+        axes.margins(x=0.0)
+
+
+def _draw_line(axes: Axes, line: Line) -> None:
+    colour = _COLOURS[line.style]
+    if line.marks == "star":
+        axes.plot(line.x, line.y, "*", color=colour, markersize=9)
+    elif line.marks == "dots":
+        axes.errorbar(
+            line.x, line.y, yerr=line.band, color=colour, ecolor=colour, elinewidth=0.6, linestyle="none",
+            marker="o" if line.style == "after" else "s", markersize=2.4,
+            markerfacecolor=colour if line.style == "after" else "none", markeredgewidth=0.7,
+        )  # fmt: skip
+    else:
+        x, y = decimate(line.x, line.y)
+        axes.plot(x, y, color=colour, solid_joinstyle="round", **_LINES[line.style])
+
+
+def _for_page(svg: str) -> str:
+    """Only the element itself, sized by the page, without addresses and names that nothing refers to."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", svg, flags=re.DOTALL)
+    opening, rest = svg.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', opening)
+    svg = f'<svg {box.group() if box else ""} aria-hidden="true" focusable="false">{rest}'.replace("xlink:href", "href")
+    referred = set(re.findall(r"#([A-Za-z][\w-]*)", svg))
+    svg = re.sub(r' id="([^"]*)"', lambda match: match.group() if match.group(1) in referred else "", svg)
+    svg = re.sub(r"#0[1-7]0[1-7]0[1-7]", lambda match: _VARIABLES.get(match.group(), match.group()), svg)
+    return re.sub(r"\n\s*", "\n", svg).strip()
