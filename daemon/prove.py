@@ -59,6 +59,7 @@ class _LineProcess:
             stdout=subprocess.PIPE,
             text=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,  # Ctrl-C is for this process, which then ends its children
         )
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
