@@ -239,7 +239,7 @@ def _place(
     joint = max(joints, key=lambda item: float(shown[item] @ shown[item]))
     parts = (before.after.rows, now.after.rows, rows, shown)
     series = rows_to_time(evidence, np.stack([part[joint, :size] for part in parts], axis=1)).T
-    noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))
+    noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.samples))
     curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2])
     where = where_of(evidence, result.before.power, joint, series[3], curve, share)
     where["joints"] = [item + 1 for item in joints]

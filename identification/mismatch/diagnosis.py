@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
+from identification.fitting.settings import Split
+from identification.mismatch.aperiodic_evidence import choose_regressor, default_split, weighted_by_result
 from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults
@@ -23,7 +25,7 @@ from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
-from identification.mismatch.problem import build_problem
+from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.search import search
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
@@ -62,15 +64,17 @@ def diagnose(
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
     del model
-    regressor = BaseRegressor(robot)
+    split = None
+    if not heldout and not any(recording.is_periodic for recording in recordings):
+        split = default_split(recordings) if settings.split is None else Split.parse(settings.split)
+    regressor = choose_regressor(recordings, robot, settings, split)
     report("data", 0.05)
     faults = tuple(fault for recording in recordings for fault in find_data_faults(recording, robot, regressor))
     report("evidence", 0.1)
-    fitted = _prepare([_upright(item, faults) for item in recordings], robot, regressor, settings, None)
+    upright = [_upright(item, faults) for item in recordings]
+    fitted = _prepare(upright, robot, regressor, settings, split)
     report("search", 0.3)
-    problem = build_problem(
-        fitted.evidences, fitted.torque, [(change.evidence, change.mean_columns) for change in fitted.changes]
-    )
+    problem = _problem(fitted)
     library = Library(EFFECTS, fitted.evidences)
 
     def renewed(values: FloatArray) -> Library:
@@ -79,11 +83,17 @@ def diagnose(
 
     inactive = library.candidates()[1]
     result = search(problem, library, renewed, settings)
+    if not problem.noise_is_measured and result.trial.members:
+        # Weights were those of the misfit that is now explained; the joints with most of it counted least.
+        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, result.trial))
+        problem = _problem(fitted)
+        result = search(problem, library, renewed, settings)
     report("held-out check", 0.8)
     unseen = None
-    if heldout:
+    if heldout or split is not None:
         values = extend(problem, result.trial.members).base[: regressor.size]
-        unseen = _prepare([_upright(item, faults) for item in heldout], robot, regressor, settings, values)
+        others = [_upright(item, faults) for item in heldout] if heldout else upright
+        unseen = _prepare(others, robot, regressor, settings, split, values)
     claims = build_findings(
         problem, result.library, result, fitted, unseen, settings, physics=not _stops_physics(faults)
     )
@@ -102,10 +112,18 @@ def _prepare(
     robot: RobotModel,
     regressor: BaseRegressor,
     settings: DiagnosisSettings,
-    values: FloatArray | None,
+    split: Split | None,
+    values: FloatArray | None = None,
 ) -> Prepared:
-    """values: base parameters whose torque the effects see; None for those that fit all these recordings together."""
-    evidences = [part for recording in recordings for part in build_evidence(recording, robot, regressor, settings)]
+    """values: base parameters whose torque the effects see; with them the rows are those that the split holds out.
+
+    None: the rows to fit, and the parameters that fit them all together.
+    """
+    evidences = [
+        part
+        for recording in recordings
+        for part in build_evidence(recording, robot, regressor, settings, split, held_out=values is not None)
+    ]
     if values is None and len(evidences) > 1:
         values = fit_parameters(evidences)
     if values is not None:
@@ -115,6 +133,12 @@ def _prepare(
     for change in changes:
         torque[change.evidence] -= change.contribution.mean(axis=0)
     return Prepared(tuple(evidences), changes, tuple(torque))
+
+
+def _problem(prepared: Prepared) -> Problem:
+    """The rows of the fitted evidences, columns of changes between periods kept free."""
+    nuisance = [(change.evidence, change.mean_columns) for change in prepared.changes]
+    return build_problem(prepared.evidences, prepared.torque, nuisance)
 
 
 def _baseline(nominal: Residuals, probability: FloatArray, claims: Claims) -> Baseline:

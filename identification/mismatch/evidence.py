@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal.windows import tukey
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.fitting.settings import Split
 from identification.mismatch.motion import Motion
 from identification.mismatch.noise import noise_of_mean
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-from identification.signals.aperiodic import process_aperiodic
 from identification.signals.periodic import (
     MOTION_OVER_NOISE,
     SMALLEST_AMPLITUDE,
@@ -29,7 +28,7 @@ from identification.signals.periodic import (
     to_lines,
 )
 from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
-from identification.signals.processed import LinearOperator, ProcessedSignals
+from identification.signals.processed import LinearOperator
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -45,7 +44,9 @@ class Evidence:
     the base regressor's columns. noise: (R, n) Nm, standard deviation of the noise in `torque`'s rows.
     noise_freedom: (R,) real degrees of freedom behind each entry of `noise`. used: (R, n) rows that count.
     noise_is_measured: whether the noise comes from period differences; False where it had to be taken from the high
-    band, which is weaker evidence.
+    band, which is weaker evidence. restore: rows (R, …) back to (S, …), nan where no row tells; None for the lines of
+    a period. counted: samples behind the rows where those are not all of the motion's. white_noise:
+    (R, n) Nm, level of the torque above the compared band where `noise` is more than that; None where it is measured.
     """
 
     recording: Recording
@@ -59,6 +60,14 @@ class Evidence:
     noise_freedom: FloatArray
     used: BoolArray
     noise_is_measured: bool
+    restore: LinearOperator | None = None
+    counted: int | None = None
+    white_noise: FloatArray | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples behind the rows: Σ rows² over it is a mean square over time."""
+        return self.motion.samples if self.counted is None else self.counted
 
     @property
     def n(self) -> int:
@@ -76,12 +85,19 @@ def build_evidence(
     robot: RobotModel,
     regressor: BaseRegressor,
     settings: DiagnosisSettings | None = None,
+    split: Split | None = None,
+    *,
+    held_out: bool = False,
 ) -> tuple[Evidence, ...]:
     """Reduce a recording: one evidence for a periodic one, one per gap-free stretch for any other.
 
-    `motion.torque` is that of the nominal fit to this recording alone; `with_parameters` sets another one. Raises
-    RecordingError where the recording cannot be used.
+    split, held_out: which rows of a recording without periods; all of them without a split. `motion.torque` is that of
+    the nominal fit to this recording alone; `with_parameters` sets another one. Raises RecordingError where the
+    recording cannot be used.
     """
+    # Here, because that module builds on this one's Evidence.
+    from identification.mismatch.aperiodic_evidence import build_aperiodic_evidence
+
     settings = settings if settings is not None else DiagnosisSettings()
     if recording.is_periodic:
         try:
@@ -91,9 +107,7 @@ def build_evidence(
                 raise
         else:
             return (_periodic_evidence(recording, table, robot, regressor, settings),)
-    return tuple(
-        _stretch_evidence(recording, signals, robot, regressor, settings) for signals in process_aperiodic(recording)
-    )
+    return build_aperiodic_evidence(recording, robot, regressor, settings, split, held_out=held_out)
 
 
 def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
@@ -122,6 +136,8 @@ def with_parameters(evidence: Evidence, regressor: BaseRegressor, values: FloatA
 
 def rows_to_time(evidence: Evidence, rows: FloatArray) -> FloatArray:
     """Spectral rows (R, …) back on the time grid of the motion (S, …), within the compared bandwidth."""
+    if evidence.restore is not None:
+        return evidence.restore(rows)
     samples = evidence.motion.samples
     spectrum = np.zeros((samples // 2 + 1, *rows.shape[1:]), dtype=np.complex128)
     lines = (rows.shape[0] - 1) // 2
@@ -166,12 +182,12 @@ def _periodic_evidence(
         command_position=_period_mean(recording, table, recording.command_position),
         link_position=_period_mean(recording, table, recording.link_position),
     )
-    return _complete(
+    return complete_evidence(
         recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
     )
 
 
-def _complete(
+def complete_evidence(
     recording: Recording,
     motion: Motion,
     project: LinearOperator,
@@ -182,8 +198,13 @@ def _complete(
     noise: FloatArray,
     freedom: FloatArray,
     measured: bool,
+    *,
+    used: BoolArray | None = None,
+    restore: LinearOperator | None = None,
+    counted: int | None = None,
+    white_noise: FloatArray | None = None,
 ) -> Evidence:
-    """The evidence with its nominal rows and the torque of the nominal fit to it."""
+    """The evidence with its nominal rows and the torque of the nominal fit to it; fields as in `Evidence`."""
     columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration)
     nominal = np.zeros((*torque.shape, regressor.size))
     for joint in range(motion.n):
@@ -199,8 +220,11 @@ def _complete(
         nominal=nominal,
         noise=noise,
         noise_freedom=freedom,
-        used=np.ones(torque.shape, dtype=np.bool_),
+        used=np.ones(torque.shape, dtype=np.bool_) if used is None else used,
         noise_is_measured=measured,
+        restore=restore,
+        counted=counted,
+        white_noise=white_noise,
     )
     values = fit_parameters([evidence])
     full = np.linalg.pinv(regressor.regrouping) @ values
@@ -260,42 +284,3 @@ def _noise_of_high_band(torque: FloatArray, lines: int) -> tuple[FloatArray, Flo
     high = rows[2 * lines + 1 :] if available > 1.2 * lines else rows[int(1.6 * available) :]
     level = np.sqrt(np.maximum(np.median(high**2, axis=0) / 0.4549, 1e-18))
     return np.tile(level, (2 * lines + 1, 1)), np.full(2 * lines + 1, float(high.shape[0]))
-
-
-def _stretch_evidence(
-    recording: Recording,
-    signals: ProcessedSignals,
-    robot: RobotModel,
-    regressor: BaseRegressor,
-    settings: DiagnosisSettings,
-) -> Evidence:
-    """One stretch without periods: tapered at both ends and taken to the lines of its own length."""
-    del settings
-    samples = signals.time.size
-    step = float(signals.time[1] - signals.time[0])
-    duration = samples * step
-    bandwidth = 0.5 * float(signals.facts["low_pass_hz"])
-    lines = min(max(30, int(bandwidth * duration)), (samples - 1) // 4)
-    taper = tukey(samples, min(1.0, 4.0 / bandwidth / duration))
-
-    def project(values: FloatArray) -> FloatArray:
-        return to_lines(values * taper.reshape(-1, *([1] * (values.ndim - 1))), lines)
-
-    noise, freedom = _noise_of_high_band(signals.torque * taper[:, None], 4 * lines)
-    motion = Motion(
-        robot=robot,
-        time=signals.time - signals.time[0],
-        position=signals.position,
-        velocity=signals.velocity,
-        acceleration=signals.acceleration,
-        torque=np.zeros_like(signals.position),
-        full_parameters=np.zeros(len(regressor.full_names)),
-        periodic=False,
-        start_s=np.array([float(signals.time[0] - recording.time[0])]),
-    )
-    frequency = np.repeat(np.arange(lines + 1) / duration, 2)[1:]
-    rows = 2 * lines + 1
-    return _complete(
-        recording, motion, project, frequency, project(signals.torque), None, regressor, noise[:rows], freedom[:rows],
-        False,
-    )  # fmt: skip

@@ -78,11 +78,14 @@ def best_curve(
 ) -> tuple[Curve, float]:
     """The coordinate that orders a series best, binned, and the share of the series' energy the bins hold.
 
-    before, after: (S,) Nm residuals of the joint (from 0). fitted: (S,) Nm torque of an effect; then its own coordinate
-    is looked for, else that of `before`. noise_nm: deviation of one sample.
+    before, after: (S,) Nm residuals of the joint (from 0), nan where no row tells. fitted: (S,) Nm torque of an
+    effect; then its own coordinate is looked for, else that of `before`. noise_nm: deviation of one sample.
     """
+    known = np.isfinite(before)
+    before, after = before[known], after[known]
+    fitted = None if fitted is None else fitted[known]
     series = before if fitted is None else fitted
-    values = coordinates(evidence, joint)
+    values = {name: item[known] for name, item in coordinates(evidence, joint).items()}
     shares = {name: _share_in_bins(values[name], series) for name in names}
     name = max(shares, key=lambda key: shares[key])
     index, centre, count = _bins(values[name])
@@ -122,7 +125,7 @@ def where_of(
 def time_windows(time: FloatArray, series: FloatArray) -> tuple[list[list[float]], float]:
     """The fewest of 20 equal windows that hold 70 % of a series' energy, neighbours joined, and their share of time."""
     edges = np.linspace(0, time.size, SCANS + 1).astype(int)
-    energy = np.add.reduceat(series**2, edges[:-1])
+    energy = np.add.reduceat(np.nan_to_num(series) ** 2, edges[:-1])
     order = np.argsort(-energy)
     enough = int(np.searchsorted(np.cumsum(energy[order]), SHARE_OF_WINDOWS * energy.sum())) + 1
     step = float(time[1] - time[0])

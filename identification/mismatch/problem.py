@@ -35,7 +35,8 @@ class Problem:
     (n, R) Nm. freedom: (R,) degrees of freedom of the noise. band: (R,) index of the band. evidence: (R,) which
     evidence. frequency: (R,) Hz. torque: (n R,) whitened. nominal: (n, R, p) Nm
     per unit, base parameters first, then nuisances. basis: (n R, p') orthonormal basis of the nominal columns,
-    whitened. residual: (n R,) torque off the basis.
+    whitened. residual: (n R,) torque off the basis. noise_is_measured: in every evidence; else nothing proves that
+    only noise is left.
     """
 
     n: int
@@ -49,6 +50,7 @@ class Problem:
     nominal: FloatArray
     basis: FloatArray
     residual: FloatArray
+    noise_is_measured: bool = True
 
     @property
     def rows(self) -> int:
@@ -96,6 +98,7 @@ def build_problem(
         nominal=nominal,
         basis=empty,
         residual=empty,
+        noise_is_measured=all(item.noise_is_measured for item in evidences),
     )
     return _with_basis(problem)
 

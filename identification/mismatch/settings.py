@@ -18,8 +18,12 @@ class DiagnosisSettings:
     which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
     stay this close are named as alternatives. share_removed, heldout_share_removed: share of the excess misfit energy
     on the joints of a finding that must be removed on the fitted and on the held-out recordings for a name to be given.
+    share_of_form: share of what is explained on a joint that the exact form of the strongest effect may be wrong by; a
+    weaker one on the same joint must explain more.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
-    and harmonics of the position that count as motion.
+    and harmonics of the position that count as motion. low_pass_hz: of recordings without periods, None = as the motion
+    asks (`aperiodic_evidence.low_pass_of`). split: text of a `Split`, rows of such recordings to hold out where no
+    other recording is; None = every third of fifteen blocks of time.
     """
 
     complete_score: float = 17.0
@@ -29,6 +33,9 @@ class DiagnosisSettings:
     margin_of_indistinguishable: float = 10.0
     share_removed: float = 0.7
     heldout_share_removed: float = 0.5
+    share_of_form: float = 0.015
     largest_findings: int = 5
     torque_bandwidth_hz: float = 60.0
     motion_bandwidth_hz: float = 20.0
+    low_pass_hz: float | None = None
+    split: str | None = None

@@ -132,7 +132,7 @@ def _curves(evidence: Evidence, weighted: Problem, left: npt.NDArray[np.bool_]) 
     series = rows_to_time(evidence, rows[:, :size].T)
     curves = []
     for joint in np.flatnonzero(left):
-        noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.motion.samples))
+        noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.samples))
         curves.append(best_curve(evidence, int(joint), series[:, joint], series[:, joint], noise)[0])
     return tuple(curves)
 
@@ -170,18 +170,20 @@ def _remaining(
 def _spectra(evidences: Sequence[Evidence], before: Residuals, after: Residuals) -> list[Spectrum]:
     found, start = [], 0
     for evidence in evidences:
-        size, samples = evidence.frequency.size, evidence.motion.samples
+        size, samples = evidence.frequency.size, evidence.samples
         parts = [
-            _per_line(values[:, start : start + size].T, samples)
+            _per_line(values[:, start : start + size].T, evidence.frequency, samples)
             for values in (before.rows, after.rows, before.sensor_noise)
         ]
-        found.append(Spectrum(np.concatenate([evidence.frequency[:1], evidence.frequency[1::2]]), *parts))
+        found.append(Spectrum(np.unique(evidence.frequency), *parts))
         start += size
     return found
 
 
-def _per_line(rows: FloatArray, samples: int) -> FloatArray:
-    square = np.concatenate([rows[:1] ** 2, rows[1::2] ** 2 + rows[2::2] ** 2])
+def _per_line(rows: FloatArray, frequency: FloatArray, samples: int) -> FloatArray:
+    """RMS per frequency from all rows at it: cosine and sine of a period, or the same line of several blocks."""
+    index = np.unique(frequency, return_inverse=True)[1]
+    square = np.stack([np.bincount(index, weights=column**2) for column in rows.T], axis=1)
     return np.asarray(np.sqrt(square / samples), dtype=np.float64)
 
 

@@ -1,0 +1,366 @@
+"""Evidence of a recording without periods: stretches cut into blocks of time, each block taken to cosine lines.
+
+Blocks let rows be held out by time and weights differ between blocks that move and blocks that stand still; cosine
+lines (the orthonormal DCT) let rows have frequencies without asking that a block joins its own end. Nothing repeats
+here, so nothing tells noise from misfit: what stands in for the noise is the level above the compared band, and a
+tenth of what a plain fit leaves where that is more. It serves as a weight, and `noise_is_measured` is False. Called by
+`evidence.build_evidence` and the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import dct, idct
+
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import RecordingError
+from identification.fitting.blocks import build_block
+from identification.fitting.drives import choose_drive_parameters
+from identification.fitting.settings import Split
+from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
+from identification.mismatch.motion import Motion
+from identification.mismatch.problem import BAND_EDGES_HZ
+from identification.mismatch.search import Trial
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings.recording import Recording
+from identification.robots import BUILT_IN_ROBOTS, RobotModel
+from identification.signals.aperiodic import (
+    AperiodicSettings,
+    process_aperiodic,
+    uniform_grid,
+    zero_phase_low_pass,
+)
+from identification.signals.processed import ProcessedSignals
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+SAMPLES_PER_CUTOFF_PERIOD = 12.5
+"""Of the thinned motion: enough for signs of velocity, which pass the low-pass after they are taken."""
+ROW_STRIDE = 5
+"""Every so many samples of the thinned motion a row: 2.5 per period of the cutoff frequency."""
+MOTION_SHARE = 0.95
+CUTOFF_OVER_MOTION = 10.0
+"""The low-pass lies at this multiple of the frequency below which most of a joint's velocity is: friction at reversals
+has that many harmonics."""
+LOWEST_CUTOFF_HZ = 10.0
+BLOCKS_PER_RECORDING = 15
+HELD_OUT_EVERY = 3
+LONGEST_BLOCK_S = 2.0
+FEWEST_ROWS = 8
+MOST_STANDSTILL = 0.5
+"""Share of a block in which a joint may stand still before the block says nothing on that joint."""
+WEIGHT_SHARE = 0.1
+SMALLEST_WEIGHT = 1e-6
+ROUNDS = 3
+NOISE_FREEDOM = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Rows first … last (exclusive) of a stretch, as many cosine lines as lie in the compared band.
+
+    operator: (lines, samples) from the samples of the motion, the one at `start` first, to the lines: low-pass,
+    thinning and DCT as one matrix, since it is applied to thousands of columns.
+    """
+
+    first: int
+    last: int
+    lines: int
+    start: int
+    operator: FloatArray
+
+
+def low_pass_of(recording: Recording, settings: DiagnosisSettings) -> float:
+    """Cutoff in Hz: the one asked for, else ten times the frequency that holds 95 % of the velocity of every joint."""
+    rate = 1.0 / recording.sampling_period_s
+    if settings.low_pass_hz is not None:
+        return AperiodicSettings(low_pass_hz=settings.low_pass_hz).cutoff_hz(recording.sampling_period_s)
+    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, recording.sampling_period_s)
+    velocity = np.gradient(position, axis=0) * np.hanning(len(position))[:, None]
+    power = np.cumsum(np.abs(np.fft.rfft(velocity, axis=0)) ** 2, axis=0)
+    line = np.array([np.searchsorted(column, MOTION_SHARE * column[-1]) for column in power.T])
+    moving = np.ptp(position, axis=0) > 1e-3
+    fastest = float(line[moving].max(initial=0)) * rate / len(position)
+    wanted = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * fastest)
+    return float(min(wanted, rate / 8.0, settings.torque_bandwidth_hz))
+
+
+def default_split(recordings: Sequence[Recording]) -> Split:
+    """Every third of fifteen blocks of time held out, for recordings of which none is."""
+    duration = min(recording.duration_s for recording in recordings)
+    return Split("blocks", (duration / BLOCKS_PER_RECORDING, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
+
+
+def thinned_stretches(recording: Recording, settings: DiagnosisSettings) -> list[ProcessedSignals]:
+    """The stretches of the aperiodic pipeline on a coarser time grid, low-pass and row grid as there.
+
+    Effects are evaluated on a few thousand samples whatever the rate; `project` works on the coarse grid, which the
+    measured torque reaches through a low-pass far above the one of the rows. Raises RecordingError as
+    `process_aperiodic`.
+    """
+    cutoff = low_pass_of(recording, settings)
+    return [
+        _thinned(signals, cutoff) for signals in process_aperiodic(recording, AperiodicSettings(low_pass_hz=cutoff))
+    ]
+
+
+def choose_regressor(
+    recordings: Sequence[Recording], robot: RobotModel, settings: DiagnosisSettings, split: Split | None
+) -> BaseRegressor:
+    """The nominal model of a robot: rotor inertias and offsets where held-out rows ask for them (`fitting.drives`).
+
+    Built-in arms have their torque sensors behind the gear and need none.
+    """
+    if robot.name in BUILT_IN_ROBOTS:
+        return BaseRegressor(robot)
+    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
+    blocks = []
+    for recording in recordings:
+        for signals in thinned_stretches(recording, settings):
+            block = build_block(signals, regressor, split, float(recording.time[0]), recording.duration_s)
+            if block is not None and block.fitted.any():
+                blocks.append(block)
+    decision = choose_drive_parameters(blocks, regressor, rotor_inertia=None, offset=None)
+    return BaseRegressor(robot, RegressorOptions(rotor_inertia=decision.rotor_inertia, offset=decision.offset))
+
+
+def build_aperiodic_evidence(
+    recording: Recording,
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+    split: Split | None = None,
+    *,
+    held_out: bool = False,
+) -> tuple[Evidence, ...]:
+    """One evidence per gap-free stretch; of its rows those that the split fits, or those it holds out.
+
+    Raises RecordingError where no stretch has a block that is long enough.
+    """
+    found = []
+    for signals in thinned_stretches(recording, settings):
+        blocks = _blocks(recording, signals, split, held_out)
+        if blocks:
+            found.append(_evidence(recording, signals, blocks, robot, regressor))
+    if not found:
+        raise RecordingError(
+            f"{recording.source.path}: no block of time is left to {'check' if held_out else 'fit'}; "
+            "choose longer blocks or another recording",
+            file=recording.source.path,
+        )
+    return tuple(found)
+
+
+def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
+    step = float(signals.time[1] - signals.time[0])
+    stride = max(1, int(1.0 / step / (SAMPLES_PER_CUTOFF_PERIOD * cutoff_hz)))
+    torque = signals.torque
+    if stride > 1:
+        torque = zero_phase_low_pass(torque, step, 0.4 / (stride * step))
+    coarse = stride * step
+    time = signals.time[::stride]
+    edge = round(AperiodicSettings().edge_periods / cutoff_hz / coarse)
+    kept = slice(edge, time.size - edge, min(ROW_STRIDE, max(1, int(1.0 / coarse / (2.5 * cutoff_hz)))))
+    project = partial(_filtered_rows, step=coarse, cutoff_hz=cutoff_hz, kept=kept)
+    row_time = time[kept]
+    assert signals.row_time is not None
+    nearest = np.clip(np.searchsorted(signals.row_time, row_time), 0, signals.row_time.size - 1)
+    used = signals.used[nearest]
+    return replace(
+        signals,
+        time=time,
+        position=signals.position[::stride],
+        velocity=signals.velocity[::stride],
+        acceleration=signals.acceleration[::stride],
+        torque=torque[::stride],
+        project=project,
+        used=used,
+        row_time=row_time,
+        evaluate=project,
+        evaluated=used,
+        evaluation_time=row_time,
+        facts={**signals.facts, "noise_density": _noise_density(signals.torque, step, cutoff_hz)},
+    )
+
+
+def _filtered_rows(values: FloatArray, *, step: float, cutoff_hz: float, kept: slice) -> FloatArray:
+    return zero_phase_low_pass(values, step, cutoff_hz)[kept]
+
+
+def _noise_density(torque: FloatArray, step: float, cutoff_hz: float) -> FloatArray:
+    """(n,) Nm² s, power per Hz (both sides) of the torque in the quietest octave above twice the cutoff."""
+    window = np.hanning(len(torque))[:, None]
+    power = np.abs(np.fft.rfft((torque - torque.mean(axis=0)) * window, axis=0)) ** 2
+    power *= step / float(np.sum(window**2))
+    frequency = np.fft.rfftfreq(len(torque), step)
+    levels = []
+    low = 2.0 * cutoff_hz
+    while low < 0.45 / step:
+        inside = (frequency >= low) & (frequency < min(2.0 * low, 0.48 / step))
+        if inside.sum() > 10:
+            levels.append(np.median(power[inside], axis=0) / np.log(2.0))
+        low *= 2.0
+    return np.asarray(np.min(levels, axis=0) if levels else np.zeros(torque.shape[1]), dtype=np.float64)
+
+
+def _blocks(recording: Recording, signals: ProcessedSignals, split: Split | None, held_out: bool) -> tuple[Block, ...]:
+    """Runs of rows of one role, cut to blocks of about equal length."""
+    time = signals.row_time
+    assert time is not None
+    cutoff = float(signals.facts["low_pass_hz"])
+    chosen = np.ones(time.size, dtype=np.bool_)
+    if split is not None:
+        start, duration = float(recording.time[0]), recording.duration_s
+        chosen = split.held_out(time, start, duration)
+        if held_out:
+            # The low-pass carries fitted rows that far into held-out ones.
+            chosen &= split.boundary_distance(time, start, duration) >= 0.5 / cutoff
+        else:
+            chosen = ~chosen
+    step = float(time[1] - time[0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
+    blocks = []
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        parts = max(1, round((last - first) * step / LONGEST_BLOCK_S))
+        cuts = np.linspace(first, last, parts + 1).astype(int).tolist()
+        for low, high in pairwise(cuts):
+            if high - low >= FEWEST_ROWS:
+                blocks.append(_block(signals, low, high))
+    return tuple(blocks)
+
+
+def _block(signals: ProcessedSignals, first: int, last: int) -> Block:
+    """Rows first … last with the operator that makes their lines, of the samples around them that the filter needs."""
+    assert signals.row_time is not None
+    cutoff = float(signals.facts["low_pass_hz"])
+    step = float(signals.time[1] - signals.time[0])
+    stride = round(float(signals.row_time[1] - signals.row_time[0]) / step)
+    edge = round(float(signals.row_time[0] - signals.time[0]) / step)
+    start, count = first * stride, last - first
+    samples = 2 * edge + (count - 1) * stride + 1
+    filtered = zero_phase_low_pass(np.eye(samples), step, cutoff)[edge : edge + (count - 1) * stride + 1 : stride]
+    lines = min(count, int(2.0 * count * stride * step * cutoff) + 1)
+    return Block(first, last, lines, start, np.ascontiguousarray(dct(filtered, axis=0, norm="ortho")[:lines]))
+
+
+def _evidence(
+    recording: Recording,
+    signals: ProcessedSignals,
+    blocks: Sequence[Block],
+    robot: RobotModel,
+    regressor: BaseRegressor,
+) -> Evidence:
+    time = signals.row_time
+    assert time is not None
+    step = float(time[1] - time[0])
+    project = partial(_to_cosine_lines, blocks=tuple(blocks))
+    longest = max(block.last - block.first for block in blocks)
+    # Blocks differ by a row or two: their lines are put on one grid of frequencies.
+    grid = 0.5 / (longest * step)
+    frequency = np.concatenate(
+        [np.round(np.arange(block.lines) * 0.5 / ((block.last - block.first) * step) / grid) * grid for block in blocks]
+    )
+    used = np.concatenate(
+        [
+            np.repeat(signals.used[block.first : block.last].mean(axis=0)[None] > 1.0 - MOST_STANDSTILL, block.lines, 0)
+            for block in blocks
+        ]
+    )
+    motion = Motion(
+        robot=robot,
+        time=signals.time - signals.time[0],
+        position=signals.position,
+        velocity=signals.velocity,
+        acceleration=signals.acceleration,
+        torque=np.zeros_like(signals.position),
+        full_parameters=np.zeros(len(regressor.full_names)),
+        periodic=False,
+        start_s=np.array([float(signals.time[0] - recording.time[0])]),
+    )
+    density = np.asarray(signals.facts["noise_density"])
+    cutoff = float(signals.facts["low_pass_hz"])
+    response = 1.0 / (1.0 + (frequency / cutoff) ** 8)
+    torque = project(signals.torque)
+    white = np.sqrt(density / step)[None] * response[:, None]
+    scale = np.sqrt(np.mean(torque**2, axis=0))
+    offset = signals.time - signals.time[0]
+    evidence = complete_evidence(
+        recording,
+        motion,
+        project,
+        frequency,
+        torque,
+        None,
+        regressor,
+        white + SMALLEST_WEIGHT * scale + 1e-12,
+        np.full(frequency.size, NOISE_FREEDOM),
+        False,
+        used=used,
+        restore=partial(_to_time, blocks=tuple(blocks), row_time=time - signals.time[0], time=offset),
+        counted=sum(block.last - block.first for block in blocks),
+        white_noise=white,
+    )
+    return _with_weights(evidence, regressor)
+
+
+def _to_cosine_lines(values: FloatArray, *, blocks: tuple[Block, ...]) -> FloatArray:
+    """(S, …) on the coarse grid → (R, …): orthonormal cosine lines of each block of low-passed rows."""
+    flat = np.ascontiguousarray(values.reshape(len(values), -1))
+    rows = [block.operator @ flat[block.start : block.start + block.operator.shape[1]] for block in blocks]
+    return np.asarray(np.concatenate(rows).reshape(-1, *values.shape[1:]), dtype=np.float64)
+
+
+def _to_time(rows: FloatArray, *, blocks: tuple[Block, ...], row_time: FloatArray, time: FloatArray) -> FloatArray:
+    """(R, …) cosine lines → (S, …) on the motion's grid, interpolated; nan outside the blocks."""
+    flat = rows.reshape(len(rows), -1)
+    result = np.full((time.size, flat.shape[1]), np.nan)
+    position = 0
+    for block in blocks:
+        padded = np.zeros((block.last - block.first, flat.shape[1]))
+        padded[: block.lines] = flat[position : position + block.lines]
+        position += block.lines
+        series = idct(padded, axis=0, norm="ortho")
+        own = row_time[block.first : block.last]
+        inside = (time >= own[0]) & (time <= own[-1])
+        for column in range(flat.shape[1]):
+            result[inside, column] = np.interp(time[inside], own, series[:, column])
+    return result.reshape(time.size, *rows.shape[1:])
+
+
+def weighted_by(evidence: Evidence, left: FloatArray) -> Evidence:
+    """The evidence with a tenth of what a model leaves (R, n), per joint and band, for noise; never less than white.
+
+    A tenth: what a weight says is the ratio between joints and bands; as noise it would call any residual explained.
+    """
+    band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency, side="left")
+    size = np.sqrt(np.mean(evidence.torque**2, axis=0))
+    level = np.empty_like(evidence.torque)
+    for number in np.unique(band):
+        inside = band == number
+        counted = np.maximum(evidence.used[inside].sum(axis=0), 1)
+        level[inside] = np.sqrt((np.where(evidence.used[inside], left[inside], 0.0) ** 2).sum(axis=0) / counted)
+    white = np.zeros_like(level) if evidence.white_noise is None else evidence.white_noise
+    return replace(evidence, noise=np.maximum(white, WEIGHT_SHARE * level + SMALLEST_WEIGHT * size + 1e-12))
+
+
+def weighted_by_result(evidences: Sequence[Evidence], trial: Trial) -> tuple[Evidence, ...]:
+    """Evidences of one problem weighted by what a set of effects leaves of it."""
+    problem = trial.weighted
+    left = (problem.residual.reshape(problem.n, -1) / np.where(problem.weight > 0.0, problem.weight, np.inf)).T
+    return tuple(weighted_by(item, left[problem.evidence == index]) for index, item in enumerate(evidences))
+
+
+def _with_weights(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
+    """The evidence weighted by what the plain fit leaves, in three rounds, and its nominal torque."""
+    size = np.sqrt(np.mean(evidence.torque**2, axis=0))
+    evidence = replace(evidence, noise=np.tile(np.maximum(size, 1e-12), (len(evidence.torque), 1)))
+    for _ in range(ROUNDS):
+        evidence = weighted_by(evidence, evidence.torque - evidence.nominal @ fit_parameters([evidence]))
+    return with_parameters(evidence, regressor, fit_parameters([evidence]))
