@@ -90,7 +90,7 @@ def fitted(
         columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
         problem = extended(nominal, off(nominal.basis, columns))
     power = band_power(problem)
-    complete = power.least_probability > settings.consistency_probability
+    complete = problem.noise_is_measured and power.least_probability > settings.consistency_probability
     weighted, spread_out = problem, power
     if not complete:
         start, rounds = (power, FULL_ROUNDS) if near is None or near.complete else (near.power, QUICK_ROUNDS)
