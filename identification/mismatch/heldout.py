@@ -85,7 +85,7 @@ def residuals(
         noise=np.sqrt(noise**2 + scatter),
         sensor_noise=noise,
         used=used,
-        samples=sum(item.motion.samples for item in evidences),
+        samples=sum(item.samples for item in evidences),
     )
 
 
