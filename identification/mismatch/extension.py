@@ -78,18 +78,33 @@ def predicted(extension: Extension, nominal: FloatArray, library: Library) -> Fl
     return result
 
 
-def prediction_variance(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
-    """(n, R) Nm², variance of `predicted` through the parameters."""
+def prediction_scatter(extension: Extension, nominal: FloatArray, library: Library) -> tuple[FloatArray, FloatArray]:
+    """Torque per independent unit of scatter of the parameters: base parameters (n, R, p'), coefficients (n, R, m).
+
+    Squares summed over the last axes are the variance of `predicted` through the parameters. The first part is the
+    scatter at fixed coefficients, open directions of the fitted motion included; the second that of the coefficients
+    with what they drag along of the base parameters.
+    """
     joints, rows, size = nominal.shape
-    parts = [nominal, np.zeros((joints, rows, extension.base.size - size))]
+    base = nominal @ extension.loose[:size]
+    count = extension.covariance.shape[0] - extension.base.size
+    if not count:
+        return base, np.zeros((joints, rows, 0))
+    columns = np.zeros((joints, rows, count))
+    position = 0
     for member in extension.members:
-        block = np.zeros((joints, rows, len(member.selection)))
         there = library.rows(member.effect, member.place, member.rows.shape)
+        used = slice(position, position + len(member.selection))
         if there is not None:
-            block[list(there.joints)] = there.rows[:, :, list(member.selection)]
-        parts.append(block)
-    columns = np.concatenate(parts, axis=2)
-    return np.asarray(np.einsum("nrp,pq,nrq->nr", columns, extension.covariance, columns, optimize=True))
+            columns[list(there.joints), :, used] = there.rows[:, :, list(member.selection)]
+        position += len(member.selection)
+    own = extension.covariance[extension.base.size :, extension.base.size :]
+    shared = extension.covariance[:size, extension.base.size :]
+    values, vectors = np.linalg.eigh(own)
+    kept = values > 1e-12 * values[-1]
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    drag = shared @ (vectors[:, kept] / np.sqrt(values[kept]))
+    return base, columns @ root + nominal @ drag
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension, predicted, prediction_variance
+from identification.mismatch.extension import Extension, predicted, prediction_scatter
 from identification.mismatch.library import Library
 from identification.mismatch.problem import off
 
@@ -77,23 +77,22 @@ def residuals(
     used = np.concatenate([item.used for item in evidences]).T
     weight = np.where(used, 1.0 / noise, 0.0)
     whitened = (measured - predicted(extension, nominal, library)) * weight
-    free = _open_directions(extension, nominal * weight[..., None])
+    base, effects = prediction_scatter(extension, nominal, library)
+    size = base.shape[0] * base.shape[1]
+    directions, scale, _ = np.linalg.svd((base * weight[..., None]).reshape(size, -1), full_matrices=False)
+    free = directions[:, scale > OPEN_BEYOND_NOISE]
     rows = off(free, whitened.ravel()).reshape(whitened.shape) * noise
-    scatter = prediction_variance(extension, nominal, library) if not free.shape[1] else np.zeros_like(rows)
+    closed = directions[:, free.shape[1] :] * scale[free.shape[1] :]
+    moved = off(free, (effects * weight[..., None]).reshape(size, -1))
+    scatter = (closed**2).sum(axis=1) + (moved**2).sum(axis=1) - (free**2).sum(axis=1)
+    scatter = np.maximum(scatter, -1.0).reshape(whitened.shape) * noise**2
     return Residuals(
         rows=rows,
-        noise=np.sqrt(noise**2 + scatter),
+        noise=np.sqrt(np.maximum(noise**2 + scatter, 0.0)),
         sensor_noise=noise,
         used=used,
         samples=sum(item.samples for item in evidences),
     )
-
-
-def _open_directions(extension: Extension, whitened: FloatArray) -> FloatArray:
-    """Orthonormal directions (n R, k) of torque in which the fitted base parameters scatter beyond the noise here."""
-    columns = whitened.reshape(-1, whitened.shape[2]) @ extension.loose[: whitened.shape[2]]
-    directions, scatter, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(directions[:, scatter > OPEN_BEYOND_NOISE], dtype=np.float64)
 
 
 def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:

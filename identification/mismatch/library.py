@@ -5,8 +5,9 @@ Rows depend on the motion only; they are computed once and kept. Here no torque 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -22,13 +23,17 @@ Shape = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectRows:
-    """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences."""
+    """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences.
+
+    cost: log-likelihood that the choice of the shape costs, the log of the number of grid points.
+    """
 
     effect: Effect
     place: Place
     shape: Shape
     joints: tuple[int, ...]
     rows: FloatArray
+    cost: float = 0.0
 
     @property
     def coefficients(self) -> int:
@@ -48,7 +53,9 @@ class Library:
         """The rows of an effect; None where no evidence lets it act."""
         key = (effect.name, place, shape)
         if key not in self._known:
-            self._known[key] = evaluate(effect, place, dict(shape), self.evidences)
+            found = evaluate(effect, place, dict(shape), self.evidences)
+            cost = math.log(len(self.grid(effect, place))) if shape else 0.0
+            self._known[key] = None if found is None else replace(found, cost=cost)
         return self._known[key]
 
     def places(self, effect: Effect) -> tuple[Place, ...]:

@@ -77,9 +77,9 @@ def _gram_of_rows(
 
 
 def score_of(problem: Problem, member: Member) -> float:
-    """Half the drop of the whitened squares by a member, less the cost of its further coefficients."""
+    """Half the drop of the whitened squares by a member, less the cost of further coefficients and of its shape."""
     gain, used = group_gain(*gram_of(problem, member))
-    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0)
+    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost
 
 
 def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray]:

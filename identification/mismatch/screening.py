@@ -100,17 +100,18 @@ def narrowed(screen: Screen, added: FloatArray, problem: Problem) -> Screen:
 def gains(screen: Screen) -> list[tuple[float, Variant]]:
     """(score, variant) of every candidate, as a whole and column by column, best first.
 
-    score: half the drop of the whitened squares, less the cost of further coefficients.
+    score: half the drop of the whitened squares, less the cost of further coefficients and of the shape's grid.
     """
     result: list[tuple[float, Variant]] = []
     for batch in screen.batches:
         size = batch.columns.shape[1]
+        cost = np.array([screen.candidates[member].cost for member in batch.members.tolist()])
         raw, target = np.maximum(screen.raw[batch.columns], 1e-300), screen.target[batch.columns]
         diagonal = np.einsum("gii->gi", batch.gram)
         seen = diagonal > SWALLOWED * raw
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
         for column in range(size):
-            result.extend(_listed(single[:, column], batch.members, (column,)))
+            result.extend(_listed(single[:, column] - cost, batch.members, (column,)))
         if size > 1:
             scale = np.sqrt(raw)
             values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
@@ -119,7 +120,7 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
             gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
             used = kept.sum(axis=1)
             whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
-            result.extend(_listed(whole, batch.members, tuple(range(size))))
+            result.extend(_listed(whole - cost, batch.members, tuple(range(size))))
     return sorted(result, key=lambda item: -item[0])
 
 

@@ -174,7 +174,7 @@ def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple
     """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
     while trial.members:
         scores = removal_scores(nominal, trial, settings)
-        needed = [required_score(trial, member, settings) for member in trial.members]
+        needed = [required_score(nominal, trial, member, settings) for member in trial.members]
         margin = [score - least for score, least in zip(scores, needed, strict=True)]
         weakest = int(np.argmin(margin))
         if margin[weakest] >= 0.0:
@@ -184,10 +184,18 @@ def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple
     return trial, ()
 
 
-def required_score(trial: Trial, member: Member, settings: DiagnosisSettings) -> float:
-    """The score a member must reach in the regime that its trial is in, grid of nonlinear parameters paid for."""
-    del member
-    return settings.complete_score if trial.complete else settings.background_score
+def required_score(nominal: Problem, trial: Trial, member: Member, settings: DiagnosisSettings) -> float:
+    """The score a member must reach in the regime that its trial is in.
+
+    Beside others on its joints it must also be more than what their form may lack: a share of all that is explained.
+    """
+    least = settings.complete_score if trial.complete else settings.background_score
+    if len(trial.members) == 1:
+        return least
+    rows = [nominal.rows * joint + np.arange(nominal.rows) for joint in member.rows.joints]
+    chosen = np.concatenate(rows)
+    explained = float((nominal.residual[chosen] ** 2).sum() - (trial.problem.residual[chosen] ** 2).sum())
+    return max(least, 0.5 * settings.share_of_form * explained)
 
 
 def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
