@@ -26,7 +26,7 @@ from identification.mismatch.refinement import Member
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult, Trial, fitted, removal_scores
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.verdict import alternatives, explains_enough, joints_of, significance
+from identification.mismatch.verdict import alternatives, explains_enough, joints_of, rivals, significance
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -107,6 +107,13 @@ def build_findings(
         ]
         if not failing:
             break
+        loudest = sorted(failing, key=lambda index: -_left_on(now, trial, index))
+        options = (_confirmed_rival(problem, library, result, trial, i, before, check, settings) for i in loudest)
+        better = next((option for option in options if option is not None), None)
+        if better is not None:
+            trial = better
+            now = check(trial.members)
+            continue
         scores = removal_scores(problem, trial, settings)
         worst = min(failing, key=lambda index: scores[index])
         member = trial.members[worst]
@@ -122,6 +129,39 @@ def build_findings(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         tuple(dropped),
     )  # fmt: skip
+
+
+def _left_on(now: _Check, trial: Trial, index: int) -> float:
+    """What a model leaves on held-out recordings on the joints of one member, in squares of the expected scatter."""
+    left = now.after if now.heldout_after is None else now.heldout_after
+    rows = _torque_of(trial.members[index], now.extension.coefficients[index], trial.problem.n)
+    joints = joints_of(trial.members[index], rows)
+    return float(((left.rows[joints] / left.noise[joints]) ** 2).sum())
+
+
+def _confirmed_rival(
+    problem: Problem,
+    library: Library,
+    result: SearchResult,
+    trial: Trial,
+    index: int,
+    before: _Check,
+    check: _Checker,
+    settings: DiagnosisSettings,
+) -> Trial | None:
+    """The trial with one member in another name that this data cannot tell from it and that held-out data confirm."""
+    if before.heldout_after is None:
+        return None
+    screen = build_screen(problem, result.candidates)
+    passed: list[tuple[float, Trial]] = []
+    for _, rival in rivals(problem, trial, index, screen, library, settings):
+        members = [rival if place == index else item for place, item in enumerate(trial.members)]
+        other = fitted(problem, members, settings, trial)
+        now = check(members)
+        if now.heldout_after is not None and _passes(other, index, before, now, check, settings):
+            left = now.heldout_after.rows / now.heldout_after.noise
+            passed.append((float((left**2).sum()), other))
+    return min(passed, key=lambda item: item[0])[1] if passed else None
 
 
 def _torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:

@@ -98,7 +98,7 @@ def narrowed(screen: Screen, added: FloatArray, problem: Problem) -> Screen:
 
 
 def gains(screen: Screen) -> list[tuple[float, Variant]]:
-    """(score, variant) of every candidate, as a whole and column by column, best first.
+    """(score, variant) of every candidate, as a whole and, where its columns are alike, column by column; best first.
 
     score: half the drop of the whitened squares, less the cost of further coefficients and of the shape's grid.
     """
@@ -110,8 +110,10 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         diagonal = np.einsum("gii->gi", batch.gram)
         seen = diagonal > SWALLOWED * raw
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
+        alike = np.array([_alike(screen.candidates[member]) for member in batch.members.tolist()])
         for column in range(size):
-            result.extend(_listed(single[:, column] - cost, batch.members, (column,)))
+            score = np.where(alike, single[:, column] - cost, -np.inf)
+            result.extend(_listed(score, batch.members, (column,)))
         if size > 1:
             scale = np.sqrt(raw)
             values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
@@ -122,6 +124,12 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
             whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
             result.extend(_listed(whole - cost, batch.members, tuple(range(size))))
     return sorted(result, key=lambda item: -item[0])
+
+
+def _alike(candidate: EffectRows) -> bool:
+    """Whether the columns are of one unit, so that one alone is the effect in one direction (one bending moment)."""
+    units = candidate.effect.units
+    return candidate.coefficients == 1 or (len(units) == candidate.coefficients and len(set(units)) == 1)
 
 
 def _listed(scores: FloatArray, members: IntArray, selection: tuple[int, ...]) -> list[tuple[float, Variant]]:

@@ -33,13 +33,10 @@ def significance(score: float, coefficients: int, candidates: int) -> float:
     return float(min(1.0, candidates * chi2.sf(2.0 * max(score, 0.0), coefficients)))
 
 
-def alternatives(
+def rivals(
     nominal: Problem, trial: Trial, index: int, screen: Screen, library: Library, settings: DiagnosisSettings
-) -> tuple[Alternative, ...]:
-    """Other names for one member that come within the margin of it, each refined beside the other members.
-
-    Left out: what contains the member as a special case, and the same effect on the same joint.
-    """
+) -> list[tuple[float, Member]]:
+    """Other effects or joints that come within the margin of one member, refined in its place, best first."""
     member = trial.members[index]
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings)
@@ -60,10 +57,22 @@ def alternatives(
     for rival in chosen.values():
         refined = refine(rest.problem, library, rival)
         score = _own_score(nominal, trial, rest, others, refined, settings)
-        if score < own - settings.margin_of_indistinguishable or _contains(rest.problem, refined, member):
-            continue
-        found.append(Alternative(refined.effect.name, refined.place.joint, score))
-    return tuple(sorted(found, key=lambda item: -item.score))
+        if score >= own - settings.margin_of_indistinguishable:
+            found.append((score, refined))
+    return sorted(found, key=lambda item: -item[0])
+
+
+def alternatives(
+    nominal: Problem, trial: Trial, index: int, screen: Screen, library: Library, settings: DiagnosisSettings
+) -> tuple[Alternative, ...]:
+    """Other names for one member; what contains the member as a special case is none (the simpler one is reported)."""
+    others = [other for position, other in enumerate(trial.members) if position != index]
+    rest = fitted(nominal, others, settings).problem
+    return tuple(
+        Alternative(rival.effect.name, rival.place.joint, score)
+        for score, rival in rivals(nominal, trial, index, screen, library, settings)
+        if not _contains(rest, rival, trial.members[index])
+    )
 
 
 def _own_score(
