@@ -29,7 +29,8 @@ LoopOutcome = Literal[
     "fault",  # an internal error; `reason` has its text
 ]
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
-WorkerPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing", "done", "failed"]
+_FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
+WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -56,6 +57,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     workspace_file: YAML with floor, walls, boxes, tool and margins; None = a floor at the mounting face alone.
     ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
     tell arms apart; skip_ladder: an amplitude may be skipped, which the log then says.
+    diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
     """
 
     run_id: str
@@ -82,6 +84,8 @@ class RunRequest(Message, frozen=True, kw_only=True):
     seed: int | None = None
     fit: bool = True
     fit_pipeline: FitPipeline = "auto"
+    diagnose: bool = False
+    heldout: tuple[str, ...] = ()
     ring_slots: int = 16384
     realtime_priority: int = 80
     loop_cpu: int | None = None
@@ -121,7 +125,9 @@ class RecorderJob(Message, frozen=True, kw_only=True):
 
 
 class WorkerJob(Message, frozen=True, kw_only=True):
-    """One detached fit: recordings in, model.json out, `status_file` rewritten atomically on the way."""
+    """One detached fit: recordings in, model.json out, `status_file` rewritten atomically on the way.
+    diagnosis_folder: where a diagnosis goes after the fit, None for none; heldout: recordings that check its names.
+    """
 
     job_id: str
     recordings: tuple[str, ...]
@@ -129,6 +135,8 @@ class WorkerJob(Message, frozen=True, kw_only=True):
     model_file: str
     status_file: str
     pipeline: FitPipeline = "auto"
+    diagnosis_folder: str | None = None
+    heldout: tuple[str, ...] = ()
     progress_endpoint: str | None = None
 
 

@@ -1,16 +1,18 @@
 """The main job without a robot: a fake iiwa 14 in its own process, recorded over FRI, identified by the worker.
 
-Used by `iiwa-ident demo`. The fake robot is started as a program and never imported; its true parameters are read from
-the file it writes when it ends, after the fit is done.
+Used by `iiwa-ident demo`. The fake robot is started as a program and never imported; what it hides and its true
+parameters are read from the file it writes when it ends, after the diagnosis is done.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunEvent, RunOutcome
-from daemon.errors import ChildProcessFailedError
+from daemon.errors import ChildProcessFailedError, SealBrokenError
 from daemon.preparation import PreparedMotion, write_run_request
 from daemon.service import run_acquisition
 from identification.base_parameters import BaseRegressor
@@ -29,6 +31,8 @@ from identification.robots import load_robot
 
 ROBOT = "iiwa14"
 _END_ALLOWANCE_S = 20.0
+_START_ALLOWANCE_S = 60.0
+_SEALED = "sealed effect"
 
 
 def free_udp_port() -> int:
@@ -39,18 +43,22 @@ def free_udp_port() -> int:
 
 
 @contextmanager
-def fake_robot(port: int, summary: Path, *, seed: int, realtime: bool, fri_version: str) -> Iterator[None]:
+def fake_robot(
+    port: int, summary: Path, *, seed: int, hidden_effect: int | None, realtime: bool, fri_version: str
+) -> Iterator[str | None]:
     """A fake robot process that sends to `port` while the block runs, and writes `summary` when it ends.
 
-    Raises ChildProcessFailedError when it wrote none.
+    hidden_effect: seed of an effect that it draws and seals; the block gets the hash it publishes, None without one.
+    Raises ChildProcessFailedError when it wrote no summary.
     """
     command = [sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}"]
     command += ["--fri-version", fri_version, "--seed", str(seed), "--json", str(summary)]
     command += [] if realtime else ["--lockstep"]
+    command += [] if hidden_effect is None else ["--hidden-effect", str(hidden_effect)]
     with (summary.with_suffix(".log")).open("wb") as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:
-            yield
+            yield None if hidden_effect is None else _published(process, summary.with_suffix(".log"))
         finally:
             process.send_signal(signal.SIGTERM)
             try:
@@ -60,6 +68,26 @@ def fake_robot(port: int, summary: Path, *, seed: int, realtime: bool, fri_versi
                 process.wait()
     if not summary.is_file():
         raise ChildProcessFailedError("fake robot", process.returncode, log_tail(summary.with_suffix(".log")))
+
+
+def _published(process: subprocess.Popen[bytes], log: Path) -> str:
+    """The hash in the fake robot's log, once it stands there. Raises ChildProcessFailedError."""
+    deadline = time.monotonic() + _START_ALLOWANCE_S
+    while process.poll() is None and time.monotonic() < deadline:
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True):
+            if line.startswith(_SEALED) and line.endswith("\n"):
+                return line.split()[-1]
+        time.sleep(0.05)
+    raise ChildProcessFailedError("fake robot", process.returncode, log_tail(log))
+
+
+def opened_effect(summary: Path, commitment: str) -> dict[str, Any]:
+    """The hidden effect's label from a fake robot's summary. Raises SealBrokenError if its hash is not `commitment`."""
+    seal = json.loads(summary.read_text(encoding="utf-8"))["seal"]
+    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != commitment:
+        raise SealBrokenError(str(summary))
+    label: dict[str, Any] = json.loads(seal["label"])
+    return label
 
 
 def log_tail(file: Path) -> str:
@@ -76,9 +104,16 @@ def record(
     realtime: bool,
     fit: bool,
     observe: Callable[[RunEvent], None],
+    hidden_effect: int | None = None,
+    publish: Callable[[str], None] | None = None,
+    heldout: tuple[str, ...] = (),
     fri_version: str = "1.15",
 ) -> RunOutcome:
-    """One acquisition against a fresh fake robot; its summary ends up as `fake_robot.json` in the folder."""
+    """One acquisition against a fresh fake robot; its summary ends up as `fake_robot.json` in the folder.
+
+    fit: fit and diagnose afterwards, checked on the recordings `heldout`. publish: is given the hash of the effect that
+    is drawn from the seed hidden_effect, before anything moves.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     port = free_udp_port()
     request = write_run_request(
@@ -88,12 +123,19 @@ def record(
         bind_port=port,
         fri_version=fri_version,
         fit=fit,
+        diagnose=fit,
+        heldout=heldout,
         seed=seed,
         simulation=True,
         # In lockstep the robot waits for us; on a starved machine that may take a while without being a lost session.
         receive_timeout_s=0.5 if realtime else 5.0,
     )
-    with fake_robot(port, folder / "fake_robot.json", seed=seed, realtime=realtime, fri_version=fri_version):
+    summary = folder / "fake_robot.json"
+    with fake_robot(
+        port, summary, seed=seed, hidden_effect=hidden_effect, realtime=realtime, fri_version=fri_version
+    ) as commitment:
+        if publish is not None and commitment is not None:
+            publish(commitment)
         return run_acquisition(request, observe=observe)
 
 

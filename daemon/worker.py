@@ -1,10 +1,10 @@
-"""The detached fit: `python -m daemon.worker --job FILE`; recordings in, model.json out, the status file on the way.
+"""The detached fit: `python -m daemon.worker --job FILE`; recordings in, model.json and a diagnosis out.
 
 Here: the order of the phases, the status file, and errors as status. Not here: any computation (`identification`), and
 who started it (`worker_start`). The process belongs to nobody: it has its own session, needs no supervisor, and says
 how far it is in a file that is rewritten in one step.
 
-    queued -> loading -> averaging -> fitting -> validating -> writing -> done
+    queued -> loading -> averaging -> fitting -> validating -> writing (-> diagnosing) -> done
                           any phase -> failed (with the sentence and the exit code of the error)
 """
 
@@ -82,9 +82,9 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         from identification.recordings import read_recording
         from identification.robots import load_robot
 
-        for file in job.recordings:
+        for file in (*job.recordings, *job.heldout):
             if not Path(file).is_file():
-                raise MissingInputError(file, "the recording to fit")
+                raise MissingInputError(file, "a recording to fit or to check on")
         robot = load_robot(job.robot)
         recordings = [read_recording(file, robot=job.robot) for file in job.recordings]
         settings = FitSettings(pipeline=job.pipeline)
@@ -99,7 +99,22 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         result = fit_recordings(recordings, robot, settings, progress=progress)
         status.write("writing", f"Writing {job.model_file}.", 0.96)
         write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
-        status.write("done", f"The model is in {job.model_file}.", 1.0, exit_code=0)
+        sentence = f"The model is in {job.model_file}."
+        if job.diagnosis_folder is not None:
+            from daemon.diagnosis import diagnose_recordings
+
+            def diagnosing(text: str, share: float) -> None:
+                status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share)
+
+            found = diagnose_recordings(
+                recordings,
+                [read_recording(file, robot=job.robot) for file in job.heldout],
+                Path(job.diagnosis_folder),
+                robot=job.robot,
+                progress=diagnosing,
+            )
+            sentence += f" The diagnosis ({found.diagnosis.verdict}) is in {job.diagnosis_folder}."
+        status.write("done", sentence, 1.0, exit_code=0)
     except OSError as error:
         status.write("failed", f"{error.filename}: {error.strerror}.", 1.0, exit_code=74)
         return 74

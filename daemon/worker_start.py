@@ -27,6 +27,8 @@ def start_worker(outcome: RunOutcome) -> RunOutcome:
         model_file=str(folder / "model.json"),
         status_file=str(folder / "worker_status.json"),
         pipeline=outcome.request.fit_pipeline,
+        diagnosis_folder=str(folder / "diagnosis") if outcome.request.diagnose else None,
+        heldout=outcome.request.heldout,
     )
     pid = launch(job, folder / "worker_job.json")
     return msgspec.structs.replace(outcome, worker_pid=pid, worker_status_file=job.status_file)

@@ -1,4 +1,4 @@
-"""The command `demo`: the whole chain against a fake robot, and the identified parameters beside the true ones."""
+"""The command `demo`: the whole chain against a fake robot that hides an effect, and the verdict beside the truth."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from daemon.api import RunOutcome
 from daemon.cli.acquisition import show_event, show_preflight
 from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
+from daemon.cli.diagnosis import VERDICTS
 from daemon.cli.output import JsonOption, data, show_table, write_json
 from daemon.cli.worker_view import wait_for_worker
 from daemon.preparation import PreparedMotion, prepare_motion
 
-PERIODS_UNUSED = 2
+PERIODS_UNUSED = 4
 
 
 @app.command()
@@ -25,18 +27,15 @@ def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for all files.")] = Path("demo-output"),
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
     realtime: Annotated[bool, typer.Option("--realtime", help="1 kHz by the clock instead of lockstep.")] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Of the fake robot's noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Of the fake robot's noise and of what it hides.")] = 1,
     json_file: JsonOption = None,
 ) -> None:
-    """The whole chain without a robot: check, record over FRI, fit, compare with the truth and on other data.
+    """The whole chain without a robot: record over FRI, fit, find what the robot hides, open its seal, compare.
 
-    Example: iiwa-ident demo --out demo-output
+    Example: iiwa-ident demo --seed 7 --out demo-output
     """
     from daemon import demonstration
     from identification.excitation import validation_trajectory
-    from identification.model_file import read_model
-    from identification.recordings import read_recording
-    from identification.validation import validate_model
 
     motion = prepare_motion(None)
     data(f"1. Motion: {motion.name}, {motion.trajectory.period_s:g} s a period; preflight:")
@@ -45,49 +44,136 @@ def demo(
         raise typer.Exit(1)
 
     mode = "in real time at 1 kHz" if realtime else "in lockstep"
-    data(f"2. Acquisition: {periods} periods {mode}, fake robot with seed {seed} in a process of its own")
-    outcome = demonstration.record(
-        motion, out / "excitation", periods=periods, seed=seed, realtime=realtime, fit=True, observe=show_event
-    )
-    for sentence in outcome.sentences:
-        data(f"   {sentence}")
-    if outcome.exit_code:
-        raise typer.Exit(outcome.exit_code)
-    if outcome.worker_status_file is not None:
-        status = wait_for_worker(Path(outcome.worker_status_file))
-        if status.phase != "done":
-            raise typer.Exit(status.exit_code or 1)
+    commitments: list[str] = []
 
-    data(f"3. Another motion that the fit has not seen, {PERIODS_UNUSED} periods")
-    other = prepare_motion_of(validation_trajectory(motion.robot), out)
-    unused = demonstration.record(
-        other, out / "unused", periods=PERIODS_UNUSED, seed=seed + 1, realtime=realtime, fit=False, observe=show_event
-    )
-    if unused.exit_code:
-        raise typer.Exit(unused.exit_code)
+    def publish(commitment: str) -> None:
+        commitments.append(commitment)
+        data(f"   The fake robot hides one effect, drawn from seed {seed}. SHA-256 of its salted label: {commitment}")
 
-    model_file = out / "excitation" / "model.json"
-    document: dict[str, Any] = json.loads(model_file.read_text(encoding="utf-8"))
-    data("4. Base parameters beside the fake robot's true ones, opened now")
+    def acquire(chosen: PreparedMotion, name: str, count: int, heldout: tuple[str, ...], fit: bool) -> RunOutcome:
+        outcome = demonstration.record(
+            chosen, out / name, periods=count, seed=seed if fit else seed + 1, realtime=realtime, fit=fit,
+            observe=show_event, hidden_effect=seed, publish=publish, heldout=heldout,
+        )  # fmt: skip
+        for sentence in outcome.sentences:
+            data(f"   {sentence}")
+        if outcome.exit_code:
+            raise typer.Exit(outcome.exit_code)
+        return outcome
+
+    data(f"2. Another motion first, {PERIODS_UNUSED} periods {mode}: what the fit will not see, to check names on")
+    unused = acquire(
+        prepare_motion_of(validation_trajectory(motion.robot), out), "unused", PERIODS_UNUSED, (), fit=False
+    )
+    data(f"3. Acquisition: {periods} periods {mode}; the worker fits and diagnoses from the logs alone")
+    outcome = acquire(motion, "excitation", periods, unused.recordings, fit=True)
+    assert outcome.worker_status_file is not None
+    status = wait_for_worker(Path(outcome.worker_status_file))
+    if status.phase != "done":
+        raise typer.Exit(status.exit_code or 1)
+
+    folder = out / "excitation"
+    document, extended, diagnosis = (
+        json.loads((folder / name).read_text(encoding="utf-8"))
+        for name in ("model.json", "diagnosis/model.json", "diagnosis/diagnosis.json")
+    )
+    data("4. Verdict")
+    show_verdict(diagnosis)
+    label = demonstration.opened_effect(folder / "fake_robot.json", commitments[-1])
+    data("5. The seal is opened; its hash is the one published at the start")
+    data(f"   hidden: {in_words(label)}")
+    data(f"   {judgement(diagnosis, label)}")
+
+    data("6. Base parameters beside the fake robot's true ones: fitted together with the effects, and without them")
     regressor = demonstration.demo_regressor()
-    truth = demonstration.true_base_parameters(out / "excitation" / "fake_robot.json", regressor)
-    show_comparison(document["base_parameters"], truth)
-
-    data("5. RMS of measured minus modelled torque per joint, Nm, of the base and of the feasible parameters")
-    model = read_model(model_file)
-    tables = {}
-    for what, folder, averaged in (("fitted", "excitation", periods), ("unused", "unused", PERIODS_UNUSED)):
-        recording = read_recording(out / folder / "recording.mcap")
-        table = validate_model(model, [recording])
-        data(f"   {what} motion, mean of {averaged} period(s); the noise alone would give:")
-        data(f"   {'':24s}" + "".join(f"{floor:8.3f}" for floor in table.rows[0].noise_floor_nm))
-        data(table.text())
-        tables[what] = table.to_json()
+    truth = demonstration.true_base_parameters(folder / "fake_robot.json", regressor)
+    show_comparison(extended["base_parameters"], document["base_parameters"], truth)
+    data("7. RMS of measured minus modelled torque per joint, Nm, of the base and of the feasible parameters")
+    tables = show_rms(out, {"fitted": ("excitation", periods), "unused": ("unused", PERIODS_UNUSED)})
     show_certificate(document["certificate"])
     files = show_files(out)
     if json_file is not None:
-        parameters = [{**p, "true": float(t)} for p, t in zip(document["base_parameters"], truth, strict=True)]
-        write_json(json_file, {"base_parameters": parameters, "rms": tables, "files": files, "seed": seed})
+        write_json(
+            json_file,
+            {
+                "base_parameters": [
+                    {**p, "true": float(t)} for p, t in zip(extended["base_parameters"], truth, strict=True)
+                ],
+                "rms": tables,
+                "verdict": diagnosis["verdict"],
+                "findings": diagnosis["findings"],
+                "hidden": label,
+                "commitment": commitments[-1],
+                "right": is_right(diagnosis, label),
+                "files": files,
+                "seed": seed,
+            },
+        )
+
+
+def show_verdict(diagnosis: dict[str, Any]) -> None:
+    """Verdict, findings and what remains, as `diagnose` says them."""
+    data(f"   {VERDICTS[diagnosis['verdict']]}")
+    for finding in diagnosis["findings"]:
+        data(f"   - {finding['sentence']}")
+    data(f"   {diagnosis['remaining']}")
+    heldout = diagnosis["heldout"]
+    if heldout is not None:
+        for name, key in (("before", "rms_before_nm"), ("after", "rms_after_nm"), ("noise", "noise_floor_nm")):
+            data(f"   unused motion, RMS {name:<7s} Nm:" + "".join(f"{value:8.4f}" for value in heldout[key]))
+
+
+def in_words(label: dict[str, Any]) -> str:
+    """A label on one line, numbers with four digits."""
+    return ", ".join(f"{name} {_short(value)}" for name, value in label.items() if value is not None)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(_short(item) for item in value) + "]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def names_of(finding: dict[str, Any]) -> list[tuple[str, int | None]]:
+    """Effect and joint of a finding, its own first, then those the data could not tell apart."""
+    return [(item["effect"], item["joint"]) for item in (finding, *finding["alternatives"])]
+
+
+def is_right(diagnosis: dict[str, Any], label: dict[str, Any]) -> bool:
+    """Whether one finding is there, and it names the hidden effect at its joint, alone or within its alternatives."""
+    findings = diagnosis["findings"]
+    return len(findings) == 1 and (label["effect"], label["joint"]) in names_of(findings[0])
+
+
+def judgement(diagnosis: dict[str, Any], label: dict[str, Any]) -> str:
+    """The verdict against the truth, in one sentence."""
+    truth = (label["effect"], label["joint"])
+    named = [names_of(finding) for finding in diagnosis["findings"]]
+    if is_right(diagnosis, label):
+        return "Named rightly." if named[0][0] == truth else "Within the names that this data cannot tell apart."
+    if any(truth in names for names in named):
+        return f"Named rightly, among {len(named)} findings; the others are not there."
+    return "Not named." if not named else "WRONG: what was named is not what was hidden."
+
+
+def show_rms(out: Path, recordings: dict[str, tuple[str, int]]) -> dict[str, Any]:
+    """RMS tables of the fit and of the extended model on recordings, given as folder and number of periods."""
+    from identification.mismatch.prediction import validate_with_effects
+    from identification.model_file import read_model
+    from identification.recordings import read_recording
+
+    tables = {}
+    for what, (folder, averaged) in recordings.items():
+        recording = read_recording(out / folder / "recording.mcap")
+        for kind, file in (("", "model.json"), (", effects included", "diagnosis/model.json")):
+            table = validate_with_effects(read_model(out / "excitation" / file), [recording])
+            if not kind:
+                data(f"   {what} motion, mean of {averaged} period(s); the noise alone would give:")
+                data(f"   {'':24s}" + "".join(f"{floor:8.3f}" for floor in table.rows[0].noise_floor_nm))
+            data(f"   the {'extended' if kind else 'nominal'} model{kind}:")
+            data(table.text())
+            tables[what + kind] = table.to_json()
+    return tables
 
 
 def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
@@ -98,9 +184,12 @@ def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
     return prepare_motion(file)
 
 
-def show_comparison(parameters: list[dict[str, Any]], truth: np.ndarray[Any, Any]) -> None:
-    """Value, σ and truth of each base parameter, and how many of the well determined ones lie within 3 σ."""
-    table = Table("parameter", "identified", "σ", "true", "difference in σ", "unit")
+def show_comparison(
+    parameters: list[dict[str, Any]], nominal: list[dict[str, Any]], truth: np.ndarray[Any, Any]
+) -> None:
+    """Value, σ and truth of each base parameter, the nominal fit's value, and how many lie within 3 σ."""
+    table = Table("parameter", "identified", "σ", "true", "difference in σ", "without effects", "unit")
+    without = {parameter["name"]: parameter["value"] for parameter in nominal}
     within, determined = 0, 0
     for parameter, true in zip(parameters, truth, strict=True):
         value, std = parameter["value"], parameter["std"]
@@ -109,8 +198,9 @@ def show_comparison(parameters: list[dict[str, Any]], truth: np.ndarray[Any, Any
             determined += 1
             within += abs(distance) <= 3.0
         table.add_row(
-            parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{distance:+.1f}", parameter["unit"]
-        )
+            parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{distance:+.1f}",
+            f"{without[parameter['name']]:.5f}", parameter["unit"],
+        )  # fmt: skip
     show_table(table)
     data(f"{within} of the {determined} parameters whose σ is below 5 % of their value are within 3 σ of the truth.")
 

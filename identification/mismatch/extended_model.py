@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from identification.base_parameters import BaseRegressor
-from identification.errors import IdentificationError
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import EstimationError, IdentificationError
 from identification.fit import FitSettings, Progress, fit_recordings
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import without_effects
@@ -37,10 +38,14 @@ def extended_model(
     recordings, the model holds base parameters only and a note says why.
     """
     extended = diagnosis.extended_model_json()
-    regressor = BaseRegressor(robot)
     known = {item.name: item.after for item in diagnosis.parameter_shift}
+    regressor = _regressor_of(set(known), robot)
     values = np.array([known[name] for name in regressor.names])
-    settings = FitSettings(rotor_inertia="no", offset="no", check_torque_sign=False)
+    settings = FitSettings(
+        rotor_inertia="yes" if regressor.options.rotor_inertia else "no",
+        offset="yes" if regressor.options.offset else "no",
+        check_torque_sign=False,
+    )
     turned = {
         joint - 1 for fault in diagnosis.data_faults if fault.fault == "inverted_torque_sign" for joint in fault.joints
     }
@@ -52,7 +57,7 @@ def extended_model(
                 finding.to_json() for finding in diagnosis.findings if finding.where.get("recording", index) == index
             ]
             upright = replace(recording, torque=recording.torque * sign) if turned else recording
-            remaining.append(without_effects(upright, present, robot, values))
+            remaining.append(without_effects(upright, present, regressor, values))
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
         note = f"Base parameters only: {error}"
@@ -64,3 +69,12 @@ def extended_model(
         "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }
+
+
+def _regressor_of(names: set[str], robot: RobotModel) -> BaseRegressor:
+    """The regressor whose base parameters have these names. Raises EstimationError if none has."""
+    for rotor_inertia, offset in product((False, True), repeat=2):
+        regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=rotor_inertia, offset=offset))
+        if set(regressor.names) == names:
+            return regressor
+    raise EstimationError(f"The diagnosis names parameters that {robot.name} does not have")

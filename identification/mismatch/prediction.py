@@ -19,8 +19,9 @@ from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import build_evidence, with_parameters
 from identification.mismatch.motion import Motion
+from identification.model_file import Model
 from identification.recordings.recording import Recording
-from identification.robots import RobotModel
+from identification.validation import RmsTable, validate_model
 
 FloatArray = npt.NDArray[np.float64]
 EffectJson = Mapping[str, Any]
@@ -67,18 +68,17 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
 
 
 def without_effects(
-    recording: Recording, effects: Sequence[EffectJson], robot: RobotModel, values: FloatArray
+    recording: Recording, effects: Sequence[EffectJson], regressor: BaseRegressor, values: FloatArray
 ) -> Recording:
     """The recording with the effects' torque taken off each sample that has a place in a period or a stretch.
 
-    values: (p,) base parameters whose torque effects that depend on load see. Raises RecordingError where the recording
-    cannot be used.
+    values: (p,) base parameters of the regressor, whose torque effects that depend on load see. Raises RecordingError
+    where the recording cannot be used.
     """
     if not effects:
         return recording
-    regressor = BaseRegressor(robot)
     torque = recording.torque.copy()
-    for evidence in build_evidence(recording, robot, regressor):
+    for evidence in build_evidence(recording, regressor.robot, regressor):
         motion = with_parameters(evidence, regressor, values).motion
         taken = effects_torque(effects, motion)
         if motion.periodic:
@@ -96,18 +96,34 @@ def without_effects(
     return replace(recording, torque=torque)
 
 
+def validate_with_effects(model: Model, recordings: Sequence[Recording]) -> RmsTable:
+    """`validate_model` with the model's repeatable effects in its torque; without any, the same table.
+
+    What was found to change within one recording is taken to be absent from others. Raises as `validate_model` does.
+    """
+    effects = repeatable(model.data.get("effects", []))
+    if not effects:
+        return validate_model(model, recordings)
+    regressor = BaseRegressor(model.load_robot(), model.options)
+    values = model.base_values(regressor)
+    return validate_model(model, [without_effects(recording, effects, regressor, values) for recording in recordings])
+
+
 def torque_along(
-    effects: Sequence[EffectJson], robot: RobotModel, values: FloatArray, time: FloatArray, states: Sequence[FloatArray]
+    effects: Sequence[EffectJson],
+    regressor: BaseRegressor,
+    values: FloatArray,
+    time: FloatArray,
+    states: Sequence[FloatArray],
 ) -> Callable[[_Timed], FloatArray]:
     """Effects' torque as a function of a simulated state's time, evaluated along the commanded periodic motion.
 
     time: (S,) s, uniform over one period. states: q, q̇, q̈ there, each (S, n). values: (p,) base parameters.
     The returned function takes anything with `time_s` and gives (n,) Nm; only repeatable effects are in it.
     """
-    regressor = BaseRegressor(robot)
     position, velocity, acceleration = states
     motion = Motion(
-        robot=robot,
+        robot=regressor.robot,
         time=time,
         position=position,
         velocity=velocity,
