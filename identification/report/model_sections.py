@@ -57,7 +57,8 @@ def parameter_section(model: Json) -> Section:
         blocks.append(
             Paragraph(
                 f"These data do not tell {_count(open_names, 'parameter')} apart from zero (σ above half of the "
-                f"value): {listed(open_names)}. A longer recording or an excitation that moves these joints more would.",
+                f"value): {listed(open_names)}. A longer recording or an excitation that moves these joints more "
+                "would.",
                 "warning",
             )
         )

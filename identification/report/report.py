@@ -12,6 +12,7 @@ from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsTable
 from identification.mismatch.findings import Diagnosis
 from identification.recordings.recording import Recording
+from identification.report.diagnosis_sections import diagnosis_sections, tone_of, verdict_sentence
 from identification.report.document import Document, Section
 from identification.report.model_sections import (
     feasibility_section,
@@ -20,10 +21,16 @@ from identification.report.model_sections import (
     rms_section,
     undetermined,
 )
+from identification.report.motion_sections import excitation_section, residual_section
 from identification.report.numbers import rounded
 from identification.report.page import render
+from identification.report.recording_section import recording_section
+from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
 
 __all__ = ["build_document", "write_report"]
+
+# Figures of more recordings than this fill pages without telling more.
+MOST_DRAWN = 2
 
 
 def write_report(
@@ -73,18 +80,34 @@ def build_document(
         model = diagnosis.extended_model_json()
     model = model if model is not None else {}
     recordings = recordings or (() if fit is None else fit.recordings)
-    del heldout
-    sections: list[Section | None] = []
+    stretches, what = _stretches(fit, diagnosis, recordings)
+    robot = None if fit is None else fit.robot
+    answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
+    sections: list[Section | None] = [] if diagnosis is None else [*diagnosis_sections(diagnosis)]
+    sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
     if model.get("base_parameters"):
-        answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
-        sections += [rms_section(model, validation), parameter_section(model), feasibility_section(model, answer)]
-    if model.get("provenance"):
-        sections.append(provenance_section([("Fit", model["provenance"])]))
+        sections += [rms_section(model, validation), residual_section(stretches, what), parameter_section(model)]
+        sections.append(feasibility_section(model, answer))
+    provenances = [("Fit", model.get("provenance")), ("Diagnosis", None if diagnosis is None else diagnosis.provenance)]
+    sections.append(provenance_section([(name, value) for name, value in provenances if value]))
     return Document(
         title=title or f"Identification of {model.get('robot', 'a robot')}",
-        verdict=_fit_sentence(model),
+        verdict=_fit_sentence(model) if diagnosis is None else verdict_sentence(diagnosis),
         sections=tuple(section for section in sections if section is not None),
+        tone="neutral" if diagnosis is None else tone_of(diagnosis),
     )
+
+
+def _stretches(
+    fit: FitResult | None, diagnosis: Diagnosis | None, recordings: Sequence[Recording]
+) -> tuple[tuple[Stretch, ...], str]:
+    """What is drawn over time and frequency, and of which model its residual is."""
+    if fit is not None:
+        return stretches_of_fit(fit, MOST_DRAWN), "the base parameters and no further effect"
+    if diagnosis is not None:
+        names = tuple(Path(recording.source.path).name for recording in recordings)
+        return stretches_of_diagnosis(diagnosis, names)[:MOST_DRAWN], "the findings added to the model"
+    return (), ""
 
 
 def _fit_sentence(model: Mapping[str, Any]) -> str:

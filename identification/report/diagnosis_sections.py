@@ -1,0 +1,303 @@
+"""What a diagnosis says, as sections: the verdict and every finding with its figures, the held-out check, how the base
+parameters move, what these data could not show. Plain language first, numbers behind it. Called by `report`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.base import Place
+from identification.mismatch.findings import Curve, Diagnosis, Finding
+from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Style, Table
+from identification.report.motion_sections import spectrum_panel
+from identification.report.numbers import joint_heads, listed, rounded, row_of, with_sigma
+
+__all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_MANY = 6
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The answer in one or two sentences."""
+    names = listed([f"{_effect(finding.effect)} ({_place(finding.place)})" for finding in diagnosis.findings])
+    if diagnosis.data_faults:
+        begin = f"The recording itself is faulty: {diagnosis.data_faults[0].sentence.rstrip('.')}. "
+    else:
+        begin = ""
+    detected = [str(joint + 1) for joint in np.flatnonzero(diagnosis.baseline.detected)]
+    where = f" on joint {listed(detected)}" if detected else ""
+    sentences = {
+        "no_mismatch": "The model explains these recordings: no missing physics shows above the noise.",
+        "explained": f"The model left something out, and it is found: {names}.",
+        "partly_explained": f"Part of what the model leaves out is found: {names}. Another part stays unexplained.",
+        "unexplained": f"Measured and modelled torque differ by more than the noise{where}, and no effect that is "
+        "known here explains it.",
+    }
+    return begin + sentences[diagnosis.verdict]
+
+
+def tone_of(diagnosis: Diagnosis) -> Literal["good", "attention", "neutral"]:
+    """How the verdict is coloured: what is faulty or unexplained wants attention."""
+    if diagnosis.data_faults or diagnosis.verdict in ("unexplained", "partly_explained"):
+        return "attention"
+    return "good" if diagnosis.verdict == "no_mismatch" else "neutral"
+
+
+def diagnosis_sections(diagnosis: Diagnosis) -> list[Section]:
+    """Findings, held-out check, parameter shift and limits of what these data can show, each where there is any."""
+    sections = [_findings(diagnosis), _heldout(diagnosis), _shift(diagnosis), _limits(diagnosis)]
+    return [section for section in sections if section is not None]
+
+
+def _findings(diagnosis: Diagnosis) -> Section:
+    blocks: list[Block] = [Paragraph(f"{fault.sentence}", "warning") for fault in diagnosis.data_faults]
+    if diagnosis.findings and diagnosis.heldout is None:
+        blocks.append(
+            Paragraph("No held-out recording was given: the names below are unconfirmed.", "warning"),
+        )
+    for number, finding in enumerate(diagnosis.findings, 1):
+        blocks += _finding(number, finding, diagnosis)
+    blocks.append(Heading("What remains"))
+    blocks.append(Paragraph(diagnosis.remaining))
+    if diagnosis.curves:
+        blocks.append(
+            Figure(
+                "What stays unexplained, over the coordinate that orders it best (a curve, not physics)",
+                tuple(_curve_panel(curve, f"Joint {curve.joint}") for curve in diagnosis.curves),
+                (("after", "residual, mean of each bin ± its noise"),),
+            )
+        )
+    blocks.append(_baseline_table(diagnosis))
+    blocks += [Paragraph(note, "note") for note in diagnosis.notes]
+    return Section("findings", "What the model leaves out", tuple(blocks))
+
+
+def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]:
+    name = f"{_effect(finding.effect)}, {_place(finding.place)}"
+    blocks: list[Block] = [
+        Heading(f"{number}. {name[:1].upper()}{name[1:]}"),
+        Paragraph(finding.sentence, "lead"),
+    ]
+    if finding.alternatives:
+        others = listed([f"{_effect(other.effect)} ({_joint(other.joint)})" for other in finding.alternatives])
+        experiment = f" To tell them apart: {finding.separating_experiment}" if finding.separating_experiment else ""
+        blocks.append(Paragraph(f"These data cannot tell it from: {others}.{experiment}", "warning"))
+    if finding.parameters:
+        rows = tuple((_words(item.name), *with_sigma(item.value, item.std), item.unit) for item in finding.parameters)
+        blocks.append(Table("Size", ("parameter", "value", "σ", "unit"), rows))
+    figure = _finding_figure(finding, diagnosis)
+    if figure is not None:
+        blocks.append(figure)
+    blocks.append(Facts(tuple(_finding_facts(finding))))
+    return blocks
+
+
+def _finding_facts(finding: Finding) -> Iterable[tuple[str, str]]:
+    confirmed = {True: "yes", False: "no", None: "not checked: no held-out recording"}
+    yield "Confirmed on held-out data", confirmed[finding.confirmed]
+    if finding.heldout_gain_nm.size:
+        best = int(np.nanargmax(np.abs(finding.heldout_gain_nm)))
+        gain = float(finding.heldout_gain_nm[best])
+        yield "Held-out RMS", f"{'falls' if gain >= 0 else 'RISES'} by {rounded(abs(gain), 2)} Nm on joint {best + 1}"
+    if math.isfinite(finding.share_removed):
+        yield "Explains", f"{rounded(100 * finding.share_removed)} % of the misfit's energy on its joints"
+    yield "Hidden in the parameters", f"{rounded(100 * finding.absorbed_fraction)} % of it, had it not been modelled"
+    yield "Chance of this by noise alone", _probability(finding.significance)
+    yield "Score", f"{rounded(finding.score)} (log-likelihood)"
+    for key, value in finding.where.items():
+        yield f"Where: {_words(str(key))}", _flat(value)
+
+
+def _finding_figure(finding: Finding, diagnosis: Diagnosis) -> Figure | None:
+    """Residual before and after over the effect's own coordinate, and the spectrum of the joint it shows on."""
+    panels: list[Panel] = []
+    joint = finding.curve.joint if finding.curve is not None else finding.place.joint
+    legend: list[tuple[Style, str]] = [("before", "without the effect"), ("after", "with it")]
+    if finding.curve is not None:
+        panels.append(_curve_panel(finding.curve, f"Joint {finding.curve.joint} over {finding.curve.coordinate}", True))
+        if finding.curve.fitted is not None:
+            legend.append(("fitted", "the effect as fitted"))
+    if joint is not None:
+        for spectrum in diagnosis.spectra[:1]:
+            lines: list[tuple[Style, FloatArray]] = [("before", spectrum.before), ("after", spectrum.after)]
+            title = f"Joint {joint} over frequency"
+            panels.append(spectrum_panel(joint - 1, spectrum.frequency, lines, spectrum.noise, title))
+            legend.append(("noise", "noise"))
+        panels += [
+            Panel(
+                f"Joint {joint}, held-out recording",
+                "time (s)",
+                "torque (Nm)",
+                (
+                    Line("before", series.time, series.before[:, joint - 1]),
+                    Line("after", series.time, series.after[:, joint - 1]),
+                ),
+                "residual over time on a recording that was not fitted",
+                floor=float(diagnosis.heldout.noise_floor_nm[joint - 1]) if diagnosis.heldout else None,
+            )
+            for series in diagnosis.heldout_series[:1]
+        ]
+    if not panels:
+        return None
+    return Figure("Measured minus modelled torque without and with this effect", tuple(panels), tuple(legend))
+
+
+def _curve_panel(curve: Curve, title: str, effect: bool = False) -> Panel:
+    lines = [Line("after", curve.centre, curve.after, curve.std, "dots")]
+    if effect:
+        lines.insert(0, Line("before", curve.centre, curve.before, curve.std, "dots"))
+    if curve.fitted is not None:
+        lines.append(Line("fitted", curve.centre, curve.fitted))
+    unit = f" ({curve.unit})" if curve.unit else ""
+    before, after = (float(np.sqrt(np.nanmean(values**2))) for values in (curve.before, curve.after))
+    said = f"RMS of the curve {rounded(before, 2)} Nm before, {rounded(after, 2)} Nm after" if effect else ""
+    return Panel(
+        title, f"{curve.coordinate}{unit}", "torque (Nm)", tuple(lines), said or f"RMS {rounded(after, 2)} Nm"
+    )  # fmt: skip
+
+
+def _baseline_table(diagnosis: Diagnosis) -> Table:
+    baseline = diagnosis.baseline
+    rows = [
+        ("nominal model", *row_of(baseline.rms_nm)),
+        *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.rms_after_nm.size else []),
+        ("noise alone", *row_of(baseline.noise_floor_nm)),
+        ("misfit beyond noise, nominal", *row_of(baseline.excess_nm, 2)),
+        ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
+        ("misfit detected", *("yes" if value else "no" for value in baseline.detected)),
+    ]
+    return Table(
+        "Fitted recordings: RMS of measured minus modelled torque by joint, Nm",
+        ("", *joint_heads(baseline.rms_nm.size)),
+        tuple(rows),
+    )
+
+
+def _heldout(diagnosis: Diagnosis) -> Section | None:
+    heldout = diagnosis.heldout
+    if heldout is None:
+        return None
+    rows = (
+        ("nominal model", *row_of(heldout.rms_before_nm)),
+        ("with the findings", *row_of(heldout.rms_after_nm)),
+        ("… its 95 % interval", *_intervals(*heldout.ci95_after_nm.T)),
+        ("noise alone", *row_of(heldout.noise_floor_nm)),
+        ("misfit beyond noise, nominal", *row_of(heldout.excess_before_nm, 2)),
+        ("misfit beyond noise, with the findings", *row_of(heldout.excess_after_nm, 2)),
+    )
+    return Section(
+        "heldout",
+        "Does it hold on another recording?",
+        (
+            Paragraph("All parameters come from the fitted recordings only; this motion was not used."),
+            Table(
+                "Held-out recordings: RMS of measured minus modelled torque by joint, Nm",
+                ("", *joint_heads(heldout.rms_before_nm.size)),
+                rows,
+            ),
+        ),
+    )
+
+
+def _shift(diagnosis: Diagnosis) -> Section | None:
+    if not diagnosis.findings:
+        return None
+    moved = [
+        (abs(item.after - item.before) / item.std if item.std > 0.0 else 0.0, item)
+        for item in diagnosis.parameter_shift
+    ]
+    shown = sorted((pair for pair in moved if pair[0] >= 1.0), key=lambda pair: -pair[0])
+    rows = []
+    for steps, item in shown:
+        after, sigma = with_sigma(item.after, item.std)
+        rows.append((item.name, with_sigma(item.before, item.std)[0], after, sigma, rounded(steps, 2), item.unit))
+    quiet = len(moved) - len(shown)
+    blocks: list[Block] = [
+        Paragraph(
+            "Before, the fit had hidden part of the missing physics in these base parameters. "
+            f"{quiet} others move by less than one σ."
+            if shown
+            else "No base parameter moves by one σ or more."
+        )
+    ]
+    if rows:
+        head = ("parameter", "without", "with the findings", "σ", "shift in σ", "unit")
+        blocks.append(Table("Base parameters that move", head, tuple(rows)))
+    return Section("shift", "What that does to the parameters", tuple(blocks))
+
+
+def _limits(diagnosis: Diagnosis) -> Section | None:
+    """Smallest detectable sizes as effects by joint, and what no size would show, with the reasons."""
+    blocks: list[Block] = []
+    joints = diagnosis.baseline.rms_nm.size
+    smallest: dict[tuple[str, str], dict[int | None, float]] = {}
+    for item in diagnosis.minimum_detectable:
+        cells = smallest.setdefault((item.effect, item.unit), {})
+        joint = item.place.joint
+        cells[joint] = min(cells.get(joint, math.inf), item.size)
+    if smallest:
+        rows = tuple(
+            (_effect(effect), unit, *row_of((cells.get(joint) for joint in (*range(1, joints + 1), None)), 2))
+            for (effect, unit), cells in smallest.items()
+        )
+        blocks += [
+            Paragraph(
+                "An effect smaller than this would not have shown in this motion and this noise: that nothing was "
+                "found says nothing about it."
+            ),
+            Table("Smallest size that would have shown", ("effect", "unit", *joint_heads(joints), "whole arm"), rows),
+        ]
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for hidden in diagnosis.not_identifiable:
+        reasons.setdefault((hidden.effect, hidden.reason), []).append(_place(hidden.place))
+    if reasons:
+        rows = tuple((_effect(effect), _some(places), reason) for (effect, reason), places in reasons.items())
+        blocks.append(Table("Not to be seen at any size in these data", ("effect", "where", "why"), rows))
+    return Section("limits", "What these data could not show", tuple(blocks)) if blocks else None
+
+
+def _effect(name: str) -> str:
+    return _words(name)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _joint(joint: int | None) -> str:
+    return "the whole arm" if joint is None else f"joint {joint}"
+
+
+def _place(place: Place) -> str:
+    if place.joint is not None:
+        return f"joint {place.joint}" + (f" with joint {place.other_joint}" if place.other_joint is not None else "")
+    return f"link {place.link}" if place.link is not None else "the whole arm"
+
+
+def _some(places: Sequence[str]) -> str:
+    """Places without repetition, the first of them where there are many."""
+    unique = list(dict.fromkeys(places))
+    return listed(unique) if len(unique) <= _MANY else f"{', '.join(unique[:_MANY])} and {len(unique) - _MANY} more"
+
+
+def _probability(value: float) -> str:
+    return "below 1e−6" if value < 1e-6 else rounded(value, 2)
+
+
+def _intervals(low: Iterable[float], high: Iterable[float]) -> list[str]:
+    return [f"{rounded(first, 2)} … {rounded(last, 2)}" for first, last in zip(low, high, strict=True)]
+
+
+def _flat(value: object) -> str:
+    if isinstance(value, dict):
+        return "; ".join(f"{_words(str(key))} {_flat(entry)}" for key, entry in value.items())
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ", ".join(_flat(entry) for entry in value)
+    return rounded(float(value), 3) if isinstance(value, (float, np.floating)) else str(value)

@@ -1,0 +1,168 @@
+"""Excitation and residuals as figures: the paper's Fig. 2 and 3, velocities, and what the model leaves, by joint in
+time and in frequency against the noise. Here: which panels there are. Called by `report`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.report.document import Block, Figure, Heading, Line, Panel, Paragraph, Section, Style
+from identification.report.numbers import rounded
+from identification.report.stretches import Stretch
+from identification.robots import RobotModel
+
+__all__ = ["excitation_section", "residual_section", "spectrum_panel"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_PATH_POINTS = 400
+_VIEWS = ((0, 1, "from above"), (0, 2, "from the side"), (1, 2, "from the front"))
+
+
+def excitation_section(stretches: Sequence[Stretch], robot: RobotModel | None) -> Section | None:
+    """How the arm moved: joint positions, velocities and the path of the last link; None without any motion.
+
+    robot: for the path; without it there is none.
+    """
+    if not stretches:
+        return None
+    blocks: list[Block] = []
+    for stretch in stretches:
+        if len(stretches) > 1:
+            blocks.append(Heading(stretch.name))
+        blocks += [
+            _by_joint("Joint positions", stretch.time, stretch.position, "position", "rad"),
+            _by_joint("Joint velocities", stretch.time, stretch.velocity, "velocity", "rad/s"),
+        ]
+        if robot is not None:
+            blocks.append(_path(stretch, robot))
+    return Section("excitation", "How the arm moved", tuple(blocks))
+
+
+def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
+    """Measured minus modelled torque by joint, over time and over frequency; what: which model, in words."""
+    if not stretches:
+        return None
+    blocks: list[Block] = [
+        Paragraph(
+            f"Measured minus modelled torque, with {what}. The grey band is one standard deviation of the noise: a "
+            "residual that fills the band and has no shape holds nothing that a better model could explain."
+        )
+    ]
+    for stretch in stretches:
+        if len(stretches) > 1:
+            blocks.append(Heading(stretch.name))
+        n = stretch.residual.shape[1]
+        blocks += [
+            Figure(
+                "Residual over time",
+                tuple(_residual_panel(stretch, joint) for joint in range(n)),
+                (("after", "measured − modelled"), ("noise", "noise, ±1 σ")),
+            ),
+            Figure(
+                "Residual over frequency",
+                tuple(
+                    spectrum_panel(
+                        joint, stretch.frequency, (("after", stretch.spectrum),), stretch.noise, f"Joint {joint + 1}"
+                    )
+                    for joint in range(n)
+                ),
+                (("after", "measured − modelled"), *((("noise", "noise"),) if stretch.noise is not None else ())),
+            ),
+        ]
+        if stretch.noise is None:
+            blocks.append(
+                Paragraph("Without repeated periods the noise of single frequencies is not known here.", "note")
+            )
+    return Section("residuals", "What the model leaves", tuple(blocks))
+
+
+def spectrum_panel(
+    joint: int,
+    frequency: FloatArray,
+    lines: Sequence[tuple[Style, FloatArray]],
+    noise: FloatArray | None,
+    title: str,
+) -> Panel:
+    """Spectra (F, n) of one joint (from 0) as RMS per line, by style, with the noise on top."""
+    drawn = list(lines)
+    if noise is not None:
+        drawn.append(("noise", noise))
+    positive = frequency > 0.0
+    shown = tuple(Line(style, frequency[positive], _above_zero(values[positive, joint])) for style, values in drawn)
+    peak = lines[-1][1][positive, joint]
+    where = (
+        f"; largest {rounded(peak.max(), 2)} Nm at {rounded(frequency[positive][peak.argmax()])} Hz"
+        if peak.size
+        else ""
+    )
+    return Panel(
+        title, "frequency (Hz)", "Nm RMS per line", shown,
+        f"spectrum of the residual up to {rounded(frequency[-1])} Hz{where}", logarithmic=True,
+    )  # fmt: skip
+
+
+def _by_joint(caption: str, time: FloatArray, values: FloatArray, quantity: str, unit: str) -> Figure:
+    return Figure(
+        caption,
+        tuple(
+            Panel(
+                f"Joint {joint + 1}",
+                "time (s)",
+                f"{quantity} ({unit})",
+                (Line("measured", time, column),),
+                f"{quantity} between {rounded(np.nanmin(column))} and {rounded(np.nanmax(column))} {unit}",
+            )
+            for joint, column in enumerate(values.T)
+        ),
+    )
+
+
+def _residual_panel(stretch: Stretch, joint: int) -> Panel:
+    values, floor = stretch.residual[:, joint], float(stretch.floor_nm[joint])
+    rms = float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
+    return Panel(
+        f"Joint {joint + 1}",
+        "time (s)",
+        "torque (Nm)",
+        (Line("after", stretch.residual_time, values),),
+        f"residual over time, RMS {rounded(rms)} Nm, noise {rounded(floor)} Nm",
+        floor=floor,
+    )
+
+
+def _path(stretch: Stretch, robot: RobotModel) -> Figure:
+    """The origin of the last link's frame in the base frame, seen from three sides; a star where it begins."""
+    known = np.flatnonzero(np.isfinite(stretch.position).all(axis=1))
+    chosen = known[np.linspace(0, len(known) - 1, min(_PATH_POINTS, len(known))).astype(int)]
+    data = robot.pinocchio_model.createData()
+    path = np.empty((len(chosen), 3))
+    for row, position in enumerate(stretch.position[chosen]):
+        pinocchio.forwardKinematics(robot.pinocchio_model, data, position)
+        path[row] = data.oMi[robot.n].translation
+    return Figure(
+        "Path of the last link's origin in the base frame (star: where it begins)",
+        tuple(
+            Panel(
+                f"Seen {view}",
+                f"{'xyz'[first]} (m)",
+                f"{'xyz'[second]} (m)",
+                (
+                    Line("measured", path[:, first], path[:, second]),
+                    Line("fitted", path[:1, first], path[:1, second], marks="star"),
+                ),
+                f"{'xyz'[first]} between {rounded(np.min(path[:, first]))} and {rounded(np.max(path[:, first]))} m, "
+                f"{'xyz'[second]} between {rounded(np.min(path[:, second]))} and {rounded(np.max(path[:, second]))} m",
+                equal=True,
+            )
+            for first, second, view in _VIEWS
+        ),
+    )
+
+
+def _above_zero(values: FloatArray) -> FloatArray:
+    return np.where(values > 0.0, values, np.nan)

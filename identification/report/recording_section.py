@@ -1,0 +1,60 @@
+"""What was recorded, with what, and what the reading of each file found. Called by `report`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from identification.recordings.recording import Recording
+from identification.report.document import Block, Facts, Heading, Paragraph, Section
+from identification.report.link import link_facts, link_sentence, read_loop_report
+from identification.report.numbers import rounded
+
+__all__ = ["recording_section"]
+
+_METADATA = (
+    ("run_id", "Run"),
+    ("fri_version", "FRI version"),
+    ("tool", "Tool"),
+    ("amplitude", "Amplitude"),
+    ("seed", "Seed"),
+    ("software_version", "Recorded with version"),
+)
+
+
+def recording_section(recordings: Sequence[Recording], heldout: Sequence[Recording]) -> Section | None:
+    """One part per recording, the held-out ones last and named as such; None without recordings."""
+    if not recordings and not heldout:
+        return None
+    blocks: list[Block] = []
+    for recording in recordings:
+        blocks += _part(recording, "")
+    for recording in heldout:
+        blocks += _part(recording, " (held out: not fitted)")
+    return Section("recordings", "What was recorded", tuple(blocks))
+
+
+def _part(recording: Recording, role: str) -> list[Block]:
+    path = Path(recording.source.path)
+    blocks: list[Block] = [Heading(path.name + role)]
+    report = read_loop_report(path)
+    if report is not None:
+        clean = not any(report.get(name) for name in ("missing", "lost_in_handover", "refused", "undecodable"))
+        blocks.append(Paragraph(link_sentence(report), "plain" if clean else "warning"))
+    blocks += [Paragraph(f"{finding.sentence}.".replace("..", "."), "warning") for finding in recording.report.findings]
+    facts = [
+        ("Samples", f"{recording.samples} of {recording.n} joints in {rounded(recording.duration_s, 4)} s"),
+        ("Sampling", f"every {rounded(1e3 * recording.sampling_period_s)} ms"),
+    ]
+    if recording.is_periodic and recording.period_s is not None:
+        facts.append(("Periods", f"{recording.complete_periods} of {rounded(recording.period_s, 4)} s"))
+    else:
+        facts.append(("Periods", "none: noise cannot be told from repetition"))
+    read = recording.report
+    if read.rows_kept != read.rows_read:
+        facts.append(("Rows", f"{read.rows_kept} of {read.rows_read} used"))
+    metadata = recording.source.metadata
+    facts += [(title, metadata[key]) for key, title in _METADATA if metadata.get(key)]
+    facts += [] if report is None else link_facts(report)
+    facts.append(("SHA-256", recording.source.sha256))
+    return [*blocks, Facts(tuple(facts))]
