@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import next_fast_len
 
 from identification.mismatch.motion import Motion
 
@@ -22,7 +23,9 @@ def filtered(motion: Motion, values: FloatArray, response: Callable[[ComplexArra
     samples = motion.samples
     if not motion.periodic:
         before, after = 2.0 * values[:1] - values[:0:-1], 2.0 * values[-1:] - values[-2::-1]
-        values = np.concatenate([before, values, after])
+        # Lengths with a large prime factor, of which a stretch may be, cost many times as much.
+        spare = next_fast_len(3 * samples, real=True) - (3 * samples - 2)
+        values = np.concatenate([before, values, after, np.repeat(after[-1:], spare, axis=0)])
     spectrum = np.fft.rfft(values, axis=0)
     s = 2.0j * np.pi * np.fft.rfftfreq(values.shape[0], motion.sampling_period_s)
     factor = response(s).reshape(-1, *(1 for _ in values.shape[1:]))
