@@ -20,7 +20,7 @@ from identification.mismatch.extension import extend
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, spread
 from identification.mismatch.refinement import Member, refine, score_of
-from identification.mismatch.screening import Screen, build_screen, gains, narrowed
+from identification.mismatch.screening import COEFFICIENT_COST, Screen, build_screen, gains, narrowed
 from identification.mismatch.settings import DiagnosisSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -62,6 +62,16 @@ class Trial:
     def squares(self) -> float:
         """Whitened squares that are left."""
         return float(self.problem.residual @ self.problem.residual)
+
+    @property
+    def cost(self) -> float:
+        """Log-likelihood that further coefficients and the choice of shapes cost."""
+        return sum(COEFFICIENT_COST * (len(item.selection) - 1) + item.rows.cost for item in self.members)
+
+    @property
+    def penalised(self) -> float:
+        """Whitened squares that are left, with twice the cost: what complete trials are compared by."""
+        return self.squares + 2.0 * self.cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,11 +253,11 @@ def _step(
 
 
 def _best(trials: Sequence[Trial]) -> Trial:
-    """The complete trial that leaves least; without one, the likeliest beside an unknown background."""
+    """The complete trial that leaves least for its size; without one, the likeliest beside an unknown background."""
     complete = [trial for trial in trials if trial.complete]
     if complete:
-        return min(complete, key=lambda trial: trial.squares)
-    return max(trials, key=lambda trial: trial.likelihood)
+        return min(complete, key=lambda trial: trial.penalised)
+    return max(trials, key=lambda trial: trial.likelihood - trial.cost)
 
 
 def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]]) -> list[Member]:
@@ -340,7 +350,7 @@ def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library,
         rivals = _shortlist(_beside(screen, rest), library, taken)
         better = [fitted(nominal, [*others, rival], settings, trial) for rival in rivals]
         best = _best([trial, *better])
-        if best is not trial and (best.squares < trial.squares - 2.0 or not best.complete):
+        if best is not trial and (best.penalised < trial.penalised - 2.0 or not best.complete):
             trial = _reordered(best, index)
     return trial
 
