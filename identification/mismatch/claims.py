@@ -30,6 +30,9 @@ from identification.mismatch.verdict import alternatives, explains_enough, joint
 
 FloatArray = npt.NDArray[np.float64]
 
+# Held-out excess energy in its own deviations beyond which other names of a member are tried.
+PLAIN_EXCESS = 6.0
+
 
 class Role(Protocol):
     """Evidences of one role, their changes between periods, and their torque without those."""
@@ -99,6 +102,7 @@ def build_findings(
 
     before = check(())
     trial = result.trial if physics else result.before
+    trial = _generalising(problem, library, result, trial, before, check, settings)
     now = check(trial.members)
     dropped: list[str] = []
     while trial.members:
@@ -129,6 +133,32 @@ def build_findings(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         tuple(dropped),
     )  # fmt: skip
+
+
+def _generalising(
+    problem: Problem,
+    library: Library,
+    result: SearchResult,
+    trial: Trial,
+    before: _Check,
+    check: _Checker,
+    settings: DiagnosisSettings,
+) -> Trial:
+    """Members under another name where that leaves less than half on held-out data and the fitted data do not object.
+
+    Tried where held-out misfit is plain on a member's joints: the fitted motion was too small to tell the names apart.
+    """
+    for index in range(len(trial.members) if before.heldout_after is not None else 0):
+        now = check(trial.members)
+        rows = _torque_of(trial.members[index], now.extension.coefficients[index], trial.problem.n)
+        joints = joints_of(trial.members[index], rows)
+        left = now.heldout_after
+        if left is None or not np.any(left.excess_energy[joints] > PLAIN_EXCESS * left.excess_deviation[joints]):
+            continue
+        other = _confirmed_rival(problem, library, result, trial, index, before, check, settings)
+        if other is not None and _left_on(check(other.members), other, index) < 0.5 * _left_on(now, trial, index):
+            trial = other
+    return trial
 
 
 def _left_on(now: _Check, trial: Trial, index: int) -> float:
