@@ -1,19 +1,22 @@
 """Validation: a model on recordings that were not used for it, as in section 4.6 and Table 4 of the paper.
 
-Here: RMS per joint of identified models on recordings. The split of one recording into fitted and held-out rows is a
-setting of the fit (`Split`). Called by the command line (`validate`) and the demo.
+Here: RMS per joint of identified models on recordings, and folds over recordings. The split of one recording into
+fitted and held-out rows is a setting of the fit (`Split`). Called by the command line (`validate`, `fit --folds`), the
+demo and benchmarks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
-from identification.fit import FitResult
+from identification.errors import EstimationError
+from identification.fit import FitResult, fit_recordings
 from identification.fitting.blocks import Block, build_block, rms_over
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
@@ -22,7 +25,7 @@ from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
-__all__ = ["RmsRow", "RmsTable", "Split", "validate_model"]
+__all__ = ["RmsRow", "RmsTable", "Split", "cross_validate", "validate_model"]
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -59,8 +62,7 @@ def validate_model(
             sets["physical"] = physical
         chosen = settings if settings is not None else _of_file(model)
     rows = []
-    for number, recording in enumerate(recordings):
-        name = Path(recording.source.path).name
+    for number, (recording, name) in enumerate(zip(recordings, _names(recordings), strict=True)):
         if progress is not None:
             progress(f"validating on {name}", number / len(recordings))
         blocks = _blocks(recording, robot, regressor, chosen)
@@ -70,6 +72,59 @@ def validate_model(
         torque = rms_over(parts, None)
         rows += [RmsRow(f"{name}, {label}", rms_over(parts, values), torque, floor) for label, values in sets.items()]
     return RmsTable(tuple(rows))
+
+
+def cross_validate(
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    settings: FitSettings | None = None,
+    folds: int | None = None,
+    *,
+    progress: Progress | None = None,
+) -> RmsTable:
+    """RMS per joint on each recording of a model that was fitted without it, then the mean square over all of them.
+
+    folds: number K of groups, recording i in group i mod K; each group is scored by a fit of all the others. None
+    leaves out one recording at a time. Lines as `validate_model` labels them, and last "all left out, base" (and
+    "… physical"), in which every recording counts alike. Raises EstimationError for fewer than 2 folds or more folds
+    than recordings, and what `fit_recordings` raises where the rest of the recordings cannot be fitted.
+    """
+    count = len(recordings) if folds is None else folds
+    if not 2 <= count <= len(recordings):
+        raise EstimationError(
+            f"{count} folds over {len(recordings)} recordings are not possible; give at least two recordings and 2 to "
+            f"{len(recordings)} folds"
+        )
+    of_recording: list[tuple[RmsRow, ...]] = [()] * len(recordings)
+    for fold in range(count):
+        if progress is not None:
+            progress(f"fold {fold + 1} of {count}", fold / count)
+        rest = [recording for i, recording in enumerate(recordings) if i % count != fold]
+        result = fit_recordings(rest, robot, settings)
+        for i in range(fold, len(recordings), count):
+            of_recording[i] = validate_model(result, [recordings[i]]).rows
+    labels = ("base", "physical")
+    lines = [
+        replace(row, label=f"{name}, {label}")
+        for name, rows in zip(_names(recordings), of_recording, strict=True)
+        for label, row in zip(labels, rows, strict=False)
+    ]
+    together = []
+    for label, column in zip(labels, zip(*of_recording, strict=True), strict=False):
+        rms, torque, floor = (
+            np.sqrt(np.mean([getattr(line, name) ** 2 for line in column], axis=0))
+            for name in ("rms_nm", "torque_rms_nm", "noise_floor_nm")
+        )
+        together.append(RmsRow(f"all left out, {label}", rms, torque, floor))
+    return RmsTable((*lines, *together))
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """File names, with their folders where the names alone are the same (every run calls its log alike)."""
+    files = [Path(recording.source.path) for recording in recordings]
+    if len({file.name for file in files}) == len(files):
+        return [file.name for file in files]
+    return [str(Path(file.parent.name, file.name)) for file in files]
 
 
 def _blocks(recording: Recording, robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> list[Block]:

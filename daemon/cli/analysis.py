@@ -96,6 +96,10 @@ def fit(
         bool, typer.Option("--full-consistency", help="Program (10) with pseudo-inertias positive semidefinite too.")
     ] = False,
     no_physical: Annotated[bool, typer.Option("--no-physical", help="Base parameters only.")] = False,
+    folds: Annotated[
+        int | None,
+        typer.Option("--folds", min=2, help="Also score each recording by fits without it, in so many groups."),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: beside the log.")] = None,
     json_file: JsonOption = None,
@@ -119,19 +123,29 @@ def fit(
         seed=seed,
     )
     recordings = load_recordings(logs, robot)
-    result = fit_recordings(
-        recordings,
-        load_robot(robot or robot_of(recordings)),
-        settings,
-        progress=lambda phase, share: message(f"[{100 * share:3.0f} %] {phase}"),
-    )
+    robot_model = load_robot(robot or robot_of(recordings))
+
+    def show(phase: str, share: float) -> None:
+        message(f"[{100 * share:3.0f} %] {phase}")
+
+    left_out = None
+    if folds is not None:
+        from identification.validation import cross_validate
+
+        left_out = cross_validate(recordings, robot_model, settings, folds, progress=show)
+    result = fit_recordings(recordings, robot_model, settings, progress=show)
     model = result.to_model_json()
+    if left_out is not None:
+        model["left_out"] = left_out.to_json()
     target = out or logs[0].with_name("model.json")
     target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if json_file is not None:
         write_json(json_file, model)
     if not wants_json_on_stdout(json_file):
         show_fit(result)
+        if left_out is not None:
+            data(f"RMS on recordings that the fit had not seen, {folds} folds, Nm:")
+            data(left_out.text())
         data(f"Model written to {target}")
 
 
@@ -236,6 +250,13 @@ def design(
     noise: Annotated[
         str | None, typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,…")
     ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            "--reference",
+            help="Instead, a motion to score models on: excitation, sine_series, polynomial_10 or polynomial_20.",
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Trajectory to write; default: excitation.json.")] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -244,12 +265,36 @@ def design(
     Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
     """
     from daemon.preparation import is_safe_motion
-    from identification.excitation import DesignProgress, DesignSettings, design_excitation, limits_of_robot
+    from identification.excitation import (
+        DesignProgress,
+        DesignSettings,
+        design_excitation,
+        limits_of_robot,
+        reference_trajectory,
+    )
 
     def show(step: DesignProgress) -> None:
         message(f"stage {step.stage}/{step.stages}, search {step.done}/{step.planned}: best {step.best:.2f}")
 
     model = load_robot(robot)
+    # Only the built-in arms have a geometry to check self-collision and workspace on.
+    acceptable = is_safe_motion if model.name in BUILT_IN_ROBOTS else None
+    target = out or Path("excitation.json" if reference is None else f"{reference}.json")
+    if reference is not None:
+        motion = reference_trajectory(
+            reference,  # type: ignore[arg-type]  # refused with a sentence
+            limits_of_robot(model),
+            seed,
+            robot=model,
+            acceptable=acceptable,
+        )
+        document = motion.to_json(table_rate_hz=1000.0 if table else None)
+        target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        if json_file is not None:
+            write_json(json_file, document)
+        if not wants_json_on_stdout(json_file):
+            data(f"Reference motion '{reference}' of {motion.period_s:g} s for {model.name} written to {target}")
+        return
     settings = DesignSettings(
         objective=objective,
         harmonics=harmonics,
@@ -264,11 +309,9 @@ def design(
         settings,
         progress=show,
         clock=time.monotonic,
-        # Only the built-in arms have a geometry to check self-collision and workspace on.
-        acceptable=is_safe_motion if model.name in BUILT_IN_ROBOTS else None,
+        acceptable=acceptable,
     )
     document = result.trajectory.to_json(table_rate_hz=1000.0 if table else None)
-    target = out or Path("excitation.json")
     target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     predicted = _predicted(model, result.trajectory, noise, periods)
     if json_file is not None:

@@ -1,0 +1,134 @@
+"""The paper's Table 4 on a fake robot: identified models scored on the four reference trajectories of section 4.6.
+
+Reproduce: `OPENBLAS_NUM_THREADS=1 python -m benchmarks.reference_trajectories --seed 1`.
+Each trajectory is written to a file, checked by the preflight, recorded from a fake robot over FRI in lockstep and
+scored. Prints RMS per joint of the model fitted to the first one, beside the paper's and beside the noise floor of the
+recorded mean, and the same four recordings with each left out of the fit in turn. A fake robot has the physics of the
+model and white noise: the figures show what is added on the way from file to table, not what an arm will show.
+The line "below 10 Hz" compares the band that is fitted. Over the whole band the polynomials lie above the noise: their
+jerk jumps at every waypoint, and of the measured position what is above 20 Hz is lost to the noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from daemon.demonstration import record
+from daemon.preparation import is_safe_motion, prepare_motion
+from identification.excitation import REFERENCE_KINDS, iiwa_limits, reference_trajectory
+from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recordings import Recording, read_recording
+from identification.robots import load_robot
+from identification.signals.periodic import process_periodic
+from identification.validation import cross_validate, validate_model
+
+FloatArray = npt.NDArray[np.float64]
+
+PAPER = {
+    # Table 4, Nm, joints 1 to 7; the paper states base parameters for the first trajectory only.
+    ("excitation", "base"): (0.29, 0.36, 0.13, 0.15, 0.08, 0.18, 0.06),
+    ("excitation", "physical"): (0.35, 0.39, 0.14, 0.17, 0.09, 0.21, 0.10),
+    ("sine_series", "physical"): (0.34, 0.44, 0.23, 0.17, 0.12, 0.22, 0.12),
+    ("polynomial_10", "physical"): (0.55, 0.48, 0.23, 0.25, 0.15, 0.22, 0.12),
+    ("polynomial_20", "physical"): (0.43, 0.74, 0.15, 0.27, 0.06, 0.15, 0.06),
+}
+
+
+def main() -> None:
+    """Parse, record the four, score, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1, help="of the random trajectories and of the noise")
+    parser.add_argument("--periods", type=int, default=16, help="of each recording")
+    parser.add_argument("--folder", type=Path, default=None, help="keep all files here")
+    parser.add_argument("--no-folds", action="store_true", help="leave out the four fits of the folds")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = arguments.folder or Path(scratch)
+        recordings = [
+            recorded(kind, number, folder, arguments.seed, arguments.periods)
+            for number, kind in enumerate(REFERENCE_KINDS)
+        ]
+        score(recordings, not arguments.no_folds)
+
+
+def recorded(kind: str, number: int, folder: Path, seed: int, periods: int) -> Recording:
+    """One trajectory from file to recording."""
+    trajectory = reference_trajectory(
+        kind,  # type: ignore[arg-type]
+        iiwa_limits("iiwa14"),
+        seed,
+        robot=load_robot("iiwa14"),
+        acceptable=is_safe_motion,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{kind}.json"
+    file.write_text(json.dumps(trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
+    motion = prepare_motion(file, robot="iiwa14")
+    began = time.monotonic()
+    outcome = record(
+        motion,
+        folder / kind,
+        periods=periods,
+        seed=seed + number,
+        realtime=False,
+        fit=False,
+        observe=lambda _: None,
+    )
+    print(
+        f"q_ref,{number + 1} {kind}: preflight {'safe' if motion.preflight.safe else 'NOT SAFE'}, {periods} periods of "
+        f"{trajectory.period_s:g} s recorded in {time.monotonic() - began:.0f} s, exit code {outcome.exit_code}",
+        flush=True,
+    )
+    return read_recording(folder / kind / "recording.mcap")
+
+
+def score(recordings: list[Recording], with_folds: bool) -> None:
+    """Table 4 and the folds."""
+    robot = load_robot("iiwa14")
+    result = fit_recordings(recordings[:1], robot)
+    print(
+        f"\nRMS, Nm, of the model fitted to q_ref,1\n{'':<26}"
+        + "".join(f"{joint:8d}" for joint in range(1, 8))
+        + "     sum"
+    )
+    for kind, recording in zip(REFERENCE_KINDS, recordings, strict=True):
+        table = validate_model(result, [recording])
+        for label, row in zip(("base", "physical"), table.rows, strict=True):
+            line(f"{kind}, {label}", row.rms_nm)
+            if (kind, label) in PAPER:
+                line("  the paper's arm", np.array(PAPER[kind, label]))
+        line("  noise alone", table.rows[0].noise_floor_nm)
+        below, noise = in_fitted_band(recording, result)
+        line("  below 10 Hz, base", below)
+        line("  below 10 Hz, noise alone", noise)
+    if with_folds:
+        print("\neach recording scored by a fit of the other three, Nm")
+        folds = cross_validate(recordings, robot, FitSettings(physical=False))
+        for label, row in zip((*REFERENCE_KINDS, "all"), folds.rows, strict=True):
+            line(f"{label}, left out", row.rms_nm)
+
+
+def in_fitted_band(recording: Recording, result: FitResult) -> tuple[FloatArray, FloatArray]:
+    """(n,) RMS of the residual on the lines that fits compare, and of the noise on the same lines, Nm."""
+    signals = process_periodic(recording)
+    modelled = result.regressor.matrix(signals.position, signals.velocity, signals.acceleration) @ result.values
+    rows = signals.project(signals.torque - modelled)
+    assert signals.row_noise is not None, "several periods know their noise"
+    samples = len(signals.time)
+    return np.sqrt(np.sum(rows**2, axis=0) / samples), np.sqrt(np.sum(signals.row_noise**2, axis=0) / samples)
+
+
+def line(label: str, values: FloatArray) -> None:
+    """One row of numbers."""
+    print(f"{label:<26}" + "".join(f"{value:8.4f}" for value in values) + f"{float(values.sum()):8.3f}")
+
+
+if __name__ == "__main__":
+    main()

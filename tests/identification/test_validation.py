@@ -1,0 +1,65 @@
+"""Claims about folds over recordings; truth: which recording carries a fault, and the fit of the others by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.errors import EstimationError
+from identification.fit import FitSettings, fit_recordings
+from identification.recordings import Recording
+from identification.robots import load_robot
+from identification.validation import cross_validate, validate_model
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of, table_three
+
+BASE_ONLY = FitSettings(physical=False)
+NOISE_NM = 0.05
+
+
+@pytest.fixture(scope="module")
+def recordings(shared_folder: Path) -> list[Recording]:
+    made = []
+    for seed in (1, 2, 3):
+        q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=seed)
+        torque = inverse_dynamics(load_robot("iiwa14"), table_three(shared_folder), q, dq, ddq)
+        torque += np.random.default_rng(seed).normal(scale=NOISE_NM, size=torque.shape)
+        made.append(recording_of(q, torque, period_s=10.0))
+    return made
+
+
+def test_each_recording_is_scored_by_the_fit_of_the_others(recordings: list[Recording]) -> None:
+    robot = load_robot("iiwa14")
+    table = cross_validate(recordings, robot, BASE_ONLY)
+    assert len(table.rows) == 4
+    alone = validate_model(fit_recordings(recordings[::2], robot, BASE_ONLY), recordings[1:2])
+    np.testing.assert_allclose(table.rows[1].rms_nm, alone.rows[0].rms_nm)
+    together = np.sqrt(np.mean([row.rms_nm**2 for row in table.rows[:3]], axis=0))
+    np.testing.assert_allclose(table.row("all left out, base").rms_nm, together)
+    # A model of 57 parameters from 14000 values adds a few per cent to the noise of what it has not seen.
+    np.testing.assert_allclose(together, NOISE_NM, rtol=0.15)
+
+
+def test_a_recording_unlike_the_others_shows_where_it_is_left_out(recordings: list[Recording]) -> None:
+    torque = recordings[2].torque.copy()
+    torque[:, 4] += 0.4
+    table = cross_validate([*recordings[:2], replace(recordings[2], torque=torque)], load_robot("iiwa14"), BASE_ONLY)
+    assert table.rows[2].rms_nm[4] == pytest.approx(np.hypot(0.4, NOISE_NM), rel=0.1)
+    assert max(row.rms_nm[4] for row in table.rows[:2]) < 0.3
+
+
+def test_logs_of_the_same_name_are_told_apart_by_their_folders(recordings: list[Recording]) -> None:
+    runs = [
+        replace(item, source=replace(item.source, path=f"runs/{name}/recording.mcap"))
+        for item, name in zip(recordings, ("first", "second", "third"), strict=True)
+    ]
+    table = cross_validate(runs, load_robot("iiwa14"), BASE_ONLY)
+    assert [row.label for row in table.rows[:2]] == ["first/recording.mcap, base", "second/recording.mcap, base"]
+
+
+@pytest.mark.parametrize("folds", [1, 4])
+def test_folds_that_leave_nothing_to_fit_or_to_score_are_refused(recordings: list[Recording], folds: int) -> None:
+    with pytest.raises(EstimationError, match="3 recordings"):
+        cross_validate(recordings, load_robot("iiwa14"), BASE_ONLY, folds)
