@@ -269,11 +269,20 @@ def _repeatable(
                 separating_experiment=separating_experiment([member.effect.name, *(item.effect for item in others)])
                 if others
                 else None,
-                share_removed=share_removed(before.after, now.after, joints)[0],
+                share_removed=_clear_share(before.after, now.after, joints),
                 curve=curve,
             )
         )
     return found
+
+
+def _clear_share(before: Residuals, after: Residuals, joints: Sequence[int]) -> float:
+    """Share of the excess energy that is gone; nan where the excess itself does not stand clear of the noise."""
+    chosen = list(joints)
+    spread = float(np.sqrt((before.excess_deviation[chosen] ** 2).sum()))
+    if float(before.excess_energy[chosen].sum()) < 2.0 * spread:
+        return float("nan")
+    return min(1.0, share_removed(before, after, joints)[0])
 
 
 def _without(members: Sequence[Member], index: int) -> list[Member]:

@@ -88,10 +88,10 @@ def test_base_parameters_move_towards_the_truth(
 
 
 def test_without_held_out_recording_the_name_is_unconfirmed(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
-    recording = record(
-        iiwa14, table3, lambda q, dq, torque: on_joint(4, 0.02 * np.sign(dq[:, 3]) * np.abs(torque[:, 3]))
-    )
-    diagnosis = diagnose([recording], iiwa14)
+    def loaded(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(4, 0.02 * np.sign(dq[:, 3]) * np.abs(torque[:, 3]))
+
+    diagnosis = diagnose([record(iiwa14, table3, loaded)], iiwa14)
     finding = finding_of(diagnosis, "load_dependent_friction", 4)
     assert finding.confirmed is None
     assert "nconfirmed" in finding.sentence
