@@ -5,23 +5,24 @@ parameters move, what these data could not show. Plain language first, numbers b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Place
-from identification.mismatch.findings import Curve, Diagnosis, Finding
+from identification.mismatch.findings import Curve, Diagnosis, Finding, TimeSeries
 from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.motion_sections import spectrum_panel
-from identification.report.numbers import joint_heads, listed, rounded, row_of, with_sigma
+from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
 __all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
 
 FloatArray = npt.NDArray[np.float64]
 
 _MANY = 6
+_STRETCHES = 150
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -90,7 +91,9 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]
         experiment = f" To tell them apart: {finding.separating_experiment}" if finding.separating_experiment else ""
         blocks.append(Paragraph(f"These data cannot tell it from: {others}.{experiment}", "warning"))
     if finding.parameters:
-        rows = tuple((_words(item.name), *with_sigma(item.value, item.std), item.unit) for item in finding.parameters)
+        rows = tuple(
+            (_words(item.name), *with_sigma(item.value, item.std), unit_of(item.unit)) for item in finding.parameters
+        )
         blocks.append(Table("Size", ("parameter", "value", "σ", "unit"), rows))
     figure = _finding_figure(finding, diagnosis)
     if figure is not None:
@@ -107,12 +110,27 @@ def _finding_facts(finding: Finding) -> Iterable[tuple[str, str]]:
         gain = float(finding.heldout_gain_nm[best])
         yield "Held-out RMS", f"{'falls' if gain >= 0 else 'RISES'} by {rounded(abs(gain), 2)} Nm on joint {best + 1}"
     if math.isfinite(finding.share_removed):
-        yield "Explains", f"{rounded(100 * finding.share_removed)} % of the misfit's energy on its joints"
+        share = "all" if finding.share_removed >= 1.0 else f"{rounded(100 * finding.share_removed, 2)} %"
+        yield "Explains", f"{share} of the misfit's energy on its joints"
     yield "Hidden in the parameters", f"{rounded(100 * finding.absorbed_fraction)} % of it, had it not been modelled"
     yield "Chance of this by noise alone", _probability(finding.significance)
     yield "Score", f"{rounded(finding.score)} (log-likelihood)"
-    for key, value in finding.where.items():
-        yield f"Where: {_words(str(key))}", _flat(value)
+    yield from _where(finding.where)
+
+
+def _where(where: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    """Joints, frequencies, times and state at which an effect shows most."""
+    if where.get("joints"):
+        yield "Shows on joint", listed([str(joint) for joint in where["joints"]])
+    for key, title, unit in (("bands_hz", "At frequencies", "Hz"), ("time_windows_s", "At times", "s")):
+        if where.get(key):
+            yield title, ", ".join(f"{low:.4g} … {high:.4g} {unit}" for low, high in where[key])
+    state = where.get("state") or {}
+    if state.get("from") is not None:
+        span = f"{rounded(state['from'])} … {rounded(state['to'])} {state['unit']}"
+        yield "Strongest at", f"{state['coordinate']} {span}"
+    if where.get("periods"):
+        yield "In periods", ", ".join(str(period) for period in where["periods"])
 
 
 def _finding_figure(finding: Finding, diagnosis: Diagnosis) -> Figure | None:
@@ -130,23 +148,29 @@ def _finding_figure(finding: Finding, diagnosis: Diagnosis) -> Figure | None:
             title = f"Joint {joint} over frequency"
             panels.append(spectrum_panel(joint - 1, spectrum.frequency, lines, spectrum.noise, title))
             legend.append(("noise", "noise"))
-        panels += [
-            Panel(
-                f"Joint {joint}, held-out recording",
-                "time (s)",
-                "torque (Nm)",
-                (
-                    Line("before", series.time, series.before[:, joint - 1]),
-                    Line("after", series.time, series.after[:, joint - 1]),
-                ),
-                "residual over time on a recording that was not fitted",
-                floor=float(diagnosis.heldout.noise_floor_nm[joint - 1]) if diagnosis.heldout else None,
-            )
-            for series in diagnosis.heldout_series[:1]
-        ]
+        panels += [_heldout_panel(series, joint) for series in diagnosis.heldout_series[:1]]
     if not panels:
         return None
     return Figure("Measured minus modelled torque without and with this effect", tuple(panels), tuple(legend))
+
+
+def _heldout_panel(series: TimeSeries, joint: int) -> Panel:
+    """Residuals of a joint (from 1) over time, as means of short stretches: their shape then shows above the noise."""
+    edges = np.linspace(0, len(series.time), min(_STRETCHES, len(series.time)) + 1).astype(int)[:-1]
+    counts = np.diff(np.append(edges, len(series.time)))
+    time, before, after = (
+        np.add.reduceat(values, edges) / counts
+        for values in (series.time, series.before[:, joint - 1], series.after[:, joint - 1])
+    )
+    length = float(series.time[-1] - series.time[0]) / len(edges)
+    return Panel(
+        f"Joint {joint}, held-out (means of {rounded(1e3 * length, 2)} ms)",
+        "time (s)",
+        "torque (Nm)",
+        (Line("before", time, before), Line("after", time, after)),
+        f"residual over time on a recording that was not fitted; RMS {rounded(_rms(before), 2)} Nm without the "
+        f"effects, {rounded(_rms(after), 2)} Nm with them",
+    )
 
 
 def _curve_panel(curve: Curve, title: str, effect: bool = False) -> Panel:
@@ -156,7 +180,7 @@ def _curve_panel(curve: Curve, title: str, effect: bool = False) -> Panel:
     if curve.fitted is not None:
         lines.append(Line("fitted", curve.centre, curve.fitted))
     unit = f" ({curve.unit})" if curve.unit else ""
-    before, after = (float(np.sqrt(np.nanmean(values**2))) for values in (curve.before, curve.after))
+    before, after = _rms(curve.before), _rms(curve.after)
     said = f"RMS of the curve {rounded(before, 2)} Nm before, {rounded(after, 2)} Nm after" if effect else ""
     return Panel(
         title, f"{curve.coordinate}{unit}", "torque (Nm)", tuple(lines), said or f"RMS {rounded(after, 2)} Nm"
@@ -217,7 +241,9 @@ def _shift(diagnosis: Diagnosis) -> Section | None:
     rows = []
     for steps, item in shown:
         after, sigma = with_sigma(item.after, item.std)
-        rows.append((item.name, with_sigma(item.before, item.std)[0], after, sigma, rounded(steps, 2), item.unit))
+        rows.append(
+            (item.name, with_sigma(item.before, item.std)[0], after, sigma, rounded(steps, 2), unit_of(item.unit))
+        )
     quiet = len(moved) - len(shown)
     blocks: list[Block] = [
         Paragraph(
@@ -244,7 +270,7 @@ def _limits(diagnosis: Diagnosis) -> Section | None:
         cells[joint] = min(cells.get(joint, math.inf), item.size)
     if smallest:
         rows = tuple(
-            (_effect(effect), unit, *row_of((cells.get(joint) for joint in (*range(1, joints + 1), None)), 2))
+            (_effect(effect), unit_of(unit), *row_of((cells.get(joint) for joint in (*range(1, joints + 1), None)), 2))
             for (effect, unit), cells in smallest.items()
         )
         blocks += [
@@ -287,17 +313,13 @@ def _some(places: Sequence[str]) -> str:
     return listed(unique) if len(unique) <= _MANY else f"{', '.join(unique[:_MANY])} and {len(unique) - _MANY} more"
 
 
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else math.nan
+
+
 def _probability(value: float) -> str:
     return "below 1e−6" if value < 1e-6 else rounded(value, 2)
 
 
 def _intervals(low: Iterable[float], high: Iterable[float]) -> list[str]:
     return [f"{rounded(first, 2)} … {rounded(last, 2)}" for first, last in zip(low, high, strict=True)]
-
-
-def _flat(value: object) -> str:
-    if isinstance(value, dict):
-        return "; ".join(f"{_words(str(key))} {_flat(entry)}" for key, entry in value.items())
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return ", ".join(_flat(entry) for entry in value)
-    return rounded(float(value), 3) if isinstance(value, (float, np.floating)) else str(value)

@@ -36,8 +36,8 @@ class Line:
 class Panel:
     """One small plot. description: what a reader who does not see it should know.
 
-    floor: half width of the band of noise around zero, in the units of y, or None. logarithmic: the y axis.
-    equal: one scale for both axes.
+    floor: standard deviation of the noise, drawn on both sides of zero, in the units of y, or None. logarithmic: both
+    axes. equal: one scale for both axes.
     """
 
     title: str

@@ -14,7 +14,7 @@ import numpy as np
 
 from identification.fitting.rms import RmsTable
 from identification.report.document import Block, Facts, Heading, Paragraph, Section, Table
-from identification.report.numbers import joint_heads, listed, rounded, row_of, with_sigma
+from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
 __all__ = ["feasibility_section", "parameter_section", "provenance_section", "rms_section", "undetermined"]
 
@@ -44,7 +44,7 @@ def parameter_section(model: Json) -> Section:
         row = [str(item["name"]), value, sigma, "–" if share is None else rounded(100 * share, 2)]
         if with_paper:
             row.append(rounded(item.get("std_equation_15"), 2))
-        rows.append((*row, str(item.get("unit", ""))))
+        rows.append((*row, unit_of(item.get("unit", ""))))
     head = ("parameter", "value", "σ", "σ in %", *(("σ, eq. (15)",) if with_paper else ()), "unit")
     blocks: list[Block] = [
         Paragraph(
@@ -69,8 +69,8 @@ def parameter_section(model: Json) -> Section:
         blocks.append(
             Paragraph(
                 "σ counts the noise as it was measured between periods or as the residual shows it, coloured. Equation "
-                "(15) of the paper is printed beside it: it takes all residuals as white and alike, and understates σ "
-                "where they are not.",
+                "(15) of the paper is printed beside it: it takes all residuals as white and alike, which they "
+                "are not.",
                 "note",
             )
         )
@@ -239,5 +239,5 @@ def _flat(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return rounded(value, 4)
+        return f"{value:.6g}"
     return "–" if value is None else str(value)

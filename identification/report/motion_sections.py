@@ -20,6 +20,7 @@ __all__ = ["excitation_section", "residual_section", "spectrum_panel"]
 FloatArray = npt.NDArray[np.float64]
 
 _PATH_POINTS = 400
+_BANDS_PER_OCTAVE = 8
 _VIEWS = ((0, 1, "from above"), (0, 2, "from the side"), (1, 2, "from the front"))
 
 
@@ -49,8 +50,8 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
         return None
     blocks: list[Block] = [
         Paragraph(
-            f"Measured minus modelled torque, with {what}. The grey band is one standard deviation of the noise: a "
-            "residual that fills the band and has no shape holds nothing that a better model could explain."
+            f"Measured minus modelled torque, with {what}. Dotted: the noise (one standard deviation). A residual as "
+            "large as the noise and without shape holds nothing that a better model could explain."
         )
     ]
     for stretch in stretches:
@@ -78,7 +79,7 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
             blocks.append(
                 Paragraph("Without repeated periods the noise of single frequencies is not known here.", "note")
             )
-    return Section("residuals", "What the model leaves", tuple(blocks))
+    return Section("residuals", "Residuals by joint", tuple(blocks))
 
 
 def spectrum_panel(
@@ -88,12 +89,19 @@ def spectrum_panel(
     noise: FloatArray | None,
     title: str,
 ) -> Panel:
-    """Spectra (F, n) of one joint (from 0) as RMS per line, by style, with the noise on top."""
+    """Spectra (F, n) of one joint (from 0) as RMS per line, by style, with the noise on top.
+
+    Neighbouring lines are averaged in power where they are denser than an eighth of an octave.
+    """
     drawn = list(lines)
     if noise is not None:
         drawn.append(("noise", noise))
     positive = frequency > 0.0
-    shown = tuple(Line(style, frequency[positive], _above_zero(values[positive, joint])) for style, values in drawn)
+    band = np.round(np.log2(frequency[positive] / frequency[positive][0]) * _BANDS_PER_OCTAVE).astype(int)
+    shown = tuple(
+        Line(style, _band_means(band, frequency[positive]), np.sqrt(_band_means(band, values[positive, joint] ** 2)))
+        for style, values in drawn
+    )
     peak = lines[-1][1][positive, joint]
     where = (
         f"; largest {rounded(peak.max(), 2)} Nm at {rounded(frequency[positive][peak.argmax()])} Hz"
@@ -164,5 +172,7 @@ def _path(stretch: Stretch, robot: RobotModel) -> Figure:
     )
 
 
-def _above_zero(values: FloatArray) -> FloatArray:
-    return np.where(values > 0.0, values, np.nan)
+def _band_means(band: npt.NDArray[np.int_], values: FloatArray) -> FloatArray:
+    """Mean of the values of each band that has any, bands in order."""
+    index = np.unique(band, return_inverse=True)[1]
+    return np.asarray(np.bincount(index, values) / np.bincount(index), dtype=np.float64)

@@ -7,12 +7,15 @@ from collections.abc import Iterable, Sequence
 
 UNKNOWN = "–"
 
+# Rounding of a zero: no quantity of a robot is that small in SI units.
+_NOTHING = 1e-14
+
 
 def rounded(value: float | None, digits: int = 3) -> str:
     """A number with so many significant digits, "–" where it is not known; no exponent between 1e-4 and 1e6."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    if value == 0.0:
+    if abs(value) < _NOTHING:
         return "0"
     place = digits - 1 - _magnitude(value, digits)
     if not -7 < _magnitude(value, digits) < 6 or place > 9:
@@ -45,6 +48,11 @@ def joint_heads(count: int) -> tuple[str, ...]:
 def listed(items: Sequence[str]) -> str:
     """Items as in a sentence: "1, 2 and 5"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
+
+
+def unit_of(text: str) -> str:
+    """A unit as it is printed: "kg m²" for "kg m^2"."""
+    return text.replace("^2", "²")
 
 
 def _magnitude(value: float, digits: int) -> int:

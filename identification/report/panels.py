@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from identification.report.document import Line, Panel
 
@@ -64,7 +64,7 @@ def draw_panel(panel: Panel, name: str) -> str:
     with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(3.5, 3.0 if panel.equal else 2.15))
         canvas.patch.set_visible(False)
-        axes = canvas.add_axes((0.165, 0.15 if panel.equal else 0.2, 0.8, 0.75 if panel.equal else 0.67))
+        axes = canvas.add_axes((0.205, 0.15 if panel.equal else 0.2, 0.765, 0.75 if panel.equal else 0.67))
         _draw(axes, panel)
         text = io.StringIO()
         canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
@@ -89,7 +89,8 @@ def decimate(x: FloatArray, y: FloatArray, most: int = MOST_POINTS) -> tuple[Flo
 def _draw(axes: Axes, panel: Panel) -> None:
     axes.patch.set_visible(False)
     if panel.floor is not None and np.isfinite(panel.floor):
-        axes.axhspan(-panel.floor, panel.floor, facecolor=_COLOURS["noise"], alpha=0.3, linewidth=0)
+        for level in (-panel.floor, panel.floor):
+            axes.axhline(level, color=_COLOURS["noise"], zorder=3, **_LINES["noise"])
     for line in panel.lines:
         _draw_line(axes, line)
     axes.set_title(panel.title, loc="left", fontsize=8.5, fontweight="bold", pad=4)
@@ -97,12 +98,15 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y_label, labelpad=2)
     axes.grid(visible=True, alpha=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.xaxis.set_major_locator(MaxNLocator(6))
     if panel.logarithmic:
+        axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(numticks=6))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(numticks=6))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
     else:
+        axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.yaxis.set_major_locator(MaxNLocator(5))
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")

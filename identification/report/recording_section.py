@@ -36,7 +36,8 @@ def recording_section(recordings: Sequence[Recording], heldout: Sequence[Recordi
 
 def _part(recording: Recording, role: str) -> list[Block]:
     path = Path(recording.source.path)
-    blocks: list[Block] = [Heading(path.name + role)]
+    # With its folder: the logs of all runs have one name.
+    blocks: list[Block] = [Heading("/".join(path.parts[-2:]) + role)]
     report = read_loop_report(path)
     if report is not None:
         clean = not any(report.get(name) for name in ("missing", "lost_in_handover", "refused", "undecodable"))
