@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Place
-from identification.mismatch.findings import Curve, Diagnosis, Finding, TimeSeries
+from identification.mismatch.findings import Curve, Diagnosis, Finding, HeldOut, TimeSeries
 from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.motion_sections import spectrum_panel
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
@@ -23,6 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _MANY = 6
 _STRETCHES = 150
+_NOTABLE = 0.02
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -86,6 +87,8 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]
         Heading(f"{number}. {name[:1].upper()}{name[1:]}"),
         Paragraph(finding.sentence, "lead"),
     ]
+    if finding.confirmed is False:
+        blocks.append(Paragraph("The held-out recording does not support it.", "warning"))
     if finding.alternatives:
         others = listed([f"{_effect(other.effect)} ({_joint(other.joint)})" for other in finding.alternatives])
         experiment = f" To tell them apart: {finding.separating_experiment}" if finding.separating_experiment else ""
@@ -220,13 +223,31 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
         "heldout",
         "Does it hold on another recording?",
         (
-            Paragraph("All parameters come from the fitted recordings only; this motion was not used."),
+            Paragraph(_heldout_sentence(heldout), "lead"),
+            Paragraph("All parameters come from the fitted recordings only; this motion was not used.", "note"),
             Table(
                 "Held-out recordings: RMS of measured minus modelled torque by joint, Nm",
                 ("", *joint_heads(heldout.rms_before_nm.size)),
                 rows,
             ),
         ),
+    )
+
+
+def _heldout_sentence(heldout: HeldOut) -> str:
+    """The joint whose torque changes most, in RMS beside the noise."""
+    change = heldout.rms_before_nm - heldout.rms_after_nm
+    joint = int(np.nanargmax(np.abs(change)))
+    if abs(change[joint]) < _NOTABLE * heldout.noise_floor_nm[joint]:
+        return "The findings change the torque of a motion that was not fitted by less than 2 % of its noise."
+    before, after, noise = (
+        rounded(float(values[joint]))
+        for values in (heldout.rms_before_nm, heldout.rms_after_nm, heldout.noise_floor_nm)
+    )
+    verb = "falls" if change[joint] > 0.0 else "RISES"
+    return (
+        f"On a motion that was not fitted, the RMS of joint {joint + 1} {verb} from {before} to {after} Nm; "
+        f"the noise alone would give {noise} Nm."
     )
 
 
@@ -285,7 +306,7 @@ def _limits(diagnosis: Diagnosis) -> Section | None:
         reasons.setdefault((hidden.effect, hidden.reason), []).append(_place(hidden.place))
     if reasons:
         rows = tuple((_effect(effect), _some(places), reason) for (effect, reason), places in reasons.items())
-        blocks.append(Table("Not to be seen at any size in these data", ("effect", "where", "why"), rows))
+        blocks.append(Table("Not to be seen at any size in these data", ("effect", "where", "why"), rows, "words"))
     return Section("limits", "What these data could not show", tuple(blocks)) if blocks else None
 
 

@@ -77,12 +77,13 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first column names the rows. Cells are texts, numbers already rounded."""
+    """A table whose first column names the rows. Cells are texts, numbers already rounded; kind: what most hold."""
 
     block: ClassVar[str] = "table"
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    kind: Literal["numbers", "words"] = "numbers"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,7 @@ Json = Mapping[str, Any]
 
 # A parameter whose σ is more than half of its value is not told apart from zero at the usual two σ.
 LARGEST_KNOWN_SHARE = 0.5
+_SHOWN_ELSEWHERE = ("inputs", "notes", "estimator", "condition_number", "torque_delay", "torque_sign")
 
 
 def undetermined(model: Json) -> list[str]:
@@ -74,6 +75,8 @@ def parameter_section(model: Json) -> Section:
                 "note",
             )
         )
+    how = _estimation(model.get("provenance") or {})
+    blocks += [Facts(how)] if how else []
     blocks += _friction(model.get("friction", ()))
     blocks += _links(model.get("physical_parameters", ()))
     return Section("parameters", "Parameters", tuple(blocks))
@@ -82,6 +85,7 @@ def parameter_section(model: Json) -> Section:
 def rms_section(model: Json, validation: RmsTable | None) -> Section:
     """RMS of measured minus modelled torque on fitted, held-out and unused data, in Nm and in percent of the torque."""
     rows: list[Json] = list(model.get("rms_table") or _rows_of_contract(model))
+    rows += model.get("left_out") or ()
     rows += [] if validation is None else validation.to_json()
     joints = max((len(row["rms_nm"]) for row in rows), default=0)
     heads = ("", *joint_heads(joints))
@@ -159,10 +163,27 @@ def provenance_section(provenances: Sequence[tuple[str, Json]]) -> Section:
                     )
                 )
             )
-        rest = {key: value for key, value in provenance.items() if key not in ("inputs", "notes")}
+        rest = {key: value for key, value in provenance.items() if key not in _SHOWN_ELSEWHERE}
         blocks.append(Facts(tuple((key.replace("_", " "), _flat(value)) for key, value in rest.items())))
         blocks += [Paragraph(str(note), "note") for note in provenance.get("notes", ())]
     return Section("provenance", "Provenance", tuple(blocks))
+
+
+def _estimation(provenance: Json) -> tuple[tuple[str, str], ...]:
+    """How the parameters were estimated, and what the data say about delay and sign of the torque."""
+    facts = []
+    if "estimator" in provenance:
+        facts.append(("Estimator", str(provenance["estimator"]).replace("_", " ")))
+    if "condition_number" in provenance:
+        facts.append(("Condition of the regressor", rounded(provenance["condition_number"])))
+    delay = provenance.get("torque_delay")
+    if delay:
+        value, sigma = with_sigma(1e3 * delay["common_s"], 1e3 * delay["common_std_s"])
+        facts.append(("Torque behind position", f"{value} ± {sigma} ms (friction beyond the model looks like it too)"))
+    sign = provenance.get("torque_sign")
+    if sign:
+        facts.append(("Sign of the torque", "INVERTED" if sign.get("inverted") else "as in the inverse dynamics"))
+    return tuple(facts)
 
 
 def _share(item: Json) -> float | None:

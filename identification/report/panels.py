@@ -111,7 +111,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
     else:
-        axes.margins(x=0.0)
+        axes.margins(x=0.03 if any(line.marks == "dots" for line in panel.lines) else 0.0)
 
 
 def _draw_line(axes: Axes, line: Line) -> None:

@@ -26,6 +26,7 @@ from identification.report.numbers import rounded
 from identification.report.page import render
 from identification.report.recording_section import recording_section
 from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
+from identification.robots import RobotModel
 
 __all__ = ["build_document", "write_report"]
 
@@ -42,14 +43,15 @@ def write_report(
     recordings: Sequence[Recording] = (),
     heldout: Sequence[Recording] = (),
     validation: RmsTable | None = None,
+    robot: RobotModel | None = None,
     title: str | None = None,
 ) -> None:
     """Write one self-contained HTML file with everything that is given; what is not given is left out.
 
     fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
     findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
-    not. validation: RMS lines on other recordings. The same arguments give the same bytes. Raises OSError where the
-    file cannot be written.
+    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default. The
+    same arguments give the same bytes. Raises OSError where the file cannot be written.
     """
     document = build_document(
         fit=fit,
@@ -58,6 +60,7 @@ def write_report(
         recordings=recordings,
         heldout=heldout,
         validation=validation,
+        robot=robot,
         title=title,
     )
     path.write_text(render(document), encoding="utf-8")
@@ -71,6 +74,7 @@ def build_document(
     recordings: Sequence[Recording] = (),
     heldout: Sequence[Recording] = (),
     validation: RmsTable | None = None,
+    robot: RobotModel | None = None,
     title: str | None = None,
 ) -> Document:
     """The report as value objects; arguments as in `write_report`."""
@@ -81,15 +85,14 @@ def build_document(
     model = model if model is not None else {}
     recordings = recordings or (() if fit is None else fit.recordings)
     stretches, what = _stretches(fit, diagnosis, recordings)
-    robot = None if fit is None else fit.robot
+    robot = robot if robot is not None or fit is None else fit.robot
     answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
     sections: list[Section | None] = [] if diagnosis is None else [*diagnosis_sections(diagnosis)]
     sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
     if model.get("base_parameters"):
         sections += [rms_section(model, validation), residual_section(stretches, what), parameter_section(model)]
         sections.append(feasibility_section(model, answer))
-    provenances = [("Fit", model.get("provenance")), ("Diagnosis", None if diagnosis is None else diagnosis.provenance)]
-    sections.append(provenance_section([(name, value) for name, value in provenances if value]))
+    sections.append(provenance_section(_provenances(model, diagnosis)))
     return Document(
         title=title or f"Identification of {model.get('robot', 'a robot')}",
         verdict=_fit_sentence(model) if diagnosis is None else verdict_sentence(diagnosis),
@@ -110,14 +113,28 @@ def _stretches(
     return (), ""
 
 
+def _provenances(model: Mapping[str, Any], diagnosis: Diagnosis | None) -> list[tuple[str, Mapping[str, Any]]]:
+    """Of the fit and of the diagnosis; an extended model has the latter's."""
+    of_diagnosis = {} if diagnosis is None else dict(diagnosis.provenance)
+    of_model = model.get("provenance") or {}
+    found = [("Fit", of_model)] if of_model and of_model != of_diagnosis else []
+    return [*found, ("Diagnosis", of_diagnosis)] if of_diagnosis else found
+
+
 def _fit_sentence(model: Mapping[str, Any]) -> str:
     """What a reader should know first of a fit without a diagnosis."""
     items = model.get("base_parameters", ())
     if not items:
         return "This report holds no fitted model."
-    left = [value for value in model.get("rms_nm", {}).get("fit", ()) if value is not None]
-    known = len(items) - len(undetermined(model))
-    torque = (
-        f"The model meets the measured torque to {rounded(min(left), 2)} … {rounded(max(left), 2)} Nm RMS by joint; "
-    )
-    return f"{torque if left else ''}{known} of {len(items)} base parameters are told apart from zero."
+    table = model.get("rms_nm") or {}
+    known = f"{len(items) - len(undetermined(model))} of {len(items)} base parameters are told apart from zero."
+    left, noise = (_span(table.get(key) or ()) for key in ("fit", "noise_floor"))
+    if not left:
+        return known[:1].upper() + known[1:]
+    beside = f" (the noise alone would leave {noise})" if noise else ""
+    return f"By joint, the model leaves {left} RMS of the measured torque{beside}; {known}"
+
+
+def _span(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return f"{rounded(min(known), 2)} to {rounded(max(known), 2)} Nm" if known else ""
