@@ -37,6 +37,8 @@ from daemon.times import now_text
 
 __all__ = ["main", "run_job"]
 
+REPORT_NAME = "report.html"
+
 _KEYWORDS: tuple[tuple[str, WorkerPhase], ...] = (
     ("process", "averaging"),
     ("averag", "averaging"),
@@ -80,6 +82,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         # The numerical libraries take a second to load: the status stands before that.
         from identification.fit import FitSettings, fit_recordings
         from identification.recordings import read_recording
+        from identification.report import write_report
         from identification.robots import load_robot
 
         for file in (*job.recordings, *job.heldout):
@@ -99,7 +102,8 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         result = fit_recordings(recordings, robot, settings, progress=progress)
         status.write("writing", f"Writing {job.model_file}.", 0.96)
         write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
-        sentence = f"The model is in {job.model_file}."
+        write_report(Path(job.model_file).with_name(REPORT_NAME), fit=result)
+        sentence = f"The model is in {job.model_file}, {REPORT_NAME} beside it shows it."
         if job.diagnosis_folder is not None:
             from daemon.diagnosis import diagnose_recordings
 

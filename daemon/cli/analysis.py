@@ -102,6 +102,7 @@ def fit(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: beside the log.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Page to write: figures and tables, HTML.")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Both solvers on one or several recordings: parameters with σ, RMS per joint, certificate of feasibility.
@@ -139,6 +140,10 @@ def fit(
         model["left_out"] = left_out.to_json()
     target = out or logs[0].with_name("model.json")
     target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if report is not None:
+        from identification.report import write_report
+
+        write_report(report, fit=result, model=model)
     if json_file is not None:
         write_json(json_file, model)
     if not wants_json_on_stdout(json_file):
@@ -146,7 +151,7 @@ def fit(
         if left_out is not None:
             data(f"RMS on recordings that the fit had not seen, {folds} folds, Nm:")
             data(left_out.text())
-        data(f"Model written to {target}")
+        data(f"Model written to {target}" + ("" if report is None else f", report to {report}"))
 
 
 def read_bounds(file: Path) -> dict[str, Any]:
