@@ -19,7 +19,7 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.extension import extend
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, spread
-from identification.mismatch.refinement import Member, refine, score_of
+from identification.mismatch.refinement import Member, gram_of, refine, score_of
 from identification.mismatch.screening import COEFFICIENT_COST, Screen, build_screen, gains, narrowed
 from identification.mismatch.settings import DiagnosisSettings
 
@@ -36,6 +36,8 @@ LEAST_STEP = 0.25
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
 """Rounds in which misfit is located, from the start and from a trial that is near."""
+WELL_DETERMINED = 0.03
+"""Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
 WORTH_RENEWING = 4.0
 """Whitened squares that a new nominal torque must save."""
@@ -133,7 +135,7 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
             screen = build_screen(nominal, candidates)
     if not trial.complete:
         trial = _exchanged(nominal, trial, screen, library, settings)
-    trial, scores = pruned(nominal, trial, settings)
+    trial, scores = pruned(nominal, _whole(nominal, trial, settings), settings)
     return SearchResult(trial, scores, before, library, candidates)
 
 
@@ -180,6 +182,21 @@ def _regridded(
     return result
 
 
+def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial:
+    """Members with all their columns where the motion tells these apart: one left out by choice biases the others."""
+    members = []
+    for index, member in enumerate(trial.members):
+        whole = Member(member.rows, tuple(range(member.rows.coefficients)))
+        if whole.selection != member.selection:
+            others = [other for place, other in enumerate(trial.members) if place != index]
+            gram, _, raw = gram_of(fitted(nominal, others, settings, trial).problem, whole)
+            values = np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw)))
+            if values[0] > WELL_DETERMINED * values[-1]:
+                member = whole
+        members.append(member)
+    return trial if members == list(trial.members) else fitted(nominal, members, settings, trial)
+
+
 def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
     """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
     while trial.members:
@@ -200,7 +217,7 @@ def required_score(nominal: Problem, trial: Trial, member: Member, settings: Dia
     Beside others on its joints it must also be more than what their form may lack: a share of all that is explained.
     """
     least = settings.complete_score if trial.complete else settings.background_score
-    if len(trial.members) == 1:
+    if len(trial.members) == 1 or not nominal.noise_is_measured:
         return least
     rows = [nominal.rows * joint + np.arange(nominal.rows) for joint in member.rows.joints]
     chosen = np.concatenate(rows)
