@@ -82,12 +82,12 @@ def diagnose(
         return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in fitted.evidences))
 
     inactive = library.candidates()[1]
-    result = search(problem, library, renewed, settings)
-    if not problem.noise_is_measured and result.trial.members:
-        # Weights were those of the misfit that is now explained; the joints with most of it counted least.
-        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, result.trial))
+    if not problem.noise_is_measured:
+        # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
+        first = search(problem, library, renewed, settings)
+        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
         problem = _problem(fitted)
-        result = search(problem, library, renewed, settings)
+    result = search(problem, library, renewed, settings)
     report("held-out check", 0.8)
     unseen = None
     if heldout or split is not None:

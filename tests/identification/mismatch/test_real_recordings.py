@@ -1,0 +1,76 @@
+"""Claims about what the plain model leaves out on real robots. Truth: the robots' makers and their users.
+
+The TX40's wrist has one motor whose turning is that of joints 5 and 6 together (Gautier et al., IFAC World Congress
+2011; the column shared by both joints in Staubli's own coupling matrix). The recordings were made by others.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.findings import Diagnosis
+from identification.recordings import read_recording
+from identification.recordings.reader import robot_of
+from identification.robots import load_robot
+
+
+def _diagnosed(folder: Path, *files: str, heldout: tuple[str, ...] = ()) -> tuple[Diagnosis, np.ndarray]:
+    """The diagnosis, and the RMS torque of each joint of what was held out."""
+    recordings, others = (
+        [read_recording(folder / "recordings" / file) for file in chosen] for chosen in (files, heldout)
+    )
+    torque = np.concatenate([item.torque for item in others or recordings])
+    return diagnose(recordings, load_robot(robot_of(recordings)), heldout=others), np.sqrt(np.mean(torque**2, axis=0))
+
+
+@pytest.fixture(scope="module")
+def tx40(shared_folder: Path) -> tuple[Diagnosis, np.ndarray]:
+    return _diagnosed(shared_folder, "tx40_excitation.npz")
+
+
+def test_one_motor_of_the_tx40_is_found_to_act_on_joints_5_and_6(tx40: tuple[Diagnosis, np.ndarray]) -> None:
+    (coupling,) = (item for item in tx40[0].findings if item.effect == "joint_coupling")
+    assert (coupling.place.joint, coupling.place.other_joint) == (6, 5)
+    assert not coupling.alternatives
+    assert coupling.shape["ratio"] == pytest.approx(1.0, abs=0.1)
+    assert all(parameter.value > 0.0 for parameter in coupling.parameters)
+    assert coupling.confirmed
+
+
+def test_the_coupling_brings_the_wrist_of_the_tx40_near_its_other_joints(tx40: tuple[Diagnosis, np.ndarray]) -> None:
+    diagnosis, torque = tx40
+    assert diagnosis.heldout is not None
+    before, after = (values / torque for values in (diagnosis.heldout.rms_before_nm, diagnosis.heldout.rms_after_nm))
+    assert before[4] > 0.5
+    assert after[4] < 0.15
+    assert after[5] < 0.13
+    assert np.all(after < 1.02 * before)
+
+
+def test_nothing_is_claimed_between_periods_where_there_are_none(tx40: tuple[Diagnosis, np.ndarray]) -> None:
+    diagnosis = tx40[0]
+    assert diagnosis.mode == "background"
+    assert all("periods" not in finding.where for finding in diagnosis.findings)
+    assert any("no periods" in note for note in diagnosis.notes)
+
+
+def test_no_name_is_given_to_the_kr300_by_ten_seconds_that_explain_no_other_ten(shared_folder: Path) -> None:
+    """Motor and link encoder differ by a delay, which moves torque little; what is left has no name yet."""
+    diagnosis, _ = _diagnosed(shared_folder, "kr300_a.npz", heldout=("kr300_b.npz",))
+    assert diagnosis.verdict == "unexplained"
+    assert all(diagnosis.baseline.detected)
+    assert "unexplained" in diagnosis.remaining
+
+
+def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(shared_folder: Path) -> None:
+    """Its friction is known not to jump at a reversal (Gaz et al., RA-L 2019, fit a sigmoid of velocity)."""
+    diagnosis, torque = _diagnosed(shared_folder, "panda_excitation.npz")
+    (finding,) = diagnosis.findings
+    assert (finding.effect, finding.place.joint) == ("presliding_hysteresis", 7)
+    assert diagnosis.heldout is not None
+    assert diagnosis.heldout.rms_after_nm[6] < 0.5 * diagnosis.heldout.rms_before_nm[6]
+    assert diagnosis.heldout.rms_before_nm[6] > 0.15 * torque[6]
