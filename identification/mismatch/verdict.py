@@ -89,12 +89,18 @@ def _own_score(
 
 
 def _contains(problem: Problem, larger: Member, smaller: Member) -> bool:
-    """Whether the smaller member is a special case of the larger one with all its columns, off all that is fitted."""
-    spaces = [
-        orthonormal(off(problem.basis, spread(problem, item.rows.joints, rows)), tolerance=1e-6)
-        for item, rows in ((smaller, smaller.used_rows()), (larger, larger.rows.rows))
-    ]
-    return relation(spaces[0], spaces[1]).kind == "first_in_second"
+    """Whether the smaller member is a special case of the larger one with all its columns, off all that is fitted.
+
+    Not where the columns that are used are the same space: then the two are one torque under two names.
+    """
+
+    def space(item: Member, rows: FloatArray) -> FloatArray:
+        return orthonormal(off(problem.basis, spread(problem, item.rows.joints, rows)), tolerance=1e-6)
+
+    own = space(smaller, smaller.used_rows())
+    if relation(own, space(larger, larger.used_rows())).kind == "identical":
+        return False
+    return relation(own, space(larger, larger.rows.rows)).kind == "first_in_second"
 
 
 def joints_of(member: Member, extension_rows: FloatArray) -> list[int]:
