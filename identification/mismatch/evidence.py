@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
@@ -29,6 +30,11 @@ from identification.signals.periodic import (
 )
 from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
 from identification.signals.processed import LinearOperator
+
+STANDSTILL_VELOCITY = 1e-3
+"""rad/s (m/s) below which a joint's direction of motion is not known."""
+STANDSTILL_MARGIN_S = 0.006
+LONGEST_STANDSTILL_SHARE = 0.2
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -154,8 +160,10 @@ def _periodic_evidence(
     position, velocity, acceleration = _smooth_motion(average, settings.motion_bandwidth_hz)
     lines = min(max(30, int(settings.torque_bandwidth_hz * average.period_s)), (samples - 1) * 4 // 10)
 
+    compared = _direction_known(velocity, step)
+
     def project(values: FloatArray) -> FloatArray:
-        return to_lines(values, lines)
+        return to_lines(values * compared.reshape(-1, *([1] * (values.ndim - 1))), lines)
 
     torque = project(average.torque)
     frequency = np.repeat(np.arange(lines + 1) / average.period_s, 2)[1:]
@@ -185,6 +193,20 @@ def _periodic_evidence(
     return complete_evidence(
         recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
     )
+
+
+def _direction_known(velocity: FloatArray, step_s: float) -> FloatArray:
+    """(S,) weight of each sample: 0 while a joint stands or turns round, 1 elsewhere, with short slopes between.
+
+    A joint that is held by its dry friction takes any torque within it, and its neighbours feel the jerks of its
+    sticking, which are too fast for the motion's bandwidth: no column describes these samples. A joint that stands for
+    long is not asked.
+    """
+    standing = np.abs(velocity) < STANDSTILL_VELOCITY
+    standing &= standing.mean(axis=0) < LONGEST_STANDSTILL_SHARE
+    width = max(3, round(STANDSTILL_MARGIN_S / step_s)) | 1
+    wide = maximum_filter1d(standing.any(axis=1).astype(np.float64), width, mode="wrap")
+    return np.asarray(1.0 - uniform_filter1d(wide, width, mode="wrap"), dtype=np.float64)
 
 
 def complete_evidence(
@@ -240,6 +262,9 @@ def _smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatAr
     cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
     power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
     noise = np.zeros_like(power) if average.position_spectrum is None else average.position_spectrum / average.periods
+    # Quantisation repeats with the motion: period differences do not show it, the lines above the band do.
+    if cap + 1 < len(power):
+        noise = np.maximum(noise, np.median(power[cap + 1 :], axis=0) / np.log(2.0))
     floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
     above = power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)
     parts = []

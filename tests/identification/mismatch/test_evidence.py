@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, rows_to_time, with_parameters
 from identification.mismatch.problem import build_problem
 from identification.robots import RobotModel
+from identification.signals.periodic import to_lines
 from tests.identification.mismatch.plant import NOISE_NM, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
@@ -44,7 +47,43 @@ def test_feedback_noise_does_not_enter_the_acceleration(
 def test_rows_go_back_to_time(clean_evidence: Evidence) -> None:
     random = np.random.default_rng(1)
     rows = random.normal(size=clean_evidence.torque.shape)
-    assert np.allclose(clean_evidence.project(rows_to_time(clean_evidence, rows)), rows)
+    lines = (rows.shape[0] - 1) // 2
+    assert np.allclose(to_lines(rows_to_time(clean_evidence, rows), lines), rows)
+
+
+def test_torque_while_a_joint_turns_round_does_not_count(
+    clean_evidence: Evidence, iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """Dry friction holds a joint with any torque within it, there and then."""
+    recording = record(iiwa14, table3)
+    _, dq, _ = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    turning = np.tile((np.abs(dq) < 9e-4).any(axis=1), 8)
+    assert turning.any()
+    stuck = replace(recording, torque=recording.torque + 0.5 * turning[:, None])
+    (evidence,) = build_evidence(stuck, iiwa14, iiwa14_base)
+    assert np.allclose(evidence.torque, clean_evidence.torque)
+
+
+def test_a_joint_that_stands_still_leaves_the_others_their_samples(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    recording = record(iiwa14, table3)
+    position = recording.position.copy()
+    position[:, 4] = 0.3
+    (evidence,) = build_evidence(replace(recording, position=position), iiwa14, iiwa14_base)
+    compared = rows_to_time(evidence, evidence.project(np.ones((2000, 1))))
+    assert compared.mean() > 0.8
+
+
+def test_quantisation_that_repeats_every_period_does_not_enter_the_acceleration(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    recording = record(iiwa14, table3)
+    step = 2e-5
+    coarse = replace(recording, position=np.rint(recording.position / step) * step)
+    (evidence,) = build_evidence(coarse, iiwa14, iiwa14_base)
+    _, _, exact = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    assert np.abs(evidence.motion.acceleration - exact).max() < 1e-3
 
 
 def test_recordings_of_one_robot_are_fitted_together(
