@@ -71,6 +71,17 @@ class AnswerAhead:
             return command
         return None
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether a command waits for its message."""
+        return self._command is not None
+
+    def rehearse(self, datagram: bytes) -> None:
+        """Look at an old datagram as at the next one, without any effect but that the code is in the caches."""
+        command = self._command
+        self.command_for(datagram)
+        self._command = command
+
     def forget(self) -> None:
         """What was prepared holds no longer: the motion was asked to stop or lost its session, or time has passed."""
         self._command = None
