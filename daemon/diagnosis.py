@@ -1,4 +1,4 @@
-"""A diagnosis from files to files: recordings in, `diagnosis.json` and `model.json` out.
+"""A diagnosis from files to files: recordings in, `diagnosis.json`, `model.json` and `report.html` out.
 
 Here: reading, calling, writing. Not here: any computation (`identification.mismatch`), and what is printed. Called by
 the commands `diagnose` and `batch`, and by the worker.
@@ -19,6 +19,7 @@ from identification.mismatch.findings import Diagnosis
 from identification.model_file import read_model, write_model
 from identification.recordings import Recording
 from identification.recordings.reader import robot_of
+from identification.report import write_report
 from identification.robots import load_robot
 
 __all__ = ["DiagnosisFiles", "diagnose_recordings"]
@@ -42,13 +43,13 @@ def diagnose_recordings(
     out: Path,
     *,
     robot: str | None = None,
-    model_file: Path | None = None,
+    baseline: Path | None = None,
     model_name: str = "model.json",
     progress: Progress | None = None,
 ) -> DiagnosisFiles:
     """Diagnose recordings and write the results into the folder `out`, which is made if it is not there.
 
-    robot: None takes the recordings' own. model_file: the model to diagnose against, None for a nominal fit.
+    robot: None takes the recordings' own. baseline: the model to diagnose against, None for a nominal fit.
     model_name: of the extended model. Raises the errors of the recordings, of the diagnosis, and OSError.
     """
     report = progress if progress is not None else _silent
@@ -57,7 +58,7 @@ def diagnose_recordings(
         recordings,
         arm,
         heldout=heldout,
-        model=None if model_file is None else read_model(model_file),
+        model=None if baseline is None else read_model(baseline),
         progress=lambda phase, share: report(f"diagnosis: {phase}", _SHARE_OF_DIAGNOSIS * share),
     )
     model = extended_model(
@@ -72,7 +73,10 @@ def diagnose_recordings(
     result_file = out / "diagnosis.json"
     text = json.dumps(diagnosis.to_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     write_bytes_atomically(str(result_file), text.encode())
-    return DiagnosisFiles(diagnosis, model, (result_file, write_model(model, out / model_name)))
+    model_file = write_model(model, out / model_name)
+    report_file = out / "report.html"
+    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout)
+    return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
 
 
 def _silent(phase: str, share: float) -> None:

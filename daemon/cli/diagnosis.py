@@ -55,7 +55,7 @@ def diagnose(
         unseen,
         out or logs[0].with_name("diagnosis"),
         robot=robot,
-        model_file=model,
+        baseline=model,
         progress=lambda phase, share: message(f"[{100 * share:3.0f} %] {phase}"),
     )
     if json_file is not None:
