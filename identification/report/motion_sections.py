@@ -48,12 +48,14 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
     """Measured minus modelled torque by joint, over time and over frequency; what: which model, in words."""
     if not stretches:
         return None
-    blocks: list[Block] = [
-        Paragraph(
-            f"Measured minus modelled torque, with {what}. Dotted: the noise (one standard deviation). A residual as "
-            "large as the noise and without shape holds nothing that a better model could explain."
-        )
-    ]
+    noisy = any(np.isfinite(stretch.floor_nm).any() for stretch in stretches)
+    hint = (
+        "Dotted: the noise (one standard deviation). A residual as large as the noise and without shape holds nothing "
+        "that a better model could explain."
+        if noisy
+        else "How large the noise is, this recording does not tell: no motion is repeated in it."
+    )
+    blocks: list[Block] = [Paragraph(f"Measured minus modelled torque, with {what}. {hint}")]
     for stretch in stretches:
         if len(stretches) > 1:
             blocks.append(Heading(stretch.name))
@@ -62,7 +64,7 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
             Figure(
                 "Residual over time",
                 tuple(_residual_panel(stretch, joint) for joint in range(n)),
-                (("after", "measured − modelled"), ("noise", "noise, ±1 σ")),
+                (("after", "measured − modelled"), *((("noise", "noise, ±1 σ"),) if noisy else ())),
             ),
             Figure(
                 "Residual over frequency",
@@ -75,10 +77,6 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
                 (("after", "measured − modelled"), *((("noise", "noise"),) if stretch.noise is not None else ())),
             ),
         ]
-        if stretch.noise is None:
-            blocks.append(
-                Paragraph("Without repeated periods the noise of single frequencies is not known here.", "note")
-            )
     return Section("residuals", "Residuals by joint", tuple(blocks))
 
 

@@ -5,7 +5,7 @@ sentence. The sections are built in their own modules; called by the command lin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from identification.fitting.result import FitResult
@@ -94,7 +94,7 @@ def build_document(
         sections.append(feasibility_section(model, answer))
     sections.append(provenance_section(_provenances(model, diagnosis)))
     return Document(
-        title=title or f"Identification of {model.get('robot', 'a robot')}",
+        title=title or f"Identification of {PurePath(model.get('robot') or 'a robot').stem}",
         verdict=_fit_sentence(model) if diagnosis is None else verdict_sentence(diagnosis),
         sections=tuple(section for section in sections if section is not None),
         tone="neutral" if diagnosis is None else tone_of(diagnosis),
@@ -128,13 +128,15 @@ def _fit_sentence(model: Mapping[str, Any]) -> str:
         return "This report holds no fitted model."
     table = model.get("rms_nm") or {}
     known = f"{len(items) - len(undetermined(model))} of {len(items)} base parameters are told apart from zero."
-    left, noise = (_span(table.get(key) or ()) for key in ("fit", "noise_floor"))
+    left, noise = (_span(table.get(key) or (), " Nm") for key in ("fit", "noise_floor"))
     if not left:
         return known[:1].upper() + known[1:]
-    beside = f" (the noise alone would leave {noise})" if noise else ""
-    return f"By joint, the model leaves {left} RMS of the measured torque{beside}; {known}"
+    rows = model.get("rms_table") or [{}]
+    share = _span(rows[0].get("percent_of_rms_torque") or (), " %")
+    beside = "; ".join(text for text in (share, f"the noise alone would leave {noise}" if noise else "") if text)
+    return f"By joint, the model leaves {left} RMS of the measured torque{f' ({beside})' if beside else ''}; {known}"
 
 
-def _span(values: Sequence[float | None]) -> str:
+def _span(values: Sequence[float | None], unit: str) -> str:
     known = [value for value in values if value is not None]
-    return f"{rounded(min(known), 2)} to {rounded(max(known), 2)} Nm" if known else ""
+    return f"{rounded(min(known), 2)} to {rounded(max(known), 2)}{unit}" if known else ""
