@@ -19,9 +19,11 @@ lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-# benchmarks/endurance.py takes 30 minutes by default and faults.py several: both have a short form here.
+# Most take minutes; endurance (30), prove (600 cases) and estimators have a short form here. identification_speed needs
+# FIGAROH: pip install -e '.[bench]'.
 bench: $(VENV)/.installed-test
-	for benchmark in loop recorder stops pipelines real_recordings excitation "endurance --minutes 3"; do \
+	for benchmark in loop recorder stops pipelines real_recordings feasibility absorbed \
+	  "excitation --all-targets" "endurance --minutes 3" "estimators --draws 200" "prove --cases 200"; do \
 	  set -- $$benchmark; script=$$1; shift; echo "== $$script"; \
 	  OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.$$script "$$@" || exit 1; done
 
