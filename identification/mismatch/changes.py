@@ -22,6 +22,7 @@ from identification.mismatch.effects.external_contact import ExternalContact, un
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, STEP, TorqueSensorDrift
+from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -223,7 +224,7 @@ def _scan_windows(
     """Start and duration of the best half-sine window, number of tests, and how noisy that window is elsewhere.
 
     All positions of a window at once: its lines only turn with its position, so the products with the data are an
-    inverse Fourier transform.
+    inverse Fourier transform. (Of the plain lines: the samples that `evidence.project` leaves out do not move along.)
     """
     motion, evidence = contrasts.motion, contrasts.evidence
     period = motion.samples * motion.sampling_period_s
@@ -237,7 +238,7 @@ def _scan_windows(
         if duration > 0.3 * period or duration < 4.0 * motion.sampling_period_s:
             continue
         bump = np.where(motion.time < duration, np.sin(np.pi * motion.time / duration), 0.0)
-        rows = contrasts.weight * evidence.project(bump[:, None])
+        rows = contrasts.weight * to_lines(bump[:, None], lines)
         turned = _turned(rows[None], contrasts.ramp[None], grid)[0]
         norm = np.maximum((rows**2).sum(axis=0) - turned**2, 1e-300) * keep
         sizes = _turned(rows[None], contrasts.z, grid) / np.sqrt(norm)
@@ -293,7 +294,7 @@ def without_outliers(contrasts: Contrasts) -> FloatArray:
     single = np.zeros(motion.samples)
     single[0] = 1.0
     push = np.where(motion.time < CONTACT_DURATIONS_S[0], np.sin(np.pi * motion.time / CONTACT_DURATIONS_S[0]), 0.0)
-    jerk, window = (contrasts.weight * evidence.project(shape[:, None]) for shape in (single, push))
+    jerk, window = (contrasts.weight * to_lines(shape[:, None], lines) for shape in (single, push))
     angle = 2.0 * np.pi / grid * np.arange(1, lines + 1)
     for _ in range(OUTLIER_PASSES):
         gains = _turned(jerk[None], z, grid) / (jerk**2).sum(axis=0)
