@@ -16,7 +16,7 @@ from daemon.api import write_bytes_atomically
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
-from identification.model_file import read_model, write_model
+from identification.model_file import Model, read_model, write_model
 from identification.recordings import Recording
 from identification.recordings.reader import robot_of
 from identification.report import write_report
@@ -77,6 +77,11 @@ def diagnose_recordings(
     report_file = out / "report.html"
     write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout)
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
+
+
+def _baseline(file: Path | None) -> Model | Path | None:
+    """A model.json as read; a simulator's file is read by the diagnosis, which knows the robot's parameters."""
+    return read_model(file) if file is not None and file.suffix == ".json" else file
 
 
 def _silent(phase: str, share: float) -> None:

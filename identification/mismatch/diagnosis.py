@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import choose_regressor, default_split, weighted_by_result
+from identification.mismatch.baseline import baseline_values, compare_model
 from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults
@@ -52,22 +54,24 @@ def diagnose(
     *,
     heldout: Sequence[Recording] = (),
     settings: DiagnosisSettings | None = None,
-    model: Model | None = None,
+    model: Model | Path | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Locate and name what the nominal model leaves out of these recordings, and check it on the held-out ones.
 
-    Raises EstimationError when no recording is given, RecordingError for one that cannot be used.
+    model: a model.json or a simulator's file to compare with first; what of it is wrong parameters, and what is left,
+    stands in `model_comparison`. Raises EstimationError when no recording is given, RecordingError for one that cannot
+    be used, ModelFileError or RobotError for such a model.
     """
     settings = settings if settings is not None else DiagnosisSettings()
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
-    del model
     split = None
     if not heldout and not any(recording.is_periodic for recording in recordings):
         split = default_split(recordings) if settings.split is None else Split.parse(settings.split)
     regressor = choose_regressor(recordings, robot, settings, split)
+    given = None if model is None else baseline_values(model, regressor)
     report("data", 0.05)
     faults = tuple(fault for recording in recordings for fault in find_data_faults(recording, robot, regressor))
     report("evidence", 0.1)
@@ -99,10 +103,16 @@ def diagnose(
     )
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
-    baseline = _baseline(residuals(nominal, fitted.evidences, library), result.before.power.probability, claims)
+    plain = residuals(nominal, fitted.evidences, library)
+    baseline = _baseline(plain, result.before.power.probability, claims)
     diagnosis = summarise(
         problem, result.library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
     )
+    if given is not None:
+        compared = compare_model(
+            *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
+        )
+        diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
     report("done", 1.0)
     return diagnosis
 

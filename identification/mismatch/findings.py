@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Parameter, Place
+
+if TYPE_CHECKING:
+    from identification.mismatch.baseline import ModelComparison
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -243,6 +246,7 @@ class Diagnosis:
     mode: "complete" where the findings leave nothing but noise, "background" where unknown model error remains.
     spectra, series: one per fitted stretch, for figures; heldout_series: one per held-out stretch. curves: residual
     curves of what is not explained. notes: sentences on how the data were handled.
+    model_comparison: of the model that the diagnosis was asked to start from, if any.
     """
 
     robot: str
@@ -263,6 +267,7 @@ class Diagnosis:
     rms_after_nm: FloatArray = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    model_comparison: ModelComparison | None = None
 
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
@@ -320,6 +325,7 @@ class Diagnosis:
             "curves": [curve.to_json() for curve in self.curves],
             "notes": list(self.notes),
             "provenance": plain(dict(self.provenance)),
+            **({} if self.model_comparison is None else {"model_comparison": self.model_comparison.to_json()}),
         }
 
     def extended_model_json(self) -> dict[str, Any]:

@@ -1,0 +1,209 @@
+"""A given model against recordings: which of its parameters are wrong, by how much, and what no parameters explain.
+
+Torque on the measured motion is split in two: what other base parameters change (wrong parameters, per link), and what
+remains after they are fitted (missing physics, which the search then names). Not here: that search. Called by the
+diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import ModelFileError
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.extension import Extension
+from identification.mismatch.findings import json_list, number
+from identification.mismatch.heldout import Residuals
+from identification.mismatch.problem import Problem
+from identification.model_file import Model
+from identification.robots.simulator_models import read_simulator_model
+
+FloatArray = npt.NDArray[np.float64]
+
+SIGMAS = 4.0
+"""A base parameter further away than this is not the robot's: chance 6e-5 each."""
+PROBABILITY = 1e-4
+"""Below this, the parameters of a link together are not the robot's."""
+DRIVES = ("FV_", "FS_", "IA_", "OFF_")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDeviation:
+    """One base parameter of the model against the fit. torque_nm: RMS, all joints, of the difference's torque."""
+
+    name: str
+    link: int
+    model: float
+    fitted: float
+    std: float
+    unit: str
+    torque_nm: float
+
+    @property
+    def sigmas(self) -> float:
+        """(model − fitted) / std."""
+        return (self.model - self.fitted) / self.std if self.std > 0.0 else 0.0
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the difference is beyond what the fit leaves open."""
+        return abs(self.sigmas) > SIGMAS
+
+
+@dataclass(frozen=True, slots=True)
+class LinkDeviation:
+    """All base parameters of one link together. probability: of a difference as large where the model is right."""
+
+    link: int
+    probability: float
+    torque_nm: float
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the difference is beyond what the fit leaves open."""
+        return self.probability < PROBABILITY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelComparison:
+    """A model against recordings, RMS torque (n,) Nm on the fitted motion within the compared bandwidth.
+
+    model_nm: what the model leaves. parameters_nm: what its parameters, put right, change. missing_nm: what no base
+    parameters explain. findings_nm: what stays beside the findings.
+    """
+
+    source: str
+    model_nm: FloatArray
+    parameters_nm: FloatArray
+    missing_nm: FloatArray
+    findings_nm: FloatArray
+    parameters: tuple[ParameterDeviation, ...]
+    links: tuple[LinkDeviation, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What an operator reads."""
+        wrong = [item for item in self.links if item.wrong]
+        total = [float(np.sqrt(np.sum(values**2))) for values in (self.model_nm, self.parameters_nm, self.missing_nm)]
+        parts = f"{self.source} leaves {total[0]:.3g} Nm RMS (all joints together). "
+        if wrong:
+            named = ", ".join(f"{item.link} ({item.torque_nm:.2g} Nm)" for item in wrong)
+            parts += f"Wrong parameters make {total[1]:.3g} Nm of it; links beyond what the fit leaves open: {named}. "
+        else:
+            parts += "None of its parameters is further off than the fit leaves open. "
+        return parts + f"No parameters explain {total[2]:.3g} Nm: noise and missing physics."
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry `model_comparison` of diagnosis.json."""
+        return {
+            "source": self.source,
+            "sentence": self.sentence,
+            "rms_nm": {
+                "model": json_list(self.model_nm),
+                "wrong_parameters": json_list(self.parameters_nm),
+                "refitted": json_list(self.missing_nm),
+                "with_findings": json_list(self.findings_nm),
+            },
+            "links": [
+                {"link": item.link, "wrong": item.wrong, "probability": item.probability, "torque_nm": item.torque_nm}
+                for item in self.links
+            ],
+            "parameters": [
+                {
+                    "name": item.name,
+                    "link": item.link,
+                    "model": number(item.model),
+                    "fitted": number(item.fitted),
+                    "std": number(item.std),
+                    "unit": item.unit,
+                    "sigmas": number(item.sigmas),
+                    "torque_nm": number(item.torque_nm),
+                    "wrong": item.wrong,
+                }
+                for item in self.parameters
+            ],
+        }
+
+
+def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str, FloatArray]:
+    """Name and base parameters (p,) of a model.json or of a simulator's file.
+
+    Friction, rotor inertias and offsets that a model.json does not hold count as zero. Raises ModelFileError,
+    RobotError.
+    """
+    if isinstance(model, Path):
+        return model.name, read_simulator_model(model, regressor)
+    known = dict(zip(model.names, model.values, strict=True))
+    missing = [name for name in regressor.names if name not in known and not name.startswith(DRIVES)]
+    if missing:
+        raise ModelFileError(
+            f"{model.path or 'The model'}: its base parameters are not those of {regressor.robot.name}; missing: "
+            f"{', '.join(missing[:6])}",
+            file=model.path or None,
+            field="base_parameters",
+        )
+    return Path(model.path or "model").name, np.array([known.get(name, 0.0) for name in regressor.names])
+
+
+def compare_model(
+    source: str,
+    values: FloatArray,
+    evidences: Sequence[Evidence],
+    problem: Problem,
+    extension: Extension,
+    after: Residuals,
+    missing_nm: FloatArray,
+    regressor: BaseRegressor,
+) -> ModelComparison:
+    """Split what a model (p,) leaves of the fitted recordings.
+
+    extension: base parameters fitted with the findings; their covariance is scaled by what the fit leaves, so that
+    missing physics does not make a right model look wrong. after, missing_nm: what is left with and without findings.
+    """
+    size = regressor.size
+    samples = sum(item.samples for item in evidences)
+    used = np.concatenate([item.used for item in evidences])
+    columns = np.where(used[..., None], np.concatenate([item.nominal for item in evidences]), 0.0)
+    torque = np.where(used, np.concatenate([item.torque for item in evidences]), 0.0)
+    difference = values - extension.base[:size]
+
+    def rms(rows: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.sum(rows**2, axis=0) / samples), dtype=np.float64)
+
+    left = (after.rows * problem.weight).ravel()
+    excess = max(1.0, float(left @ left) / max(1, int(np.count_nonzero(problem.weight)) - problem.basis.shape[1]))
+    covariance = extension.loose[:size] @ extension.loose[:size].T * excess
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    link_of = np.array([int(name.rsplit("_", 1)[1]) for name in regressor.names])
+    parameters = tuple(
+        ParameterDeviation(
+            name, int(link_of[index]), float(values[index]), float(extension.base[index]), float(std[index]), unit,
+            float(np.sqrt(np.sum(rms(columns[:, :, index] * difference[index]) ** 2))),
+        )
+        for index, (name, unit) in enumerate(zip(regressor.names, regressor.units, strict=True))
+    )  # fmt: skip
+    links = []
+    for link in range(1, regressor.robot.n + 1):
+        own = np.flatnonzero(link_of == link)
+        scale = np.maximum(std[own], 1e-300)
+        block = covariance[np.ix_(own, own)] / np.outer(scale, scale)
+        distance = float((difference[own] / scale) @ np.linalg.pinv(block, rcond=1e-10) @ (difference[own] / scale))
+        moved = float(np.sqrt(np.sum(rms(columns[:, :, own] @ difference[own]) ** 2)))
+        links.append(LinkDeviation(link, float(chi2.sf(max(distance, 0.0), max(1, own.size))), moved))
+    return ModelComparison(
+        source=source,
+        model_nm=rms(torque - columns @ values),
+        parameters_nm=rms(columns @ difference),
+        missing_nm=missing_nm,
+        findings_nm=after.rms_nm,
+        parameters=parameters,
+        links=tuple(links),
+    )

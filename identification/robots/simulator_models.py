@@ -1,0 +1,176 @@
+"""Simulator models (URDF, SDF, MJCF with inertias) as base parameters: what torque the user's simulator computes.
+
+The file is asked for inverse dynamics at random states, by Pinocchio, MuJoCo or Drake, and base parameters are those
+whose torque is the same. So frames, fixed links and conventions of the file need no translation; where the torque
+cannot be matched, its kinematics is another and that is the answer. Not here: comparing with recordings. Called by the
+diagnosis against a given model.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import RobotError, RobotNotFoundError
+from identification.robots.model import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""(q, q̇, q̈), each (n,) → torque (n,) Nm."""
+
+STATES = 120
+SEED = 96
+TOLERANCE = 1e-4
+"""Of the largest torque: files print angles and lengths with few digits."""
+
+
+def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArray:
+    """Base parameters (p,) whose torque is that of a simulator model, friction of its joints included.
+
+    Joints are taken by name, or in the order of the file where the names differ and the number is the same. Raises
+    RobotNotFoundError where there is no file, RobotError where it cannot be read, has no inertias, or moves otherwise
+    than the regressor's robot.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RobotNotFoundError(f"{path}: there is no such model", file=path)
+    inverse_dynamics = _inverse_dynamics(path, regressor.robot)
+    generator = np.random.default_rng(SEED)
+    shape = (STATES, regressor.robot.n)
+    q, dq, ddq = generator.uniform(-2.0, 2.0, shape), generator.uniform(-1.5, 1.5, shape), generator.normal(size=shape)
+    torque = np.array([inverse_dynamics(*state) for state in zip(q, dq, ddq, strict=True)])
+    if not np.any(np.abs(torque) > 1e-9):
+        raise RobotError(f"{path}: it gives no link a mass; a model to compare with needs inertias.", file=path)
+    columns = regressor.matrix(q, dq, ddq).reshape(-1, regressor.size)
+    scale = np.linalg.norm(columns, axis=0)
+    values = np.linalg.lstsq(columns / scale, torque.ravel(), rcond=None)[0] / scale
+    left = np.abs(torque.ravel() - columns @ values).reshape(shape).max(axis=0)
+    if left.max() > TOLERANCE * np.abs(torque).max():
+        joint = int(np.argmax(left))
+        raise RobotError(
+            f"{path}: its torque on joint {joint + 1} cannot be that of {regressor.robot.name} with any inertias "
+            f"({left[joint]:.2g} Nm differ); zero positions, axes, lengths or gravity are others.",
+            file=path,
+            joint=joint + 1,
+        )
+    return np.asarray(values, dtype=np.float64)
+
+
+def _inverse_dynamics(path: Path, robot: RobotModel) -> InverseDynamics:
+    try:
+        root = ElementTree.parse(path).getroot()
+        match root.tag:
+            case "robot":
+                return _by_pinocchio(path, root, robot)
+            case "mujoco":
+                return _by_mujoco(path, robot)
+            case "sdf":
+                return _by_drake(path, root, robot)
+    except (ElementTree.ParseError, ValueError, RuntimeError, OSError) as error:
+        if isinstance(error, RobotError):
+            raise
+        raise RobotError(
+            f"{path} cannot be read as a simulator model: {str(error).splitlines()[0]}", file=path
+        ) from error
+    raise RobotError(f"{path}: is neither URDF, SDF nor MJCF (its root is <{root.tag}>).", file=path)
+
+
+def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
+    """Places of the robot's joints among the movable joints of a file."""
+    if all(name in names for name in robot.joint_names):
+        return [list(names).index(name) for name in robot.joint_names]
+    if len(names) == robot.n:
+        return list(range(robot.n))
+    raise RobotError(f"{path}: has {len(names)} movable joints, {robot.name} has {robot.n}.", file=path)
+
+
+def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
+    model = pinocchio.buildModelFromXML(path.read_text("utf-8"))
+    model.gravity.linear = robot.gravity
+    data, names = model.createData(), list(model.names)[1:]
+    order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
+    dynamics = {joint.get("name"): joint.find("dynamics") for joint in root.findall("joint")}
+    elements = [dynamics.get(names[place]) for place in _chosen(path, names, robot)]
+    damping, friction = (
+        np.array([0.0 if item is None else float(item.get(key, 0.0)) for item in elements])
+        for key in ("damping", "friction")
+    )
+
+    def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        state = np.zeros((3, model.nv))
+        state[:, order] = q, dq, ddq
+        # A continuous joint has two position numbers there: reach it from zero.
+        position = pinocchio.integrate(model, pinocchio.neutral(model), state[0])
+        rigid = pinocchio.rnea(model, data, position, state[1], state[2])[order]
+        return np.asarray(rigid + damping * dq + friction * np.sign(dq), dtype=np.float64)
+
+    return torque
+
+
+def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.gravity[:] = robot.gravity
+    for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
+        model.opt.disableflags |= flag
+    # Its dry friction is a soft constraint; here it is the force at full sliding.
+    friction = np.array(model.dof_frictionloss)
+    model.dof_frictionloss[:] = 0.0
+    data, moving = mujoco.MjData(model), (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    joints = [joint for joint in range(model.njnt) if model.jnt_type[joint] in moving]
+    places = _chosen(path, [model.joint(joint).name for joint in joints], robot)
+    order, position = (
+        address[[joints[place] for place in places]] for address in (model.jnt_dofadr, model.jnt_qposadr)
+    )
+
+    def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        data.qpos[position], data.qvel[order], data.qacc[order] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        return np.asarray(data.qfrc_inverse[order] + friction[order] * np.sign(dq), dtype=np.float64)
+
+    return torque
+
+
+def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
+    if importlib.util.find_spec("pydrake") is None:
+        raise RobotError(f"{path}: SDF is read by Drake, which is not installed (pip install drake).", file=path)
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import MultibodyForces_
+
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
+    plant = MultibodyPlant(0.0)
+    (instance,) = Parser(plant).AddModels(path)
+    base = plant.get_body(plant.GetBodyIndices(instance)[0])
+    if not any(joint.get("type") == "fixed" and joint.findtext("parent") == "world" for joint in root.iter("joint")):
+        plant.WeldFrames(plant.world_frame(), base.body_frame())
+    plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    joints = [joint for joint in joints if joint.num_velocities() == 1]
+    joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
+    order = [joint.velocity_start() for joint in joints]
+    dry = {item.get("name"): float(item.findtext("axis/dynamics/friction") or 0.0) for item in root.iter("joint")}
+    friction = np.array([dry.get(joint.name(), 0.0) for joint in joints])
+
+    def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        state = np.zeros((3, plant.num_velocities()))
+        state[:, order] = q, dq, ddq
+        plant.SetPositions(context, state[0])
+        plant.SetVelocities(context, state[1])
+        forces = MultibodyForces_[float](plant)
+        plant.CalcForceElementsContribution(context, forces)
+        rigid = plant.CalcInverseDynamics(context, state[2], forces)[order]
+        return np.asarray(rigid + friction * np.sign(dq), dtype=np.float64)
+
+    return torque

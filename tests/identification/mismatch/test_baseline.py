@@ -1,0 +1,91 @@
+"""Claims about a given model against recordings. Truth: the simulators' own inverse dynamics, and a concealed plant."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import ModelFileError, RobotError, RobotNotFoundError
+from identification.estimators.physical import PhysicalParameters
+from identification.export import export_model
+from identification.mismatch.baseline import baseline_values
+from identification.mismatch.diagnosis import diagnose
+from identification.model_file import Model
+from identification.robots import RobotModel
+from identification.robots.simulator_models import read_simulator_model
+from tests.identification.exported import consistent, model_of
+from tests.identification.mismatch.plant import on_joint, record
+
+
+def _model_of_base(iiwa14_base: BaseRegressor, values: np.ndarray) -> Model:
+    size = iiwa14_base.size
+    empty = np.zeros(0)
+    return Model(
+        "iiwa14", iiwa14_base.names, values, np.ones(size), iiwa14_base.units, None, empty, empty, iiwa14_base.options
+    )
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf", "sdf"])
+def test_a_simulator_s_file_has_the_base_parameters_it_was_written_from(
+    tmp_path: Path, iiwa14_base: BaseRegressor, table3: PhysicalParameters, form: str
+) -> None:
+    if form == "sdf" and importlib.util.find_spec("pydrake") is None:
+        pytest.skip("SDF is read by Drake, which is not installed")
+    file = tmp_path / f"arm.{form}"
+    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), file, form)
+    expected = iiwa14_base.base_from_physical(consistent(table3))
+    assert np.allclose(read_simulator_model(file, iiwa14_base), expected, atol=1e-6)
+
+
+def test_a_file_that_moves_otherwise_is_refused_with_the_joint(
+    tmp_path: Path, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    file = tmp_path / "arm.urdf"
+    export_model(model_of(tmp_path, "iiwa7", consistent(table3)), file, "urdf")
+    with pytest.raises(RobotError, match="zero positions, axes, lengths"):
+        read_simulator_model(file, iiwa14_base)
+    with pytest.raises(RobotNotFoundError):
+        read_simulator_model(tmp_path / "absent.urdf", iiwa14_base)
+
+
+def test_a_model_json_without_some_inertia_is_refused(iiwa14_base: BaseRegressor) -> None:
+    whole = _model_of_base(iiwa14_base, np.ones(iiwa14_base.size))
+    keep = [index for index, name in enumerate(iiwa14_base.names) if name != "MX_7"]
+    with pytest.raises(ModelFileError, match="MX_7"):
+        baseline_values(
+            replace(whole, names=tuple(whole.names[i] for i in keep), values=whole.values[keep]), iiwa14_base
+        )
+
+
+def test_one_wrong_parameter_is_told_from_missing_friction(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """The model is wrong in MX_7; the plant has a Stribeck friction on joint 2 that no parameter holds."""
+
+    def hidden(_q: np.ndarray, dq: np.ndarray, _torque: np.ndarray) -> np.ndarray:
+        return on_joint(2, np.sign(dq[:, 1]) * 0.6 * np.exp(-((dq[:, 1] / 0.05) ** 2)))
+
+    recording = record(iiwa14, table3, hidden)
+    values = iiwa14_base.base_from_physical(table3).copy()
+    values[iiwa14_base.names.index("MX_7")] += 0.01
+    comparison = diagnose([recording], iiwa14, model=_model_of_base(iiwa14_base, values)).model_comparison
+    assert comparison is not None
+    assert [item.link for item in comparison.links if item.wrong] == [7]
+    assert [item.name for item in comparison.parameters if item.wrong] == ["MX_7"]
+    assert comparison.missing_nm[1] > 2.0 * comparison.findings_nm[1]
+    assert "Wrong parameters" in comparison.sentence
+
+
+def test_a_right_model_has_no_wrong_parameter(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    given = _model_of_base(iiwa14_base, iiwa14_base.base_from_physical(table3))
+    diagnosis = diagnose([record(iiwa14, table3)], iiwa14, model=given)
+    assert diagnosis.model_comparison is not None
+    assert not any(item.wrong for item in (*diagnosis.model_comparison.links, *diagnosis.model_comparison.parameters))
+    assert diagnosis.to_json()["model_comparison"]["sentence"] in diagnosis.notes
