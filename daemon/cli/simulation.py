@@ -18,6 +18,7 @@ ParametersOption = Annotated[
 ]
 _BADLY_FOLLOWED = 0.02
 """rad (m) RMS between simulated and commanded position."""
+_EFFECT_STEP_S = 0.001
 _FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 
 
@@ -98,6 +99,7 @@ def simulate(
     Example: iiwa-ident simulate model.json runs/first/recording.mcap --figure torques.svg --json -
     """
     from identification.export import parameters_of
+    from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
     from identification.simulation import SimulationSettings, controller_named, motor_inertia_of
 
@@ -108,14 +110,18 @@ def simulate(
     law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
     motors, sentence = motor_inertia_of(robot, chosen)
     message(sentence)
-    if model.data.get("effects"):
-        message("The effects in the model are not simulated here: the arm is the rigid one with friction.")
+    effects = repeatable(model.data.get("effects", []))
+    if effects:
+        names = ", ".join(
+            f"{item['effect']}" + (f" (joint {item['joint']})" if item["joint"] else "") for item in effects
+        )
+        message(f"Effects of the model, taken along the motion to be followed: {names}.")
     settings = SimulationSettings(
         motor_inertia=motors,
         motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
         offset=chosen.offset,
     )
-    comparison = _compare(model, motion, robot, chosen, law, settings)
+    comparison = _compare(model, motion, robot, chosen, law, settings, effects)
     if out is not None:
         _write_series(comparison.series(), out)
     if figure is not None:
@@ -140,23 +146,33 @@ def simulate(
             data(f"{name} written to {file}")
 
 
-def _compare(model: Any, motion: Path | None, robot: Any, parameters: Any, law: Any, settings: Any) -> Any:
+def _compare(
+    model: Any, motion: Path | None, robot: Any, parameters: Any, law: Any, settings: Any, effects: Any
+) -> Any:
     """Against a recording where the file holds torques, else against the plan."""
+    from identification.base_parameters import BaseRegressor
     from identification.excitation import default_trajectory, load_trajectory
+    from identification.mismatch.prediction import torque_along, torque_along_recording
     from identification.recordings import read_recording
     from identification.simulation import compare_with_plan, compare_with_recording
 
-    if motion is None:
-        return compare_with_plan(default_trajectory(robot.name), robot, parameters, law, settings)
-    if _is_recording(motion):
+    regressor = BaseRegressor(robot, model.options) if effects else None
+    extra = None
+    if motion is not None and _is_recording(motion):
         recording = read_recording(motion, robot=model.robot)
         for finding in recording.report.findings:
             message(f"{motion}: {finding.sentence}")
-        return compare_with_recording(recording, robot, parameters, law, settings)
-    trajectory = load_trajectory(motion)
+        if regressor is not None:
+            extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording)
+        return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)
+    trajectory = default_trajectory(robot.name) if motion is None else load_trajectory(motion)
     if trajectory.joints != robot.n:
         raise typer.BadParameter(f"{motion} moves {trajectory.joints} joints, {robot.name} has {robot.n}.")
-    return compare_with_plan(trajectory, robot, parameters, law, settings)
+    if regressor is not None:
+        time = np.arange(round(trajectory.period_s / _EFFECT_STEP_S), dtype=np.float64) * _EFFECT_STEP_S
+        states = trajectory.evaluate(time)
+        extra = torque_along(effects, regressor, model.base_values(regressor), time, states)
+    return compare_with_plan(trajectory, robot, parameters, law, settings, extra_torque=extra)
 
 
 def _is_recording(file: Path) -> bool:

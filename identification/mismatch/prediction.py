@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
-from identification.errors import ModelFileError
+from identification.errors import ModelFileError, RecordingError
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import build_evidence, with_parameters
@@ -133,14 +133,28 @@ def torque_along(
         periodic=True,
         start_s=np.zeros(1),
     )
+    return _by_time(effects, motion)
+
+
+def torque_along_recording(
+    effects: Sequence[EffectJson], regressor: BaseRegressor, values: FloatArray, recording: Recording
+) -> Callable[[_Timed], FloatArray]:
+    """As `torque_along`, along a recording's mean period. Raises RecordingError for one without periods."""
+    evidence = build_evidence(recording, regressor.robot, regressor)[0]
+    motion = with_parameters(evidence, regressor, values).motion
+    if not motion.periodic:
+        raise RecordingError(
+            "Effects are simulated along periodic motions only; give a recording with periods, or a trajectory",
+            file=recording.source.path,
+            field="period_s",
+        )
+    return _by_time(effects, motion)
+
+
+def _by_time(effects: Sequence[EffectJson], motion: Motion) -> Callable[[_Timed], FloatArray]:
     table = effects_torque(repeatable(effects), motion)[0]
     step, samples = motion.sampling_period_s, motion.samples
-
-    def torque(state: _Timed) -> FloatArray:
-        row = round(state.time_s / step) % samples
-        return np.asarray(table[row], dtype=np.float64)
-
-    return torque
+    return lambda state: np.asarray(table[round(state.time_s / step) % samples], dtype=np.float64)
 
 
 def _library(effect: EffectJson) -> Any:
