@@ -224,14 +224,14 @@ def validate(
     robot: RobotOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """RMS per joint of a model on recordings it was not fitted to.
+    """RMS per joint of a model on recordings it was not fitted to, its effects included.
 
     Example: iiwa-ident validate model.json runs/other/recording.mcap
     """
+    from identification.mismatch.prediction import validate_with_effects
     from identification.model_file import read_model
-    from identification.validation import validate_model
 
-    table = validate_model(read_model(model_file), load_recordings(logs, robot))
+    table = validate_with_effects(read_model(model_file), load_recordings(logs, robot))
     if json_file is not None:
         write_json(json_file, table.to_json())
     if not wants_json_on_stdout(json_file):
