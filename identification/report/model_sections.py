@@ -143,8 +143,10 @@ def feasibility_section(model: Json, sentence: str | None) -> Section | None:
     return Section("feasibility", "Can a real robot have these parameters?", tuple(blocks))
 
 
-def provenance_section(provenances: Sequence[tuple[str, Json]]) -> Section:
-    """Where everything comes from, by what it belongs to ("fit", "diagnosis"): digests, versions, settings, seeds."""
+def provenance_section(provenances: Sequence[tuple[str, Json]]) -> Section | None:
+    """Where everything comes from, by what it belongs to ("Fit", "Diagnosis"): digests, versions, settings, seeds."""
+    if not provenances:
+        return None
     blocks: list[Block] = []
     for title, provenance in provenances:
         blocks.append(Heading(title))

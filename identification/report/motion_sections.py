@@ -151,7 +151,7 @@ def _path(stretch: Stretch, robot: RobotModel) -> Figure:
         pinocchio.forwardKinematics(robot.pinocchio_model, data, position)
         path[row] = data.oMi[robot.n].translation
     return Figure(
-        "Path of the last link's origin in the base frame (star: where it begins)",
+        "Path of the last link's origin in the base frame of the model (star: where it begins)",
         tuple(
             Panel(
                 f"Seen {view}",

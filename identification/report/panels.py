@@ -98,7 +98,8 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y_label, labelpad=2)
     axes.grid(visible=True, alpha=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    if panel.logarithmic:
+    # Nothing above zero has no logarithm, and nothing to show either: the panel stays empty.
+    if panel.logarithmic and any((line.y > 0.0).any() for line in panel.lines):
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):

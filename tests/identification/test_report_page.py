@@ -1,0 +1,160 @@
+"""The page as a whole: one file that needs nothing else, in which no text of a file can become markup."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.estimators.physical import PhysicalParameters
+from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.fitting.rms import RmsRow, RmsTable
+from identification.recordings import Finding, ImportReport, RecordingSource
+from identification.report import build_document, write_report
+from identification.robots import RobotModel
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+
+EVIL = """</td></style><script>alert("x")</script><img src=http://evil.example/x onerror=alert(1)>'"&$\\frac{"""
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, all text, and whether every element was closed in its order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def fit(iiwa14: RobotModel, table3: PhysicalParameters) -> FitResult:
+    """Four periods of the paper's plant by Pinocchio, with white noise of 0.1 Nm."""
+    state = fourier_motion(7, period_s=10.0, samples=2000, seed=5)
+    torque = np.tile(inverse_dynamics(iiwa14, table3, *state), (4, 1))
+    noise = np.random.default_rng(6).normal(scale=0.1, size=torque.shape)
+    recording = recording_of(np.tile(state[0], (4, 1)), torque + noise, period_s=10.0, periods=4)
+    return fit_recordings([recording], iiwa14, FitSettings(starts=1))
+
+
+@pytest.fixture(scope="module")
+def page(fit: FitResult, tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(file, fit=fit)
+    return file.read_text(encoding="utf-8")
+
+
+def test_page_is_well_formed_has_no_script_and_names_no_address(page: str) -> None:
+    parsed = Page(page)
+    assert parsed.open == []
+    assert page.startswith("<!DOCTYPE html>")
+    assert parsed.of("script") == []
+    assert "http:" not in page
+    assert "https:" not in page
+    assert {(item.get("href") or "")[:1] for _, item in parsed.elements if "href" in item} <= {"#", "d"}
+    assert not [item for _, item in parsed.elements if "src" in item]
+
+
+def test_every_name_is_there_once_and_every_reference_has_its_target(page: str) -> None:
+    parsed = Page(page)
+    names = [item["id"] for _, item in parsed.elements if "id" in item]
+    assert len(names) == len(set(names))
+    referred = {href[1:] for _, item in parsed.elements if (href := item.get("href") or "").startswith("#")}
+    referred |= {label for _, item in parsed.elements if (label := item.get("aria-labelledby"))}
+    assert referred <= set(names)
+
+
+def test_a_reader_who_does_not_see_gets_scoped_heads_and_described_figures(page: str) -> None:
+    parsed = Page(page)
+    assert parsed.of("html") == [{"lang": "en"}]
+    assert parsed.of("th")
+    assert all(item.get("scope") in ("row", "col") for item in parsed.of("th"))
+    panels = [item for _, item in parsed.elements if item.get("role") == "img"]
+    # Seven joints: positions, velocities, residual over time and frequency; three views of the path.
+    assert len(panels) == len(parsed.of("svg")) == 4 * 7 + 3
+    assert all(len(item.get("aria-label") or "") > 20 for item in panels)
+
+
+def test_same_fit_gives_the_same_bytes_and_a_small_file(fit: FitResult, page: str, tmp_path: Path) -> None:
+    write_report(tmp_path / "again.html", fit=fit)
+    assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
+    assert len(page.encode()) < 1_000_000
+
+
+def test_no_text_of_a_file_becomes_markup(fit: FitResult, tmp_path: Path) -> None:
+    recording = fit.recordings[0]
+    source = RecordingSource(f"runs/{EVIL.replace('/', '')}.mcap", EVIL, EVIL, {"run_id": EVIL, "tool": EVIL})
+    report = ImportReport(10, 9, (Finding(EVIL, 1, 1, 1, EVIL),))
+    model = fit.to_model_json()
+    model["robot"] = model["base_parameters"][0]["name"] = model["base_parameters"][0]["unit"] = EVIL
+    model["provenance"] = {EVIL: EVIL, "notes": [EVIL], "inputs": [{"file": EVIL, "sha256": EVIL}], "estimator": EVIL}
+    nothing = np.full(7, np.nan)
+    write_report(
+        tmp_path / "report.html",
+        fit=fit,
+        model=model,
+        recordings=[replace(recording, source=source, report=report)],
+        heldout=[replace(recording, source=source)],
+        validation=RmsTable((RmsRow(EVIL, nothing, nothing, nothing),)),
+        title=EVIL,
+    )
+    parsed = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert parsed.open == []
+    assert parsed.of("script") == parsed.of("img") == []
+    assert not [name for _, item in parsed.elements for name in item if name.startswith("on")]
+    assert sum(EVIL in text for text in parsed.texts) >= 10
+
+
+def test_a_model_alone_is_a_report_without_figures(fit: FitResult) -> None:
+    document = build_document(model=fit.to_model_json())
+    assert [section.name for section in document.sections] == ["rms", "parameters", "feasibility", "provenance"]
+
+
+def test_the_first_sentence_says_what_is_left_beside_the_noise(fit: FitResult) -> None:
+    found = re.search(
+        r"leaves ([\d.]+) to ([\d.]+) Nm .* would leave ([\d.]+) to ([\d.]+) Nm", build_document(fit=fit).verdict
+    )
+    assert found is not None
+    # White noise of 0.1 Nm in the mean of four periods.
+    assert [float(text) for text in found.groups()] == pytest.approx([0.05] * 4, rel=0.05)
+
+
+def test_unknown_parameters_are_named_first(fit: FitResult) -> None:
+    model = fit.to_model_json()
+    for item in model["base_parameters"]:
+        item["std"] = abs(item["value"]) * (0.6 if item["name"] in ("XY_3", "FS_7") else 0.4)
+    parameters = next(item for item in build_document(model=model).sections if item.name == "parameters")
+    warnings = [block.text for block in parameters.blocks if getattr(block, "kind", "") == "warning"]  # type: ignore[union-attr]
+    assert len(warnings) == 1
+    assert "2 parameters" in warnings[0]
+    assert "XY_3 and FS_7" in warnings[0]
+
+
+def test_an_empty_report_says_so() -> None:
+    document = build_document()
+    assert document.verdict == "This report holds no fitted model."
+    assert document.sections == ()
