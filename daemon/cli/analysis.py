@@ -1,13 +1,11 @@
-"""Commands that work on files: `design`, `import`, `fit`, `validate`."""
+"""Commands that work on recordings: `import`, `fit`, `validate`."""
 
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 
@@ -16,10 +14,7 @@ from daemon.cli.output import JsonOption, data, message, show_table, wants_json_
 from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording, write_recording
 from identification.recordings.reader import robot_of
-from identification.robots import BUILT_IN_ROBOTS, RobotModel, load_robot
-
-if TYPE_CHECKING:
-    from identification.excitation import PredictedDeviations, Trajectory
+from identification.robots import load_robot
 
 LogsArgument = Annotated[list[Path], typer.Argument(help="Recordings: .mcap, .npz or .csv.")]
 RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
@@ -239,114 +234,3 @@ def validate(
         data(table.text())
         data("the same in % of the RMS torque:")
         data(table.text(percent=True))
-
-
-@app.command()
-def design(
-    objective: Annotated[str, typer.Option("--objective", help="cond, d, a, or a mix: cond:1,d:2.")] = "cond",
-    harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
-    period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
-    limits: Annotated[str, typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|.")] = "paper",
-    robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
-    seed: Annotated[int, typer.Option("--seed")] = 0,
-    budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,
-    table: Annotated[bool, typer.Option("--table", help="Also write the 1 kHz table into the file.")] = False,
-    periods: Annotated[int, typer.Option("--periods", min=1, help="Periods of the run that σ is predicted for.")] = 16,
-    noise: Annotated[
-        str | None, typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,…")
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            "--reference",
-            help="Instead, a motion to score models on: excitation, sine_series, polynomial_10 or polynomial_20.",
-        ),
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Trajectory to write; default: excitation.json.")] = None,
-    json_file: JsonOption = None,
-) -> None:
-    """Design an excitation trajectory, the problem (13)/(14) of the paper, from many seeded starts.
-
-    Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
-    """
-    from daemon.preparation import is_safe_motion
-    from identification.excitation import (
-        DesignProgress,
-        DesignSettings,
-        design_excitation,
-        limits_of_robot,
-        reference_trajectory,
-    )
-
-    def show(step: DesignProgress) -> None:
-        message(f"stage {step.stage}/{step.stages}, search {step.done}/{step.planned}: best {step.best:.2f}")
-
-    model = load_robot(robot)
-    # Only the built-in arms have a geometry to check self-collision and workspace on.
-    acceptable = is_safe_motion if model.name in BUILT_IN_ROBOTS else None
-    target = out or Path("excitation.json" if reference is None else f"{reference}.json")
-    if reference is not None:
-        motion = reference_trajectory(
-            reference,  # type: ignore[arg-type]  # refused with a sentence
-            limits_of_robot(model),
-            seed,
-            robot=model,
-            acceptable=acceptable,
-        )
-        document = motion.to_json(table_rate_hz=1000.0 if table else None)
-        target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        if json_file is not None:
-            write_json(json_file, document)
-        if not wants_json_on_stdout(json_file):
-            data(f"Reference motion '{reference}' of {motion.period_s:g} s for {model.name} written to {target}")
-        return
-    settings = DesignSettings(
-        objective=objective,
-        harmonics=harmonics,
-        period_s=period,
-        limits=limits,  # type: ignore[arg-type]  # DesignSettings refuses other texts with a sentence
-        seed=seed,
-        budget_s=budget,
-    )
-    result = design_excitation(
-        model,
-        limits_of_robot(model),
-        settings,
-        progress=show,
-        clock=time.monotonic,
-        acceptable=acceptable,
-    )
-    document = result.trajectory.to_json(table_rate_hz=1000.0 if table else None)
-    target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    predicted = _predicted(model, result.trajectory, noise, periods)
-    if json_file is not None:
-        rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
-        promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
-        write_json(json_file, {**document, "predicted_std": promised})
-    if not wants_json_on_stdout(json_file):
-        data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
-        for key, value in result.verified.items():
-            data(f"  {key}: {value}")
-        if predicted is None:
-            data("No σ is predicted: state the torque noise of each joint with --noise.")
-            return
-        data(f"σ that {periods} periods will give, torque noise {', '.join(f'{x:g}' for x in predicted.noise_nm)} Nm:")
-        for name, std, unit in zip(predicted.names, predicted.std, predicted.units, strict=True):
-            data(f"  {name:<8} {std:.2g} {unit}")
-
-
-def _predicted(
-    model: RobotModel, trajectory: Trajectory, noise: str | None, periods: int
-) -> PredictedDeviations | None:
-    """σ before the motion; None where no noise is known for this robot. Raises DesignError for a noise that is none."""
-    from identification.base_parameters import BaseRegressor
-    from identification.errors import DesignError
-    from identification.excitation import predict_deviations
-
-    if noise is None and model.name not in BUILT_IN_ROBOTS:
-        return None
-    try:
-        values = None if noise is None else np.array([float(part) for part in noise.split(",")])
-    except ValueError as error:
-        raise DesignError(f"--noise '{noise}' is no list of numbers such as 0.17,0.17,0.12") from error
-    return predict_deviations(BaseRegressor(model), trajectory, noise_nm=values, periods=periods)

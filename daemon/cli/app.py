@@ -34,6 +34,7 @@ _COMMAND_MODULES = (
     "acquisition",
     "analysis",
     "demonstration",
+    "design",
     "diagnosis",
     "examination",
     "feasibility",

@@ -12,12 +12,14 @@ from identification.excitation.design import (
     DesignResult,
     design_excitation,
 )
+from identification.excitation.effect_report import TOOL_STRENGTH, ShownEffect, effects_shown
 from identification.excitation.fourier import FORMAT, FourierTrajectory, Trajectory
 from identification.excitation.limits import ExcitationLimits, iiwa_limits, limits_of_robot
 from identification.excitation.local_search import DesignSettings, Stage
-from identification.excitation.objective import CRITERIA, achieved_figures
+from identification.excitation.nominal import nominal_parameters
+from identification.excitation.objective import CRITERIA, DETECTABILITY, achieved_figures, mixture_weights
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
-from identification.excitation.prediction import PredictedDeviations, predict_deviations
+from identification.excitation.prediction import PredictedDeviations, predict_deviations, torque_noise
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
 from identification.excitation.trajectory_files import (
     TableTrajectory,
@@ -29,8 +31,10 @@ from identification.excitation.trajectory_files import (
 
 __all__ = [
     "CRITERIA",
+    "DETECTABILITY",
     "FORMAT",
     "REFERENCE_KINDS",
+    "TOOL_STRENGTH",
     "DesignProgress",
     "DesignResult",
     "DesignSettings",
@@ -38,6 +42,7 @@ __all__ = [
     "FourierTrajectory",
     "PolynomialTrajectory",
     "PredictedDeviations",
+    "ShownEffect",
     "SineSeriesTrajectory",
     "Stage",
     "TableTrajectory",
@@ -45,11 +50,15 @@ __all__ = [
     "achieved_figures",
     "default_trajectory",
     "design_excitation",
+    "effects_shown",
     "iiwa_limits",
     "limits_of_robot",
     "load_trajectory",
+    "mixture_weights",
+    "nominal_parameters",
     "predict_deviations",
     "reference_trajectory",
+    "torque_noise",
     "trajectory_from_json",
     "validation_trajectory",
     "verify",

@@ -11,6 +11,7 @@ leads inside. Called by `design` and its tests.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -143,12 +144,18 @@ def repaired(coefficients: FloatArray, constraints: Constraints, basis: FloatArr
     return shrunk
 
 
-def verify(trajectory: FourierTrajectory, limits: ExcitationLimits, rate_hz: float = 1000.0) -> dict[str, Any]:
+def verify(
+    trajectory: FourierTrajectory,
+    limits: ExcitationLimits,
+    rate_hz: float = 1000.0,
+    torque_of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
+) -> dict[str, Any]:
     """Check a trajectory at every command of its table, and against (14).
 
     Returns `samples`, peak ratios to the limits per joint (`position`, `velocity`, `acceleration`), `rest_at_start`
     (largest |q - offset|, |q̇|, |q̈| at t = 0), `paper` (largest ratio over (14d)-(14g) per joint) and the booleans
     `within_limits` (true limits on the grid, velocity also between successive commands) and `within_paper_limits`.
+    torque_of: foreseen torque (S, n) of a motion; with it also `torque`, and `within_limits` counts it.
     """
     q, dq, ddq = trajectory.evaluate(trajectory.sample_times(rate_hz))
     middle = 0.5 * (limits.position_upper + limits.position_lower)
@@ -161,7 +168,7 @@ def verify(trajectory: FourierTrajectory, limits: ExcitationLimits, rate_hz: flo
     paper = PaperConstraints(limits, trajectory.offset, trajectory.fundamental_frequency_hz, trajectory.harmonics)
     excess = paper.excess(coefficients)
     rest = [float(np.max(np.abs(value))) for value in (q[0] - trajectory.offset, dq[0], ddq[0])]
-    return {
+    report = {
         "samples": len(q),
         "position": position.tolist(),
         "velocity": velocity.tolist(),
@@ -171,3 +178,8 @@ def verify(trajectory: FourierTrajectory, limits: ExcitationLimits, rate_hz: flo
         "within_limits": bool(max(position.max(), velocity.max(), acceleration.max()) <= 1.0 + 1e-9),
         "within_paper_limits": bool(excess.max() <= 1.0 and max(rest) < 1e-9),
     }
+    if torque_of is not None:
+        torque = np.max(np.abs(torque_of(q, dq, ddq)), axis=0) / limits.torque_nm
+        report["torque"] = torque.tolist()
+        report["within_limits"] = bool(report["within_limits"] and torque.max() <= 1.0)
+    return report

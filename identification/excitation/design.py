@@ -24,20 +24,22 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
-from identification.excitation.constraints import (
-    verify,
-)
+from identification.estimators.physical import PhysicalParameters
+from identification.excitation.constraints import verify
+from identification.excitation.detectability_term import WORST_CONDITION, DetectabilityTerm
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.local_search import DesignSettings, LocalSearch, Problem
-from identification.excitation.objective import (
-    BaseMatrix,
-    achieved_figures,
-    mixture_weights,
-)
+from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
+from identification.excitation.objective import DETECTABILITY, BaseMatrix, achieved_figures, mixture_weights
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
+
+_TRIALS = 8
+"""Random motions on which it is found out which effects can be seen at all."""
+_RANKING_RATE_HZ = 40.0
+_RANKING_SIGN_WIDTH = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +74,17 @@ def design_excitation(
     progress: Callable[[DesignProgress], None] | None = None,
     clock: Callable[[], float] | None = None,
     acceptable: Callable[[FourierTrajectory], bool] | None = None,
+    nominal: PhysicalParameters | None = None,
 ) -> DesignResult:
     """Design a trajectory for `robot` inside `limits`, problem (14) or with the true limits.
 
     progress: called in this process after every local search. clock: seconds, e.g. time.monotonic, for `budget_s`.
-    acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned.
+    acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned. nominal: what the arm
+    is taken to be; with the true limits its torque is bounded too, and the detectability of effects needs it.
     Raises DesignError when limits and robot do not fit, or no candidate is accepted and verified.
     """
     settings = settings or DesignSettings()
-    problem = _problem(robot, limits, settings)
+    problem = _problem(robot, limits, settings, nominal)
     began = 0.0 if clock is None else clock()
     history: list[DesignProgress] = []
     candidates: dict[int, tuple[float, FloatArray]] = {}
@@ -110,7 +114,7 @@ def design_excitation(
                 history.append(event)
                 if progress is not None:
                     progress(event)
-    return _best_result(robot, problem, candidates, history, acceptable)
+    return _best_result(robot, problem, candidates, history, acceptable, nominal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,14 +137,38 @@ class _Outcome:
 _Run = Callable[[Sequence[_Task], Callable[[], bool]], Iterator[_Outcome]]
 
 
-def _problem(robot: RobotModel, limits: ExcitationLimits, settings: DesignSettings) -> Problem:
+def _problem(
+    robot: RobotModel, limits: ExcitationLimits, settings: DesignSettings, nominal: PhysicalParameters | None
+) -> Problem:
     if limits.joints != robot.n:
         raise DesignError(f"The limits are for {limits.joints} joints, but {robot.name} has {robot.n}.")
     offset = np.zeros(robot.n) if settings.offset_rad is None else np.array(settings.offset_rad, dtype=np.float64)
     if offset.shape != (robot.n,) or not np.all(np.isfinite(offset)):
         raise DesignError(f"The offset needs one finite number for each of the {robot.n} joints.")
     limits.reach(offset)
-    return Problem(BaseMatrix(robot), limits, settings, offset)
+    if settings.noise_nm is not None and len(settings.noise_nm) != robot.n:
+        raise DesignError(f"The torque noise needs one positive number for each of the {robot.n} joints, Nm.")
+    problem = Problem(BaseMatrix(robot), limits, settings, offset)
+    values = None if nominal is None else searched_base_values(robot, nominal)
+    if values is not None and settings.limits == "true" and np.any(np.isfinite(limits.torque_nm)):
+        problem = replace(problem, torque=TorqueLimit(values, limits.torque_nm))
+    if DETECTABILITY not in mixture_weights(settings.objective):
+        return problem
+    if values is None or settings.noise_nm is None:
+        raise DesignError(
+            "Detectability needs a prior of the arm and its torque noise; give a model with --model and --noise."
+        )
+    whole = DetectabilityTerm.of_robot(
+        robot.kinematics, values, np.array(settings.noise_nm), 1000.0 * settings.period_s * settings.periods
+    )
+    search = LocalSearch(replace(problem, settings=replace(settings, objective="cond")))
+    times = np.arange(settings.samples) * (settings.period_s / settings.samples)
+    trials = []
+    for trial in range(_TRIALS):
+        a, b = np.split(search.random_start(np.random.default_rng([settings.seed, _TRIALS, trial])), 2, axis=1)
+        motion = FourierTrajectory(1.0 / settings.period_s, a, b, offset).evaluate(times)
+        trials.append(whole.strengths(problem.base.samples(*motion)))
+    return replace(problem, detectability=whole.reachable(trials))
 
 
 _worker_search: LocalSearch | None = None
@@ -213,15 +241,23 @@ def _one_blas_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _figure(objective: str, achieved: dict[str, float]) -> float:
-    """The achieved value of what was asked for, as `criterion_of` mixes it, smaller is better."""
+def _figure(problem: Problem, trajectory: FourierTrajectory, achieved: dict[str, float]) -> float:
+    """The achieved value of what was asked for, as `terms_of` mixes it, smaller is better."""
     size = achieved["parameters"]
+    weighted = "" if problem.settings.noise_nm is None else "weighted_"
     terms = {
-        "cond": np.log(achieved["cond"]),
-        "d": -0.5 * achieved["log_det"] / size,
-        "a": 0.5 * np.log(achieved["trace_inverse"] / size),
+        "cond": float(np.log(achieved["cond"])),
+        "d": -0.5 * achieved[f"{weighted}log_det"] / size,
+        "a": 0.5 * float(np.log(achieved[f"{weighted}trace_inverse"] / size)),
     }
-    return float(sum(weight * terms[name] for name, weight in mixture_weights(objective).items()))
+    bound = 0.0
+    if problem.detectability is not None:
+        times = np.arange(round(_RANKING_RATE_HZ * trajectory.period_s)) / _RANKING_RATE_HZ
+        samples = problem.base.samples(*trajectory.evaluate(times), _RANKING_SIGN_WIDTH)
+        terms[DETECTABILITY] = problem.detectability(samples)[0]
+        bound = max(0.0, terms["cond"] - float(np.log(WORST_CONDITION))) ** 2
+    weights = mixture_weights(problem.settings.objective)
+    return bound + float(sum(weight * terms[name] for name, weight in weights.items()))
 
 
 def _best_result(
@@ -230,18 +266,21 @@ def _best_result(
     candidates: dict[int, tuple[float, FloatArray]],
     history: list[DesignProgress],
     acceptable: Callable[[FourierTrajectory], bool] | None,
+    nominal: PhysicalParameters | None,
 ) -> DesignResult:
     settings, limits = problem.settings, problem.limits
     regressor = BaseRegressor(robot)
+    noise = None if settings.noise_nm is None else np.array(settings.noise_nm)
+    torque_of = None if problem.torque is None or nominal is None else foreseen_torque(regressor, nominal)
     ranked: list[tuple[float, int, FourierTrajectory, dict[str, float]]] = []
     for start, (_, coefficients) in candidates.items():
         a, b = np.split(coefficients, 2, axis=1)
         trajectory = FourierTrajectory(1.0 / settings.period_s, a, b, problem.offset, robot.name)
-        achieved = achieved_figures(regressor, trajectory)
-        ranked.append((_figure(settings.objective, achieved), start, trajectory, achieved))
+        achieved = achieved_figures(regressor, trajectory, noise_nm=noise)
+        ranked.append((_figure(problem, trajectory, achieved), start, trajectory, achieved))
     # The search smooths sign() and takes few samples; what is promised is ranked by the true figures.
     for _, start, trajectory, achieved in sorted(ranked, key=lambda entry: entry[:2]):
-        verified = verify(trajectory, limits)
+        verified = verify(trajectory, limits, torque_of=torque_of)
         if not verified["within_limits" if settings.limits == "true" else "within_paper_limits"]:
             continue
         if acceptable is not None and not acceptable(trajectory):

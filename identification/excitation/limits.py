@@ -1,7 +1,7 @@
 """Limits an excitation trajectory is designed for: the value object and where its numbers come from.
 
-Here: positions, velocities and accelerations per joint, from the package's table for the iiwa robots or from what a
-URDF states. Not here: the guard's limits with margins (`safety.limits`); callers pass those in as arrays.
+Here: positions, velocities, accelerations and torques per joint, from the package's table for the iiwa robots or from
+what a URDF states. Not here: the guard's limits with margins (`safety.limits`); callers pass those in as arrays.
 """
 
 from __future__ import annotations
@@ -24,24 +24,27 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ExcitationLimits:
-    """Limits of n joints, each array (n,): position rad, velocity rad/s, acceleration rad/s².
+    """Limits of n joints, each array (n,): position rad, velocity rad/s, acceleration rad/s², torque Nm.
 
-    Acceleration may be infinite where nobody states one. Raises DesignError naming the joint whose numbers are
-    unusable (not finite, or an empty range).
+    Acceleration and torque may be infinite where nobody states one; no torque: infinite. Raises DesignError naming the
+    joint whose numbers are unusable (not finite, or an empty range).
     """
 
     position_lower: FloatArray
     position_upper: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    torque: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Bring the arrays to float64 and check them once."""
-        names = ("position_lower", "position_upper", "velocity", "acceleration")
+        if self.torque is None:
+            object.__setattr__(self, "torque", np.full(np.shape(self.velocity), np.inf))
+        names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
         arrays = [np.array(getattr(self, name), dtype=np.float64) for name in names]
         n = arrays[0].shape
         if len(n) != 1 or any(array.shape != n for array in arrays):
-            raise DesignError("the limits must be four arrays with one number for each joint")
+            raise DesignError("the limits must be arrays with one number for each joint")
         for name, array in zip(names, arrays, strict=True):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -49,11 +52,19 @@ class ExcitationLimits:
             low, high = arrays[0][joint], arrays[1][joint]
             if not (np.isfinite(low) and np.isfinite(high) and low < high):
                 raise DesignError(f"joint {joint + 1} has no usable position range: {low:g} to {high:g} rad")
+            if not arrays[4][joint] > 0.0:
+                raise DesignError(f"joint {joint + 1} has no usable torque limit: {arrays[4][joint]:g} Nm")
             if not (np.isfinite(arrays[2][joint]) and arrays[2][joint] > 0.0 and arrays[3][joint] > 0.0):
                 raise DesignError(
                     f"joint {joint + 1} has no usable velocity or acceleration limit: {arrays[2][joint]:g} rad/s, "
                     f"{arrays[3][joint]:g} rad/s²"
                 )
+
+    @property
+    def torque_nm(self) -> FloatArray:
+        """(n,) torque limits, infinite where none is known."""
+        assert self.torque is not None, "set when the value is built"
+        return self.torque
 
     @property
     def joints(self) -> int:
@@ -77,6 +88,7 @@ class ExcitationLimits:
             "position_upper_rad": self.position_upper.tolist(),
             "velocity_rad_s": self.velocity.tolist(),
             "acceleration_rad_s2": [float(x) if np.isfinite(x) else None for x in self.acceleration],
+            "torque_nm": [float(x) if np.isfinite(x) else None for x in self.torque_nm],
         }
 
 
@@ -97,11 +109,12 @@ def iiwa_limits(robot: str) -> ExcitationLimits:
         np.deg2rad(column["position_upper_deg"]),
         np.deg2rad(column["velocity_deg_s"]),
         column["acceleration_rad_s2"],
+        column["torque_nm"],
     )
 
 
 def limits_of_robot(robot: RobotModel) -> ExcitationLimits:
-    """The table for an iiwa by name, else the URDF's positions and velocities (acceleration unlimited).
+    """The table for an iiwa by name, else the URDF's positions, velocities and efforts (acceleration unlimited).
 
     Raises DesignError naming the first joint whose URDF states no usable limit.
     """
@@ -112,4 +125,6 @@ def limits_of_robot(robot: RobotModel) -> ExcitationLimits:
         np.asarray(robot.position_upper, dtype=np.float64),
         np.asarray(robot.velocity, dtype=np.float64),
         np.full(robot.n, np.inf),
+        # A URDF must state an effort; many state 0 for "not known".
+        np.where(np.asarray(robot.effort) > 0.0, robot.effort, np.inf),
     )

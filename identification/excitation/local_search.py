@@ -24,8 +24,17 @@ from identification.excitation.constraints import (
     repaired,
     rest_null_space,
 )
+from identification.excitation.detectability_term import DetectabilityTerm, bounded_condition
 from identification.excitation.limits import ExcitationLimits
-from identification.excitation.objective import SIGN_WIDTH_RAD_S, BaseMatrix, FourierObjective, mixture_weights
+from identification.excitation.nominal import TorqueLimit
+from identification.excitation.objective import (
+    SIGN_WIDTH_RAD_S,
+    BaseMatrix,
+    FourierObjective,
+    Term,
+    mixture_weights,
+    terms_of,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,11 +63,13 @@ STAGES = (Stage(1.0, 50, 0.55), Stage(0.25, 100, 0.75, 2), Stage(0.08, 150, 0.85
 class DesignSettings:
     """What to design.
 
-    objective: "cond", "d", "a" or a mix such as "cond:1,d:2". limits: "paper" = (14c-g), corrected; "true" = |q|, |q̇|,
-    |q̈| along the path.
+    objective: "cond", "d", "a", "detectability" or a mix such as "cond:1,d:2". limits: "paper" = (14c-g), corrected;
+    "true" = |q|, |q̇|, |q̈| along the path, and |τ| where a prior of the arm foresees it.
     budget_s: no new local search begins after this time (needs a clock); without it all starts run, and the result
     depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
-    offset_rad: centre of each joint's motion, zero by default.
+    offset_rad: centre of each joint's motion, zero by default. noise_nm: torque noise of each joint per sample at
+    1 kHz, by which D, A and detectability weigh the rows; None weighs all alike. periods: of the run effects shall
+    show in.
     """
 
     objective: str = "cond"
@@ -71,6 +82,8 @@ class DesignSettings:
     processes: int = 2
     samples: int = 64
     offset_rad: tuple[float, ...] | None = None
+    noise_nm: tuple[float, ...] | None = None
+    periods: int = 16
     stages: tuple[Stage, ...] = STAGES
 
     def __post_init__(self) -> None:
@@ -82,6 +95,8 @@ class DesignSettings:
             raise DesignError(f"The period must be a positive number of seconds, not {self.period_s}.")
         if self.harmonics < 3 or self.starts < 1 or self.processes < 1:
             raise DesignError("A design needs at least 3 harmonics, one start and one process.")
+        if self.noise_nm is not None and not all(np.isfinite(x) and x > 0.0 for x in self.noise_nm):
+            raise DesignError("The torque noise needs one positive number for each joint, Nm.")
         if self.samples < 4 * self.harmonics:
             raise DesignError(f"{self.samples} samples cannot resolve {self.harmonics} harmonics; take more.")
 
@@ -94,6 +109,16 @@ class Problem:
     limits: ExcitationLimits
     settings: DesignSettings
     offset: FloatArray
+    detectability: DetectabilityTerm | None = None
+    torque: TorqueLimit | None = None
+
+    def terms(self) -> tuple[Term, ...]:
+        """What is minimised: the objective, and what keeps torque and condition number within bounds."""
+        noise = None if self.settings.noise_nm is None else np.array(self.settings.noise_nm)
+        terms = terms_of(self.settings.objective, noise, self.detectability)
+        if self.detectability is not None:
+            terms += (bounded_condition,)
+        return terms if self.torque is None else (*terms, self.torque)
 
     def constraints(self) -> Constraints:
         """The set (14) or the true limits, for this problem."""
@@ -112,10 +137,11 @@ class LocalSearch:
         self._basis = rest_null_space(settings.harmonics)
         self._scale = problem.limits.velocity[:, None]
         self._offset = problem.offset
+        terms = problem.terms()
         self._objectives = {
             fineness: FourierObjective(
                 problem.base,
-                settings.objective,
+                terms,
                 1.0 / settings.period_s,
                 settings.harmonics,
                 settings.samples * fineness,

@@ -1,14 +1,15 @@
 """What a trajectory is worth for identification: scalars of the stacked base regressor, with exact gradients.
 
 Here: log cond(Y_b) of eq. (13), the D criterion -log det(Y_bᵀ Y_b), the A criterion log trace((Y_bᵀ Y_b)⁻¹) and
-weighted mixes of them, each with ∂/∂Y_b in closed form; the chain rule down to the coefficients of eq. (12). Not here:
-bounds (`constraints`) and the search (`design`). Called by `design`, by its tests, and by whoever wants the figures of
-a trajectory.
+weighted mixes of them, each with ∂/∂Y_b in closed form; the chain rule down to the coefficients of eq. (12), also for
+terms from elsewhere. Not here: those terms (`detectability_term`, `nominal`), bounds (`constraints`) and the search
+(`design`). Called by `design`, by its tests, and by whoever wants the figures of a trajectory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory, fourier_basis
-from identification.excitation.regressor_adjoint import ChainRegressor
+from identification.excitation.regressor_adjoint import ChainMotion, ChainRegressor
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
@@ -65,13 +66,17 @@ CRITERIA: dict[str, Criterion] = {
     "d": negative_log_determinant,
     "a": log_trace_of_inverse,
 }
-"""The single objectives by the names of `design --objective`."""
+"""The objectives of the base regressor alone, by the names of `design --objective`."""
+
+DETECTABILITY = "detectability"
+"""Name of the objective that needs a prior of the arm, see `detectability_term`."""
 
 
 def mixture_weights(text: str) -> dict[str, float]:
     """The weights of an objective's text: "cond", or a mix such as "cond:1,d:2" ("cond,d" weighs all alike).
 
-    Raises DesignError for a name that is none of `CRITERIA`, a weight that is not positive, or a name given twice.
+    Raises DesignError for a name that is neither of `CRITERIA` nor `DETECTABILITY`, for a weight that is not positive,
+    or for a name given twice.
     """
     weights: dict[str, float] = {}
     for part in text.split(","):
@@ -80,24 +85,26 @@ def mixture_weights(text: str) -> dict[str, float]:
             value = float(weight) if weight else 1.0
         except ValueError:
             value = np.nan
-        if name not in CRITERIA or name in weights or not (np.isfinite(value) and value > 0.0):
+        if name not in (*CRITERIA, DETECTABILITY) or name in weights or not (np.isfinite(value) and value > 0.0):
             raise DesignError(
-                f"Unknown objective '{text}'; known are {', '.join(CRITERIA)} and mixes such as 'cond:1,d:2'."
+                f"Unknown objective '{text}'; known are {', '.join((*CRITERIA, DETECTABILITY))} and mixes such as "
+                "'cond:1,d:2'."
             )
         weights[name] = value
     return weights
 
 
 def criterion_of(text: str) -> Criterion:
-    """The criterion of an objective's text, see `mixture_weights`.
+    """The criterion of an objective's text, see `mixture_weights`; without detectability, which is no function of G.
 
     A mix adds its terms as logarithms that can be compared, each larger by 0.1 when 10 % worse: log cond, the mean of
     log σ over the p parameters (-log det / 2p), and the logarithm of the root mean square of σ (½ log(trace / p)).
     """
     weights = mixture_weights(text)
-    if len(weights) == 1:
-        return CRITERIA[next(iter(weights))]
+    return CRITERIA[next(iter(weights))] if len(weights) == 1 else _mix(weights)
 
+
+def _mix(weights: dict[str, float]) -> Criterion:
     def mix(gram: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = 0.0, np.zeros_like(gram)
         for name, weight in weights.items():
@@ -110,6 +117,72 @@ def criterion_of(text: str) -> Criterion:
         return value, gradient
 
     return mix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """What a term of the objective sees: position, velocity (S, n), smoothed sign of the velocity and the speed over
+    which it is smoothed, and Y_b of these samples, matrix (S, n, p), in the order of `BaseMatrix`.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    sign: FloatArray
+    sign_width_rad_s: float
+    matrix: FloatArray
+
+
+Term = Callable[[Samples], tuple[float, FloatArray, FloatArray, FloatArray]]
+"""Value, and gradients in the matrix (S, n, p), and besides in position and velocity (S, n) with the matrix fixed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GramTerm:
+    """A criterion of Gᵀ = Yᵀ W Y as a term. noise_nm: (n,) deviation of each joint's rows, W = 1/noise²; None for 1."""
+
+    criterion: Criterion
+    noise_nm: FloatArray | None = None
+
+    def __call__(self, samples: Samples) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """See `Term`; nothing besides the matrix."""
+        scale = np.ones(samples.matrix.shape[1]) if self.noise_nm is None else 1.0 / self.noise_nm
+        stacked = (samples.matrix * scale[:, None]).reshape(-1, samples.matrix.shape[2])
+        value, inner = self.criterion(stacked.T @ stacked)
+        nothing = np.zeros_like(samples.velocity)
+        return value, (stacked @ inner).reshape(samples.matrix.shape) * scale[:, None], nothing, nothing
+
+
+def terms_of(text: str, noise_nm: FloatArray | None = None, detectability: Term | None = None) -> tuple[Term, ...]:
+    """The terms of an objective's text. With noise_nm (n,) the D and A criteria weigh each joint's rows by 1/noise².
+
+    cond stays that of Y_b as it is, eq. (13). detectability: the term of that name, needed where the text has it.
+    """
+    weights = mixture_weights(text)
+    terms: list[Term] = []
+    wanted = weights.pop(DETECTABILITY, None)
+    if wanted is not None:
+        assert detectability is not None, "the design refuses this objective without a prior"
+        terms.append(_Scaled(detectability, wanted))
+    elif len(weights) == 1 or noise_nm is None:
+        noisy = noise_nm if "cond" not in weights else None
+        return (GramTerm(criterion_of(text), noisy),)
+    plain = {name: weight for name, weight in weights.items() if name == "cond" or noise_nm is None}
+    weighed = {name: weight for name, weight in weights.items() if name not in plain}
+    terms += [GramTerm(_mix(part), noise) for part, noise in ((plain, None), (weighed, noise_nm)) if part]
+    return tuple(terms)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scaled:
+    """A term times a weight."""
+
+    term: Term
+    weight: float
+
+    def __call__(self, samples: Samples) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        value, *gradients = self.term(samples)
+        by_matrix, by_position, by_velocity = (self.weight * gradient for gradient in gradients)
+        return self.weight * value, by_matrix, by_position, by_velocity
 
 
 class BaseMatrix:
@@ -130,30 +203,46 @@ class BaseMatrix:
         """Y_b of S samples, (S, n, p): inertial base columns, then FV_1..n, then FS_1..n. sign: (S, n), of q̇."""
         return self._with_friction(self.chain.matrix(self.chain.motion(q, dq, ddq)), dq, sign)
 
+    def samples(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, sign_width_rad_s: float = SIGN_WIDTH_RAD_S
+    ) -> Samples:
+        """What terms see of a motion, each argument (S, n)."""
+        return self._samples(self.chain.motion(q, dq, ddq), q, dq, sign_width_rad_s)
+
+    def _samples(self, motion: ChainMotion, q: FloatArray, dq: FloatArray, sign_width_rad_s: float) -> Samples:
+        smooth = np.tanh(dq / sign_width_rad_s)
+        matrix = self._with_friction(self.chain.matrix(motion), dq, smooth)
+        return Samples(q, dq, smooth, sign_width_rad_s, matrix)
+
     def value_and_gradient(
         self,
         q: FloatArray,
         dq: FloatArray,
         ddq: FloatArray,
-        criterion: Criterion,
+        terms: Sequence[Term],
         sign_width_rad_s: float = SIGN_WIDTH_RAD_S,
     ) -> tuple[float, tuple[FloatArray, FloatArray, FloatArray]]:
-        """The criterion with smoothed sign and its gradients in q, q̇, q̈, each (S, n)."""
-        smooth = np.tanh(dq / sign_width_rad_s)
+        """The sum of the terms with smoothed sign and its gradients in q, q̇, q̈, each (S, n); infinite with zeros."""
         motion = self.chain.motion(q, dq, ddq)
-        stacked = self._with_friction(self.chain.matrix(motion), dq, smooth).reshape(-1, self.size)
-        value, inner = criterion(stacked.T @ stacked)
-        weights = (stacked @ inner).reshape(len(q), self.n, self.size)
+        samples = self._samples(motion, q, dq, sign_width_rad_s)
+        value, weights, direct_q, direct_dq = 0.0, np.zeros_like(samples.matrix), np.zeros_like(q), np.zeros_like(q)
+        for term in terms:
+            part, by_matrix, by_position, by_velocity = term(samples)
+            if not np.isfinite(part):
+                return np.inf, (np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
+            value, weights = value + part, weights + by_matrix
+            direct_q, direct_dq = direct_q + by_position, direct_dq + by_velocity
         inertial = np.zeros((len(q), self.n, 10 * self.n))
         inertial[:, :, self.columns] = weights[:, :, : len(self.columns)]
         by_q, by_dq, by_ddq = self.chain.gradient(motion, inertial)
+        by_q, by_dq = by_q + direct_q, by_dq + direct_dq
         joints = np.arange(self.n)
         start = len(self.columns)
         if self.viscous:
             by_dq = by_dq + weights[:, joints, start + joints]
             start += self.n
         if self.coulomb:
-            by_dq = by_dq + weights[:, joints, start + joints] * (1.0 - smooth**2) / sign_width_rad_s
+            by_dq = by_dq + weights[:, joints, start + joints] * (1.0 - samples.sign**2) / sign_width_rad_s
         return value, (by_q, by_dq, by_ddq)
 
     def _with_friction(self, full: FloatArray, dq: FloatArray, sign: FloatArray) -> FloatArray:
@@ -170,19 +259,22 @@ class BaseMatrix:
 
 
 class FourierObjective:
-    """A criterion as a function of (a, b, offset) of eq. (12), sampled at equal steps over one period."""
+    """A sum of terms as a function of (a, b, offset) of eq. (12), sampled at equal steps over one period.
+
+    terms: an objective's text without detectability, or the terms themselves.
+    """
 
     def __init__(
         self,
         base: BaseMatrix,
-        criterion: str,
+        terms: str | Sequence[Term],
         fundamental_frequency_hz: float,
         harmonics: int,
         samples: int,
         sign_width_rad_s: float = SIGN_WIDTH_RAD_S,
     ) -> None:
         self._base = base
-        self._criterion = criterion_of(criterion)
+        self._terms = terms_of(terms) if isinstance(terms, str) else tuple(terms)
         self._sign_width = sign_width_rad_s
         times = np.arange(samples) / (samples * fundamental_frequency_hz)
         self._basis = fourier_basis(times, fundamental_frequency_hz, harmonics)
@@ -192,32 +284,34 @@ class FourierObjective:
         position, velocity, acceleration = self._basis
         c = coefficients.T
         value, (by_q, by_dq, by_ddq) = self._base.value_and_gradient(
-            position @ c + offset, velocity @ c, acceleration @ c, self._criterion, self._sign_width
+            position @ c + offset, velocity @ c, acceleration @ c, self._terms, self._sign_width
         )
         gradient = by_q.T @ position + by_dq.T @ velocity + by_ddq.T @ acceleration
         return value, gradient, by_q.sum(axis=0)
 
 
-def achieved_figures(base: BaseRegressor, trajectory: Trajectory, rate_hz: float = 100.0) -> dict[str, float]:
+def achieved_figures(
+    base: BaseRegressor, trajectory: Trajectory, rate_hz: float = 100.0, noise_nm: FloatArray | None = None
+) -> dict[str, float]:
     """What a trajectory achieves at the paper's 100 Hz with the true sign().
 
-    Keys: cond, log_det, trace_inverse, samples, parameters (p).
+    Keys: cond, log_det, trace_inverse, samples, parameters (p); with noise_nm (n,) also weighted_log_det and
+    weighted_trace_inverse of the rows divided by each joint's noise.
 
     cond is the ratio of the singular values of the (n S) × p matrix itself, not of its square; all by the regressor
     that fits use, not by the one the search differentiates.
     """
     samples = max(1, round(trajectory.period_s * rate_hz))
-    stacked, _ = base.stacked(*trajectory.evaluate(np.arange(samples) * (trajectory.period_s / samples)))
-    singular = np.linalg.svd(stacked, compute_uv=False)
-    if singular[-1] <= 0.0:
-        return {
-            "cond": float("inf"), "log_det": float("-inf"), "trace_inverse": float("inf"),
-            "samples": samples, "parameters": base.size,
-        }  # fmt: skip
-    return {
-        "cond": float(singular[0] / singular[-1]),
-        "log_det": float(2.0 * np.sum(np.log(singular))),
-        "trace_inverse": float(np.sum(singular**-2.0)),
-        "samples": samples,
-        "parameters": base.size,
-    }
+    stacked, joint = base.stacked(*trajectory.evaluate(np.arange(samples) * (trajectory.period_s / samples)))
+    figures: dict[str, float] = {"cond": np.inf, "samples": samples, "parameters": base.size}
+    kinds = {"": stacked}
+    if noise_nm is not None:
+        kinds["weighted_"] = stacked / noise_nm[joint][:, None]
+    for prefix, rows in kinds.items():
+        singular = np.linalg.svd(rows, compute_uv=False)
+        full = bool(singular[-1] > 0.0)
+        figures[f"{prefix}log_det"] = float(2.0 * np.sum(np.log(singular))) if full else -np.inf
+        figures[f"{prefix}trace_inverse"] = float(np.sum(singular**-2.0)) if full else np.inf
+        if full and not prefix:
+            figures["cond"] = float(singular[0] / singular[-1])
+    return figures

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory
+from identification.robots import RobotModel
 from identification.signals.periodic import PeriodicSettings, to_lines, torque_lines
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,6 +41,17 @@ class PredictedDeviations:
     torque_bandwidth_hz: float
 
 
+def torque_noise(robot: RobotModel, noise_nm: npt.ArrayLike | None = None) -> FloatArray:
+    """(n,) Nm per sample: what is given, or the iiwa's for seven joints. Raises DesignError for no such noise."""
+    n = robot.n
+    if noise_nm is None and n != len(DEFAULT_TORQUE_NOISE_NM):
+        raise DesignError(f"State the torque noise of the {n} joints of {robot.name}, Nm per sample.")
+    noise = np.asarray(DEFAULT_TORQUE_NOISE_NM if noise_nm is None else noise_nm, dtype=np.float64)
+    if noise.shape != (n,) or not np.all(np.isfinite(noise) & (noise > 0.0)):
+        raise DesignError(f"The torque noise needs one positive number for each of the {n} joints, Nm.")
+    return noise
+
+
 def predict_deviations(
     regressor: BaseRegressor,
     trajectory: Trajectory,
@@ -58,11 +70,7 @@ def predict_deviations(
     """
     settings = settings if settings is not None else PeriodicSettings()
     n = regressor.robot.n
-    if noise_nm is None and n != len(DEFAULT_TORQUE_NOISE_NM):
-        raise DesignError(f"State the torque noise of the {n} joints of {regressor.robot.name}, Nm per sample.")
-    noise = np.asarray(DEFAULT_TORQUE_NOISE_NM if noise_nm is None else noise_nm, dtype=np.float64)
-    if noise.shape != (n,) or not np.all(np.isfinite(noise) & (noise > 0.0)):
-        raise DesignError(f"The torque noise needs one positive number for each of the {n} joints, Nm.")
+    noise = torque_noise(regressor.robot, noise_nm)
     samples = round(trajectory.period_s * rate_hz)
     matrix = regressor.matrix(*trajectory.evaluate(np.arange(samples) / rate_hz))
     lines = torque_lines(samples, trajectory.period_s, settings)

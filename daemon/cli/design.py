@@ -1,0 +1,195 @@
+"""The command `design`: an excitation trajectory, and what a run of it will tell before the robot moves."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from identification.robots import BUILT_IN_ROBOTS, load_robot
+
+if TYPE_CHECKING:
+    from identification.excitation import DesignProgress, PredictedDeviations, ShownEffect, Trajectory
+
+
+@app.command()
+def design(
+    objective: Annotated[
+        str, typer.Option("--objective", help="cond, d, a, detectability, or a mix: cond:1,d:2.")
+    ] = "cond",
+    harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
+    period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
+    limits: Annotated[
+        str, typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen.")
+    ] = "paper",
+    robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
+    seed: Annotated[int, typer.Option("--seed")] = 0,
+    budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,
+    table: Annotated[bool, typer.Option("--table", help="Also write the 1 kHz table into the file.")] = False,
+    periods: Annotated[int, typer.Option("--periods", min=1, help="Periods of the run that σ is predicted for.")] = 16,
+    noise: Annotated[
+        str | None,
+        typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,… Weighs d and a."),
+    ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="MODEL.json", help="What the arm is taken to be; default: URDF, or Table 3."),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            "--reference",
+            help="Instead, a motion to score models on: excitation, sine_series, polynomial_10 or polynomial_20.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Trajectory to write; default: excitation.json.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Design an excitation trajectory, the problem (13)/(14) of the paper, from many seeded starts.
+
+    Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
+    """
+    from daemon.preparation import is_safe_motion
+    from identification.base_parameters import BaseRegressor
+    from identification.excitation import (
+        DETECTABILITY,
+        DesignSettings,
+        design_excitation,
+        effects_shown,
+        limits_of_robot,
+        mixture_weights,
+        nominal_parameters,
+        predict_deviations,
+        reference_trajectory,
+        torque_noise,
+    )
+
+    model = load_robot(robot)
+    # Only the built-in arms have a geometry to check self-collision and workspace on.
+    acceptable = is_safe_motion if model.name in BUILT_IN_ROBOTS else None
+    target = out or Path("excitation.json" if reference is None else f"{reference}.json")
+    motion: Trajectory
+    if reference is not None:
+        motion = reference_trajectory(
+            reference,  # type: ignore[arg-type]  # refused with a sentence
+            limits_of_robot(model),
+            seed,
+            robot=model,
+            acceptable=acceptable,
+        )
+        document = _write(motion, target, table)
+        if json_file is not None:
+            write_json(json_file, document)
+        if not wants_json_on_stdout(json_file):
+            data(f"Reference motion '{reference}' of {motion.period_s:g} s for {model.name} written to {target}")
+        return
+    noise_nm = None
+    if noise is not None or model.name in BUILT_IN_ROBOTS:
+        noise_nm = torque_noise(model, None if noise is None else read_noise(noise))
+    for_effects = DETECTABILITY in mixture_weights(objective)
+    weighing = noise_nm if noise is not None or for_effects else None
+    settings = DesignSettings(
+        objective=objective,
+        harmonics=harmonics,
+        period_s=period,
+        limits=limits,  # type: ignore[arg-type]  # DesignSettings refuses other texts with a sentence
+        seed=seed,
+        budget_s=budget,
+        noise_nm=None if weighing is None else tuple(weighing.tolist()),
+        periods=periods,
+    )
+    nominal = nominal_parameters(model, prior)
+    result = design_excitation(
+        model,
+        limits_of_robot(model),
+        settings,
+        progress=_show_progress,
+        clock=time.monotonic,
+        acceptable=acceptable,
+        nominal=nominal,
+    )
+    motion = result.trajectory
+    document = _write(motion, target, table)
+    regressor = BaseRegressor(model)
+    predicted: PredictedDeviations | None = None
+    effects: tuple[ShownEffect, ...] = ()
+    if noise_nm is not None:
+        predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods)
+        if for_effects and nominal is not None:
+            effects = effects_shown(regressor, motion, nominal, noise_nm, periods)
+    if json_file is not None:
+        rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
+        promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
+        write_json(
+            json_file, {**document, "predicted_std": promised, "effects": [_effect_json(item) for item in effects]}
+        )
+    if not wants_json_on_stdout(json_file):
+        data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
+        for key, value in result.verified.items():
+            data(f"  {key}: {value}")
+        _show_predicted(predicted)
+        if effects:
+            _show_effects(effects, periods)
+
+
+def read_noise(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Numbers between commas; whether they fit the robot is judged by `torque_noise`."""
+    try:
+        return np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise typer.BadParameter(f"--noise '{text}' is no list of numbers such as 0.17,0.17,0.12") from error
+
+
+def _write(trajectory: Trajectory, target: Path, table: bool) -> dict[str, Any]:
+    document = trajectory.to_json(table_rate_hz=1000.0 if table else None)
+    target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return document
+
+
+def _show_progress(step: DesignProgress) -> None:
+    message(f"stage {step.stage}/{step.stages}, search {step.done}/{step.planned}: best {step.best:.2f}")
+
+
+def _show_predicted(predicted: PredictedDeviations | None) -> None:
+    if predicted is None:
+        data("No σ is predicted: state the torque noise of each joint with --noise.")
+        return
+    noise = ", ".join(f"{x:g}" for x in predicted.noise_nm)
+    data(f"σ that {predicted.periods} periods will give, torque noise {noise} Nm:")
+    for name, std, unit in zip(predicted.names, predicted.std, predicted.units, strict=True):
+        data(f"  {name:<8} {std:.2g} {unit}")
+
+
+def _show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
+    """The ones that show least, and how many show."""
+    from identification.excitation import TOOL_STRENGTH
+
+    seen = sum(item.strength >= TOOL_STRENGTH for item in effects)
+    data(
+        f"Missing physics in {periods} periods: {seen} of {len(effects)} effects of plausible size reach the λ of "
+        f"{TOOL_STRENGTH:.0f} that a diagnosis asks for. The twelve that show least:"
+    )
+    shown = Table("effect", "joint", "plausible size", "λ", "smallest, λ = 24", "smallest, diagnosis", "looks like")
+    for item in sorted(effects, key=lambda item: item.strength)[:12]:
+        shown.add_row(
+            item.effect,
+            str(item.joint) + (f" from {item.other_joint}" if item.other_joint else ""),
+            f"{item.size:g} {item.unit}",
+            f"{item.strength:.3g}",
+            f"{item.smallest_oracle:.2g}",
+            f"{item.smallest_tool:.2g}",
+            f"{item.alike} ({item.cosine:.2f})" if item.alike else "",
+        )
+    show_table(shown)
+
+
+def _effect_json(effect: ShownEffect) -> dict[str, Any]:
+    return {key: None if value == float("inf") else value for key, value in asdict(effect).items()}
