@@ -15,7 +15,7 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.findings import Curve, Diagnosis, Finding, HeldOut, TimeSeries
 from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.motion_sections import spectrum_panel
-from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
+from identification.report.numbers import chance, joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
 __all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
 
@@ -116,7 +116,7 @@ def _finding_facts(finding: Finding) -> Iterable[tuple[str, str]]:
         share = "all" if finding.share_removed >= 1.0 else f"{rounded(100 * finding.share_removed, 2)} %"
         yield "Explains", f"{share} of the misfit's energy on its joints"
     yield "Hidden in the parameters", f"{rounded(100 * finding.absorbed_fraction)} % of it, had it not been modelled"
-    yield "Chance of this by noise alone", _probability(finding.significance)
+    yield "Chance of this by noise alone", chance(finding.significance)
     yield "Score", f"{rounded(finding.score)} (log-likelihood)"
     yield from _where(finding.where)
 
@@ -336,10 +336,6 @@ def _some(places: Sequence[str]) -> str:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else math.nan
-
-
-def _probability(value: float) -> str:
-    return "below 1e−6" if value < 1e-6 else rounded(value, 2)
 
 
 def _intervals(low: Iterable[float], high: Iterable[float]) -> list[str]:

@@ -53,6 +53,11 @@ def listed(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
 
 
+def chance(probability: float) -> str:
+    """A probability; how far below one in a million it is, nobody needs."""
+    return "below 1e−6" if probability < 1e-6 else rounded(probability, 2)
+
+
 def unit_of(text: str) -> str:
     """A unit as it is printed: "kg m²" for "kg m^2"."""
     return text.replace("^2", "²")

@@ -12,6 +12,7 @@ from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsTable
 from identification.mismatch.findings import Diagnosis
 from identification.recordings.recording import Recording
+from identification.report.comparison_section import comparison_section
 from identification.report.diagnosis_sections import diagnosis_sections, tone_of, verdict_sentence
 from identification.report.document import Document, Section
 from identification.report.model_sections import (
@@ -87,7 +88,9 @@ def build_document(
     stretches, what = _stretches(fit, diagnosis, recordings)
     robot = robot if robot is not None or fit is None else fit.robot
     answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
-    sections: list[Section | None] = [] if diagnosis is None else [*diagnosis_sections(diagnosis)]
+    sections: list[Section | None] = []
+    if diagnosis is not None:
+        sections += [comparison_section(diagnosis.model_comparison), *diagnosis_sections(diagnosis)]
     sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
     if model.get("base_parameters"):
         sections += [rms_section(model, validation), residual_section(stretches, what), parameter_section(model)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from identification.mismatch.baseline import LinkDeviation, ModelComparison, ParameterDeviation
 from identification.mismatch.effects.base import Parameter, Place
 from identification.mismatch.findings import (
     Alternative,
@@ -200,3 +201,16 @@ def test_a_change_between_periods_and_an_effect_of_the_whole_arm_have_a_page_too
     assert "torque sensor drift" in page
     assert "base tilt" in page
     assert ">nan" not in page
+
+
+def test_a_given_model_is_judged_first_link_by_link() -> None:
+    parts = [np.full(JOINTS, value) for value in (3.0, 2.9, 0.2, 0.1)]
+    off = ParameterDeviation("MY_2", 2, 1.0, 1.4, 0.01, "kg m", 2.9)
+    fine = ParameterDeviation("MX_3", 3, 0.1, 0.101, 0.01, "kg m", 0.01)
+    links = (LinkDeviation(2, 0.0, 2.9), LinkDeviation(3, 0.6, 0.01))
+    comparison = ModelComparison("cell.urdf", *parts, (off, fine), links)
+    found = sections_of(diagnosis(model_comparison=comparison))
+    assert next(iter(found)) == "comparison"
+    assert table(found["comparison"], "refute") == {"MY_2": ("2", "1.000", "1.400", "0.010", "−40", "kg m")}
+    assert table(found["comparison"], "links")["3"] == ("right within σ", "0.0100", "0.60")
+    assert table(found["comparison"], "RMS")["left with its parameters put right"] == ("0.200", "0.200", "0.200")
