@@ -75,7 +75,7 @@ def diagnose_recordings(
     write_bytes_atomically(str(result_file), text.encode())
     model_file = write_model(model, out / model_name)
     report_file = out / "report.html"
-    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout)
+    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=arm)
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
 
 
