@@ -28,6 +28,8 @@ JOINT_STEPS = 8
 # Step of a derivative, as a share of the parameter (of its range where that is linear); gain that ends a refinement.
 SLOPE = 1e-3
 WORTH_IT = 0.05
+# Turns in which a nonlinear parameter that equals the coefficient follows it; each gains about a factor of ten.
+TURNS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +95,8 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
     parameters = member.effect.shape_parameters(motion, member.place)
     if not parameters:
         return member
+    if all(parameter.tied for parameter in parameters):
+        return _followed(problem, library, member, parameters)
     best, best_score = member, score_of(problem, member)
     for _ in range(rounds if len(parameters) > 1 else 1):
         before = best_score
@@ -104,6 +108,20 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
         if best_score - before < WORTH_IT:
             break
     return _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
+
+
+def _followed(
+    problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]
+) -> Member:
+    """The member whose nonlinear parameters equal its coefficient, by fixed-point iteration from where it is."""
+    for _ in range(TURNS):
+        (coefficient,), _ = estimate_of(problem, member)
+        wanted = {item.name: min(max(float(coefficient), item.lower), item.upper) for item in parameters}
+        _, moved = _moved(problem, library, member, wanted)
+        if moved is None:
+            break
+        member = moved
+    return member
 
 
 def _together(

@@ -61,7 +61,8 @@ class Parameter:
 class ShapeParameter:
     """One nonlinear parameter: the grid of the search and the bounds of its refinement, in `unit`.
 
-    integer: refine to whole numbers only (an order, a link).
+    integer: refine to whole numbers only (an order, a link). tied: it always equals the effect's one coefficient; the
+    columns are then the chord of a torque that is not linear in the coefficient.
     """
 
     name: str
@@ -71,6 +72,7 @@ class ShapeParameter:
     upper: float
     integer: bool = False
     logarithmic: bool = True
+    tied: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -146,14 +146,22 @@ def rotor_reactions(motion: Motion) -> FloatArray:
     return result
 
 
-def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
-    """Torque on all joints, (S, n), when a joint's true position is the measured one plus this (S,), first order.
+def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray, size: float = 0.0) -> FloatArray:
+    """Torque on all joints, (S, n), per unit of the size c when a joint's true position is the measured one plus c h.
 
-    With the velocity and the acceleration of the displacement: ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ.
+    With the velocity and the acceleration of the displacement h (S,). The chord (ID(q + c h) − ID(q)) / c; at c = 0
+    its limit ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ. Base parameters take up nearly all of the first order, so that of what is
+    left the second is no small part.
     """
-    derivatives = torque_derivatives(motion)
     rate = time_derivative(motion, displacement)
     growth = time_derivative(motion, rate)
+    if size != 0.0:
+        unit = size * np.eye(motion.n)[joint]
+        chain = _Chain(motion).moved(joint, size * displacement)
+        velocity, acceleration = motion.velocity + np.outer(rate, unit), motion.acceleration + np.outer(growth, unit)
+        links = chain.forward(velocity, acceleration, motion.robot.gravity, joint, _links(motion))
+        return np.asarray((chain.backward(links).torque - rigid_torque(motion).torque) / size)
+    derivatives = torque_derivatives(motion)
     return np.asarray(
         derivatives.position[..., joint] * displacement[:, None]
         + derivatives.velocity[..., joint] * rate[:, None]
@@ -191,8 +199,8 @@ class _Chain:
         self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
         self.arm = [_arm(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
 
-    def moved(self, joint: int, step: float) -> _Chain:
-        """The same with one joint's position changed by a constant."""
+    def moved(self, joint: int, step: float | FloatArray) -> _Chain:
+        """The same with one joint's position changed, by a constant or by (S,)."""
         chain = copy(self)
         position = self.position[joint] + step
         chain.rotation, chain.arm = list(self.rotation), list(self.arm)

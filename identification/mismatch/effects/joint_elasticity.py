@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
 from identification.mismatch.effects.dynamics import rigid_torque, torque_of_displacement
 from identification.mismatch.effects.own_joint import joint_index
@@ -13,7 +13,7 @@ from identification.mismatch.motion import Motion
 
 
 class JointElasticity(Effect):
-    """ID(q − τ̂_j/K) − ID(q), to first order in 1/K, with the velocity and the acceleration of the wind-up.
+    """ID(q − τ̂_j/K) − ID(q), with the velocity and the acceleration of the wind-up.
 
     Only where position is measured before the spring. A coefficient of zero says that the sensor sits at the link.
     The wind-up is that of the rigid links' torque, which is smooth.
@@ -32,11 +32,16 @@ class JointElasticity(Effect):
         """Every joint."""
         return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The compliance again: the torque is not linear in it."""
+        del motion, place
+        return (ShapeParameter("at_compliance", "rad/Nm", (0.0,), -5e-3, 5e-3, logarithmic=False, tied=True),)
+
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """Torque on all joints per unit of compliance 1/K."""
-        del shape
+        """Torque on all joints per unit of compliance 1/K, chord up to the compliance of the shape."""
         joint = joint_index(place)
-        values = torque_of_displacement(motion, joint, -rigid_torque(motion).torque[:, joint])
+        wind_up = -rigid_torque(motion).torque[:, joint]
+        values = torque_of_displacement(motion, joint, wind_up, shape.get("at_compliance", 0.0))
         return Columns(tuple(range(motion.n)), values[..., None]) if values.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

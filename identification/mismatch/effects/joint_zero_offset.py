@@ -5,22 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
+import numpy as np
+
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size
-from identification.mismatch.effects.dynamics import torque_derivatives
+from identification.mismatch.effects.dynamics import torque_of_displacement
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
 
 class JointZeroOffset(Effect):
-    """∂ID/∂q_j δ: the true angle is q_j + δ.
+    """ID(q + e_j δ) − ID(q): the true angle is q_j + δ.
 
     Link parameters that turn with the frame take up nearly all of it; of the first and the last joint everything.
     """
 
     name = "joint_zero_offset"
     code = "zero"
-    equation = "τ = ∂ID/∂q_j δ"
+    equation = "τ = ID(q + e_j δ) − ID(q)"
     source = "Hollerbach, Khalil, Gautier, Model Identification, Springer Handbook of Robotics, 2016"
     units = ("rad",)
     plausible = "0.05 to 0.5°"
@@ -32,10 +34,18 @@ class JointZeroOffset(Effect):
         revolute = motion.robot.kinematics.revolute
         return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint])
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The offset again: the torque is not linear in it."""
+        del motion, place
+        return (ShapeParameter("at_offset", "rad", (0.0,), -0.1, 0.1, logarithmic=False, tied=True),)
+
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """∂ID/∂q_j on all joints; None where torque does not depend on this angle (a vertical first axis)."""
-        del shape
-        values = torque_derivatives(motion).position[..., joint_index(place)]
+        """Torque on all joints per rad, chord up to the offset of the shape.
+
+        None where torque does not depend on this angle (a vertical first axis).
+        """
+        still = np.ones(motion.samples)
+        values = torque_of_displacement(motion, joint_index(place), still, shape.get("at_offset", 0.0))
         # Differences leave rounding where the derivative is zero.
         if abs(values).max() < 1e-6 * max(float(abs(motion.torque).max()), 1e-12):
             return None
