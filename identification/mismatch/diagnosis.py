@@ -29,6 +29,7 @@ from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.search import search
+from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.model_file import Model
@@ -113,6 +114,10 @@ def diagnose(
             *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
         )
         diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
+    encoders = compare_encoders(recordings, heldout)
+    if encoders:
+        sentences = tuple(item.sentence for item in encoders)
+        diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *sentences))
     report("done", 1.0)
     return diagnosis
 

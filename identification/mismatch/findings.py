@@ -18,6 +18,7 @@ from identification.mismatch.effects.base import Parameter, Place
 
 if TYPE_CHECKING:
     from identification.mismatch.baseline import ModelComparison
+    from identification.mismatch.second_encoder import EncoderDifference
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -246,7 +247,8 @@ class Diagnosis:
     mode: "complete" where the findings leave nothing but noise, "background" where unknown model error remains.
     spectra, series: one per fitted stretch, for figures; heldout_series: one per held-out stretch. curves: residual
     curves of what is not explained. notes: sentences on how the data were handled.
-    model_comparison: of the model that the diagnosis was asked to start from, if any.
+    model_comparison: of the model that the diagnosis was asked to start from, if any. encoders: motor against link
+    encoder, where there are two.
     """
 
     robot: str
@@ -268,6 +270,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     model_comparison: ModelComparison | None = None
+    encoders: tuple[EncoderDifference, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
@@ -326,6 +329,7 @@ class Diagnosis:
             "notes": list(self.notes),
             "provenance": plain(dict(self.provenance)),
             **({} if self.model_comparison is None else {"model_comparison": self.model_comparison.to_json()}),
+            **({"encoder_difference": [item.to_json() for item in self.encoders]} if self.encoders else {}),
         }
 
     def extended_model_json(self) -> dict[str, Any]:

@@ -209,7 +209,8 @@ def _notes(fitted: Role, unseen: Role | None) -> tuple[str, ...]:
     notes = []
     if any(not evidence.noise_is_measured for evidence in evidences):
         notes.append(
-            "A recording has no periods to compare: its noise is taken from the lines above the compared band, which "
-            "sees no coloured noise, so detection there is weaker evidence."
+            "A recording has no periods to compare, so nothing tells its noise from misfit: the level above the "
+            "compared band, or a tenth of what a plain fit leaves where that is more, stands in as a mere weight. "
+            "Names rest on what they explain of rows that were not fitted."
         )
     return tuple(notes)

@@ -87,5 +87,6 @@ def test_a_right_model_has_no_wrong_parameter(
     given = _model_of_base(iiwa14_base, iiwa14_base.base_from_physical(table3))
     diagnosis = diagnose([record(iiwa14, table3)], iiwa14, model=given)
     assert diagnosis.model_comparison is not None
-    assert not any(item.wrong for item in (*diagnosis.model_comparison.links, *diagnosis.model_comparison.parameters))
+    assert not any(item.wrong for item in diagnosis.model_comparison.links)
+    assert not any(item.wrong for item in diagnosis.model_comparison.parameters)
     assert diagnosis.to_json()["model_comparison"]["sentence"] in diagnosis.notes

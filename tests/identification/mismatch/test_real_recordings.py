@@ -13,6 +13,7 @@ import pytest
 
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.second_encoder import compare_encoders
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
@@ -64,6 +65,18 @@ def test_no_name_is_given_to_the_kr300_by_ten_seconds_that_explain_no_other_ten(
     assert diagnosis.verdict == "unexplained"
     assert all(diagnosis.baseline.detected)
     assert "unexplained" in diagnosis.remaining
+
+
+def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions(shared_folder: Path) -> None:
+    """Checked against plain least squares by hand: 3 ms on every joint; wind-up alone leaves more than half."""
+    a, b = (read_recording(shared_folder / "recordings" / f"kr300_{run}.npz") for run in "ab")
+    for fitted, unseen in ((a, b), (b, a)):
+        joints = compare_encoders([fitted], [unseen])
+        assert [item.joint for item in joints] == [1, 2, 3]
+        assert all("delay" in item.claim for item in joints)
+        assert all(item.delay_s == pytest.approx(2.9e-3, abs=0.4e-3) for item in joints)
+        assert all(item.left["elasticity"] > 0.5 > 2.0 * item.left[item.claim] for item in joints)
+        assert joints[0].claim == "delay"
 
 
 def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(shared_folder: Path) -> None:

@@ -1,0 +1,124 @@
+"""Claims about rows of a recording without periods. Truth: closed forms, and MuJoCo-free synthetic motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import RecordingError
+from identification.estimators.physical import PhysicalParameters
+from identification.fitting.settings import Split
+from identification.mismatch.aperiodic_evidence import (
+    build_aperiodic_evidence,
+    default_split,
+    low_pass_of,
+    weighted_by,
+)
+from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.evidence import fit_parameters, rows_to_time
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings import Recording
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import no_effect, on_joint, record
+
+SETTINGS = DiagnosisSettings()
+SPLIT = Split.parse("blocks:0.8:3")
+
+
+def _aperiodic(recording: Recording) -> Recording:
+    return replace(recording, period_s=None, period_index=None, sample_in_period=None)
+
+
+@pytest.fixture(scope="module")
+def recording(iiwa14: RobotModel, table3: PhysicalParameters) -> Recording:
+    return _aperiodic(record(iiwa14, table3, no_effect, periods=2))
+
+
+def test_the_low_pass_follows_the_motion_between_its_bounds(recording: Recording) -> None:
+    fast = replace(recording, time=recording.time / 10.0)
+    slow, quick = low_pass_of(recording, SETTINGS), low_pass_of(fast, SETTINGS)
+    assert slow == 10.0
+    assert 10.0 < quick <= SETTINGS.torque_bandwidth_hz
+    assert low_pass_of(recording, replace(SETTINGS, low_pass_hz=17.0)) == 17.0
+
+
+def test_rows_of_a_cosine_stand_on_its_frequency_and_keep_its_energy(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    (evidence,) = build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS)
+    wave = np.cos(2.0 * np.pi * 3.0 * evidence.motion.time)[:, None]
+    rows = evidence.project(wave)[:, 0]
+    assert np.sum(rows**2) / evidence.samples == pytest.approx(0.5, rel=0.05)
+    near = np.abs(evidence.frequency - 3.0) < 1.0
+    assert np.sum(rows[near] ** 2) > 0.9 * np.sum(rows**2)
+    back = rows_to_time(evidence, rows[:, None])[:, 0]
+    known = np.isfinite(back)
+    assert known.mean() > 0.9
+    # Interpolation between rows: 25 rows a second for 3 Hz.
+    assert np.abs(back[known] - wave[known, 0]).max() < 0.15
+
+
+def test_fitted_and_held_out_rows_share_no_time(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    fitted, unseen = (
+        build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS, SPLIT, held_out=which)[0]
+        for which in (False, True)
+    )
+    known = [np.isfinite(rows_to_time(item, item.torque[:, :1])[:, 0]) for item in (fitted, unseen)]
+    assert not np.any(known[0] & known[1])
+    assert 1.5 < fitted.samples / unseen.samples < 4.0
+
+
+def test_held_out_rows_of_a_right_model_are_left_with_noise_only(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    fitted, unseen = (
+        build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS, SPLIT, held_out=which)
+        for which in (False, True)
+    )
+    left = unseen[0].torque - unseen[0].nominal @ fit_parameters(fitted)
+    ratio = np.sqrt(np.mean(left**2, axis=0)) / np.sqrt(np.mean(unseen[0].noise ** 2, axis=0))
+    assert np.all(ratio < 1.6), ratio
+
+
+def test_weights_follow_the_misfit_but_never_go_below_the_white_noise(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    (evidence,) = build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS)
+    assert evidence.white_noise is not None
+    left = np.zeros_like(evidence.torque)
+    left[:, 4] = 5.0
+    weighted = weighted_by(evidence, left)
+    assert np.allclose(weighted.noise[:, 4], 0.5, rtol=0.01)
+    assert np.allclose(weighted.noise[:, 2], evidence.white_noise[:, 2], rtol=0.01)
+
+
+def test_a_split_that_leaves_no_block_is_refused(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    with pytest.raises(RecordingError, match="no block of time"):
+        build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS, Split.parse("blocks:0.1:3"), held_out=True)
+    assert default_split([recording]).kind == "blocks"
+
+
+def test_a_plain_robot_without_periods_has_no_mismatch(recording: Recording, iiwa14: RobotModel) -> None:
+    diagnosis = diagnose([recording], iiwa14)
+    assert diagnosis.findings == ()
+    assert diagnosis.verdict == "no_mismatch"
+
+
+def test_a_hidden_effect_is_found_without_periods_and_checked_on_other_blocks(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    def hidden(_q: np.ndarray, dq: np.ndarray, _torque: np.ndarray) -> np.ndarray:
+        return on_joint(4, 1.5 * np.sign(dq[:, 3]) * np.exp(-((dq[:, 3] / 0.1) ** 2)))
+
+    diagnosis = diagnose([_aperiodic(record(iiwa14, table3, hidden, periods=2))], iiwa14)
+    (finding,) = diagnosis.findings
+    assert (finding.effect, finding.place.joint) == ("stribeck_friction", 4)
+    assert finding.confirmed
+    assert finding.coefficients[0] == pytest.approx(1.5, rel=0.15)
