@@ -1,7 +1,8 @@
 """What the excitation designer achieves, and what its gradient costs.
 
 Reproduce: `OPENBLAS_NUM_THREADS=1 python -m benchmarks.excitation --seed 0`; `--help` lists limits, objective, budget;
-`--all-targets` runs four designs one after the other against the figures that the project set itself.
+`--all-targets` runs four designs one after the other against the figures that the project set itself;
+`--effects` designs for visible effects and shows λ of each beside the shipped excitation's.
 With more BLAS threads the first part counts their idle turning as CPU time.
 Prints cond(Y_b) against time while the design runs, the verified result, and one objective with gradient beside the
 same computed by central differences and beside a Pinocchio loop over the samples for the values alone.
@@ -16,15 +17,21 @@ import time
 import numpy as np
 import pinocchio
 
+from identification.base_parameters import BaseRegressor
 from identification.excitation import (
+    TOOL_STRENGTH,
     DesignProgress,
     DesignSettings,
     default_trajectory,
     design_excitation,
+    effects_shown,
     limits_of_robot,
+    nominal_parameters,
+    torque_noise,
     verify,
 )
 from identification.excitation.objective import BaseMatrix, FourierObjective
+from identification.mismatch.detectability import ORACLE_STRENGTH
 from identification.robots import RobotModel, load_robot
 
 
@@ -38,10 +45,14 @@ def main() -> None:
     parser.add_argument("--objective", default="cond", help="cond, d, a or a mix such as cond:1,d:2")
     parser.add_argument("--budget", type=float, default=170.0, help="s")
     parser.add_argument("--all-targets", action="store_true")
+    parser.add_argument("--effects", action="store_true")
     arguments = parser.parse_args()
     robot = load_robot("iiwa14")
     if arguments.all_targets:
         all_targets(robot, arguments.seed)
+        return
+    if arguments.effects:
+        visible_effects(robot, arguments)
         return
     gradient_cost(robot)
     achieved_against_time(robot, arguments)
@@ -72,6 +83,52 @@ def all_targets(robot: RobotModel, seed: int) -> None:
         print(
             f"{label:<34}{reached:10.2f}{wanted:10.2f}{elapsed:8.1f}{wall:7.0f}  {len(result.history):8d}  {inside}"
             f"  {'met' if good and inside else 'NOT met'}"
+        )
+
+
+def visible_effects(robot: RobotModel, arguments: argparse.Namespace) -> None:
+    """λ of the joint at which each effect shows least, 16 periods, plausible size: shipped and designed motion."""
+    nominal, noise = nominal_parameters(robot), torque_noise(robot)
+    assert nominal is not None, "the iiwa 14 has Table 3"
+    settings = DesignSettings(
+        objective="detectability",
+        limits=arguments.limits,
+        harmonics=arguments.harmonics,
+        seed=arguments.seed,
+        starts=arguments.starts,
+        budget_s=arguments.budget,
+        noise_nm=tuple(noise.tolist()),
+    )
+    result = design_excitation(robot, limits_of_robot(robot), settings, clock=time.monotonic, nominal=nominal)
+    workers = resource.getrusage(resource.RUSAGE_CHILDREN)
+    regressor = BaseRegressor(robot)
+    shipped, designed = (
+        effects_shown(regressor, motion, nominal, noise, settings.periods)
+        for motion in (default_trajectory(), result.trajectory)
+    )
+    print(
+        f"{settings}\n{len(result.history)} searches, CPU of the workers {workers.ru_utime + workers.ru_stime:.0f} s, "
+        f"cond(Y_b) {result.cond:.1f}, log det {result.log_det:.1f} (shipped: "
+        f"{default_trajectory().record['achieved']['cond']:.1f})"
+    )
+    print(
+        f"{'effect':<30}{'size':>7} {'unit':<9}{'λ shipped':>16}{'λ designed':>16}   smallest, designed: λ = 24, tool"
+    )
+    for name in dict.fromkeys(item.effect for item in designed):
+        before, after = (
+            min((i for i in of if i.effect == name), key=lambda i: i.strength) for of in (shipped, designed)
+        )
+        print(
+            f"{name:<30}{after.size:7g} {after.unit:<9}{before.strength:9.3g} (A{before.joint}) "
+            f"{after.strength:10.3g} (A{after.joint})   {after.smallest_oracle:.2g}, {after.smallest_tool:.2g}"
+        )
+    for label, found in (("shipped", shipped), ("designed", designed)):
+        seen = sum(item.strength >= TOOL_STRENGTH for item in found)
+        known = sum(item.strength >= ORACLE_STRENGTH for item in found)
+        alike = sum(item.cosine > 0.9 for item in found)
+        print(
+            f"{label}: {known} of {len(found)} reach λ = 24, {seen} the diagnosis's {TOOL_STRENGTH:.0f}; "
+            f"{alike} have a look-alike closer than 0.9"
         )
 
 
