@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 
@@ -39,6 +38,10 @@ def design(
         str | None,
         typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,… Weighs d and a."),
     ] = None,
+    noise_colour: Annotated[
+        str,
+        typer.Option("--noise-colour", help="SHARE:HZ = share of the noise's variance that lies below a corner."),
+    ] = "0.3:5",
     prior: Annotated[
         Path | None,
         typer.Option("--model", metavar="MODEL.json", help="What the arm is taken to be; default: URDF, or Table 3."),
@@ -62,6 +65,7 @@ def design(
     from identification.excitation import (
         DETECTABILITY,
         DesignSettings,
+        NoiseColour,
         design_excitation,
         effects_shown,
         limits_of_robot,
@@ -91,9 +95,10 @@ def design(
         if not wants_json_on_stdout(json_file):
             data(f"Reference motion '{reference}' of {motion.period_s:g} s for {model.name} written to {target}")
         return
+    colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
     noise_nm = None
     if noise is not None or model.name in BUILT_IN_ROBOTS:
-        noise_nm = torque_noise(model, None if noise is None else read_noise(noise))
+        noise_nm = torque_noise(model, None if noise is None else read_numbers("--noise", noise.split(","), model.n))
     for_effects = DETECTABILITY in mixture_weights(objective)
     weighing = noise_nm if noise is not None or for_effects else None
     settings = DesignSettings(
@@ -122,9 +127,9 @@ def design(
     predicted: PredictedDeviations | None = None
     effects: tuple[ShownEffect, ...] = ()
     if noise_nm is not None:
-        predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods)
+        predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods, colour=colour)
         if for_effects and nominal is not None:
-            effects = effects_shown(regressor, motion, nominal, noise_nm, periods)
+            effects = effects_shown(regressor, motion, nominal, noise_nm, periods, colour)
     if json_file is not None:
         rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
         promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
@@ -140,12 +145,15 @@ def design(
             _show_effects(effects, periods)
 
 
-def read_noise(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Numbers between commas; whether they fit the robot is judged by `torque_noise`."""
+def read_numbers(option: str, parts: list[str], count: int) -> list[float]:
+    """So many numbers of an option's text; whether they fit is judged where they are used."""
     try:
-        return np.array([float(part) for part in text.split(",")])
-    except ValueError as error:
-        raise typer.BadParameter(f"--noise '{text}' is no list of numbers such as 0.17,0.17,0.12") from error
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise typer.BadParameter(f"{option} takes {count} numbers, not '{' '.join(parts)}'.")
+    return numbers
 
 
 def _write(trajectory: Trajectory, target: Path, table: bool) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from identification.excitation.local_search import DesignSettings, Stage
 from identification.excitation.nominal import nominal_parameters
 from identification.excitation.objective import CRITERIA, DETECTABILITY, achieved_figures, mixture_weights
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
-from identification.excitation.prediction import PredictedDeviations, predict_deviations, torque_noise
+from identification.excitation.prediction import NoiseColour, PredictedDeviations, predict_deviations, torque_noise
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
 from identification.excitation.trajectory_files import (
     TableTrajectory,
@@ -40,6 +40,7 @@ __all__ = [
     "DesignSettings",
     "ExcitationLimits",
     "FourierTrajectory",
+    "NoiseColour",
     "PolynomialTrajectory",
     "PredictedDeviations",
     "ShownEffect",

@@ -8,7 +8,7 @@ the command line (`design`) and benchmarks.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.excitation.effect_columns import PLAUSIBLE_SIZES
 from identification.excitation.fourier import Trajectory
+from identification.excitation.prediction import NoiseColour
 from identification.mismatch.detectability import ORACLE_STRENGTH, candidates, confusable, planned_rows
 from identification.mismatch.effects import effect_named
 from identification.mismatch.motion import Motion
@@ -50,9 +51,17 @@ class ShownEffect:
 
 
 def effects_shown(
-    regressor: BaseRegressor, trajectory: Trajectory, nominal: PhysicalParameters, noise_nm: FloatArray, periods: int
+    regressor: BaseRegressor,
+    trajectory: Trajectory,
+    nominal: PhysicalParameters,
+    noise_nm: FloatArray,
+    periods: int,
+    colour: NoiseColour | None = None,
 ) -> tuple[ShownEffect, ...]:
-    """Every effect of `PLAUSIBLE_SIZES` at every joint on `periods` periods, noise_nm (n,) Nm per sample at 1 kHz."""
+    """Every effect of `PLAUSIBLE_SIZES` at every joint on `periods` periods, noise_nm (n,) Nm per sample at 1 kHz.
+
+    colour: spectrum of the noise, None for the iiwa's.
+    """
     samples = round(1000.0 * trajectory.period_s)
     times = np.arange(samples) / 1000.0
     states = trajectory.evaluate(times)
@@ -60,6 +69,8 @@ def effects_shown(
     torque = regressor.matrix(*states) @ regressor.base_from_full(full)
     motion = Motion(regressor.robot, times, *states, torque, full, True, np.zeros(1))
     rows = planned_rows(motion, regressor, noise_nm, periods=periods)
+    factor = (colour or NoiseColour()).row_factor(len(rows.noise), trajectory.period_s, 1000.0)
+    rows = replace(rows, noise=rows.noise * factor[:, None])
     found = [
         item
         for item in candidates([rows], [effect_named(name) for name in PLAUSIBLE_SIZES])

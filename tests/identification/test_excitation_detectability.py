@@ -14,6 +14,7 @@ from identification.errors import DesignError
 from identification.excitation import (
     DesignSettings,
     ExcitationLimits,
+    NoiseColour,
     Stage,
     default_trajectory,
     design_excitation,
@@ -68,8 +69,8 @@ def test_every_column_is_the_effect_librarys_away_from_reversals(robot: RobotMod
     torque = samples.matrix @ term.values
     ours = evaluate_columns(term.where, samples, torque)[0]
     motion = Motion(
-        robot, np.arange(400, dtype=np.float64) * 0.025, samples.position, samples.velocity, np.zeros_like(torque), torque,
-        np.zeros(0), True, np.zeros(1),
+        robot, np.arange(400, dtype=np.float64) * 0.025, samples.position, samples.velocity, np.zeros_like(torque),
+        torque, np.zeros(0), True, np.zeros(1),
     )  # fmt: skip
     moving = np.abs(samples.velocity) > 1e-4
     index = 0
@@ -143,7 +144,7 @@ def test_what_no_trial_motion_shows_is_left_out(term: DetectabilityTerm) -> None
 def test_the_search_sees_what_the_report_promises(robot: RobotModel, term: DetectabilityTerm) -> None:
     nominal = nominal_parameters(robot)
     assert nominal is not None
-    report = effects_shown(BaseRegressor(robot), default_trajectory(), nominal, term.noise_nm, 16)
+    report = effects_shown(BaseRegressor(robot), default_trajectory(), nominal, term.noise_nm, 16, NoiseColour(0.0))
     strengths = term.strengths(_samples(robot, 1000, 0.002))
     for measure, strength in zip(term.measures, strengths, strict=True):
         where = term.where[measure.own[0]]

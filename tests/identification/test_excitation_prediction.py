@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation import default_trajectory
 from identification.excitation.fourier import FourierTrajectory
-from identification.excitation.prediction import predict_deviations
+from identification.excitation.prediction import NoiseColour, predict_deviations
 from identification.robots import load_robot
 from identification.signals.periodic import PeriodicSettings
 
@@ -26,6 +27,7 @@ def test_the_promised_deviations_are_the_spread_of_estimates_from_noisy_torque()
         periods=periods,
         rate_hz=rate,
         settings=PeriodicSettings(torque_bandwidth_hz=rate),
+        colour=NoiseColour(share=0.0),
     )
     samples = round(10.0 * rate)
     matrix = regressor.matrix(*default_trajectory().evaluate(np.arange(samples) / rate))
@@ -34,6 +36,21 @@ def test_the_promised_deviations_are_the_spread_of_estimates_from_noisy_torque()
     spread = np.linalg.lstsq(weighted, draws, rcond=None)[0].std(axis=1)
     # 600 draws know a deviation to 2.9 %; 57 of them stay within 4 of those.
     np.testing.assert_allclose(spread, promised.std, rtol=0.12)
+
+
+def test_the_density_of_coloured_noise_is_that_of_the_recursion_it_describes() -> None:
+    colour, rate, samples = NoiseColour(0.3, 5.0), 1000.0, 2000
+    generator = np.random.default_rng(5)
+    pole = np.exp(-2.0 * np.pi * 5.0 / rate)
+    slow = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], generator.normal(size=(400, 3 * samples)))[:, -samples:]
+    noise = np.sqrt(0.3) * slow + np.sqrt(0.7) * generator.normal(size=(400, samples))
+    power = np.mean(np.abs(np.fft.rfft(noise, axis=1)) ** 2, axis=0) / samples
+    frequency = np.fft.rfftfreq(samples, 1.0 / rate)
+    # Bands of some ten lines: 400 draws know each to about 2 %.
+    for low, high in ((1.0, 5.0), (5.0, 10.0), (10.0, 30.0), (100.0, 400.0)):
+        band = (frequency >= low) & (frequency < high)
+        assert np.mean(power[band]) == pytest.approx(np.mean(colour.density(frequency[band], rate)), rel=0.08)
+    assert colour.density(1.0, rate) > 15.0
 
 
 def test_four_times_the_periods_halve_the_promised_deviations() -> None:
