@@ -5,30 +5,28 @@ parameters move, what these data could not show. Plain language first, numbers b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Iterable, Sequence
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Place
-from identification.mismatch.findings import Curve, Diagnosis, Finding, HeldOut, TimeSeries
-from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Style, Table
-from identification.report.motion_sections import spectrum_panel
-from identification.report.numbers import chance, joint_heads, listed, rounded, row_of, unit_of, with_sigma
+from identification.mismatch.findings import Diagnosis, HeldOut
+from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table
+from identification.report.finding_blocks import claim, curve_panel, effect_name, finding_blocks, place_name
+from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
 __all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
 
 FloatArray = npt.NDArray[np.float64]
 
 _MANY = 6
-_STRETCHES = 150
 _NOTABLE = 0.02
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
-    names = listed([f"{_effect(finding.effect)} ({_place(finding.place)})" for finding in diagnosis.findings])
+    names = listed([claim(finding) for finding in diagnosis.findings])
     if diagnosis.data_faults:
         begin = f"The recording itself is faulty: {diagnosis.data_faults[0].sentence.rstrip('.')}. "
     else:
@@ -65,129 +63,20 @@ def _findings(diagnosis: Diagnosis) -> Section:
             Paragraph("No held-out recording was given: the names below are unconfirmed.", "warning"),
         )
     for number, finding in enumerate(diagnosis.findings, 1):
-        blocks += _finding(number, finding, diagnosis)
+        blocks += finding_blocks(number, finding, diagnosis)
     blocks.append(Heading("What remains"))
     blocks.append(Paragraph(diagnosis.remaining))
     if diagnosis.curves:
         blocks.append(
             Figure(
                 "What stays unexplained, over the coordinate that orders it best (a curve, not physics)",
-                tuple(_curve_panel(curve, f"Joint {curve.joint}") for curve in diagnosis.curves),
+                tuple(curve_panel(curve, f"Joint {curve.joint}") for curve in diagnosis.curves),
                 (("after", "residual, mean of each bin ± its noise"),),
             )
         )
     blocks.append(_baseline_table(diagnosis))
     blocks += [Paragraph(note, "note") for note in diagnosis.notes]
     return Section("findings", "What the model leaves out", tuple(blocks))
-
-
-def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]:
-    name = f"{_effect(finding.effect)}, {_place(finding.place)}"
-    blocks: list[Block] = [
-        Heading(f"{number}. {name[:1].upper()}{name[1:]}"),
-        Paragraph(finding.sentence, "lead"),
-    ]
-    if finding.confirmed is False:
-        blocks.append(Paragraph("The held-out recording does not support it.", "warning"))
-    if finding.alternatives:
-        others = listed([f"{_effect(other.effect)} ({_joint(other.joint)})" for other in finding.alternatives])
-        experiment = f" To tell them apart: {finding.separating_experiment}" if finding.separating_experiment else ""
-        blocks.append(Paragraph(f"These data cannot tell it from: {others}.{experiment}", "warning"))
-    if finding.parameters:
-        rows = tuple(
-            (_words(item.name), *with_sigma(item.value, item.std), unit_of(item.unit)) for item in finding.parameters
-        )
-        blocks.append(Table("Size", ("parameter", "value", "σ", "unit"), rows))
-    figure = _finding_figure(finding, diagnosis)
-    if figure is not None:
-        blocks.append(figure)
-    blocks.append(Facts(tuple(_finding_facts(finding))))
-    return blocks
-
-
-def _finding_facts(finding: Finding) -> Iterable[tuple[str, str]]:
-    confirmed = {True: "yes", False: "no", None: "not checked: no held-out recording"}
-    yield "Confirmed on held-out data", confirmed[finding.confirmed]
-    if finding.heldout_gain_nm.size:
-        best = int(np.nanargmax(np.abs(finding.heldout_gain_nm)))
-        gain = float(finding.heldout_gain_nm[best])
-        yield "Held-out RMS", f"{'falls' if gain >= 0 else 'RISES'} by {rounded(abs(gain), 2)} Nm on joint {best + 1}"
-    if math.isfinite(finding.share_removed):
-        share = "all" if finding.share_removed >= 1.0 else f"{rounded(100 * finding.share_removed, 2)} %"
-        yield "Explains", f"{share} of the misfit's energy on its joints"
-    yield "Hidden in the parameters", f"{rounded(100 * finding.absorbed_fraction)} % of it, had it not been modelled"
-    yield "Chance of this by noise alone", chance(finding.significance)
-    yield "Score", f"{rounded(finding.score)} (log-likelihood)"
-    yield from _where(finding.where)
-
-
-def _where(where: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
-    """Joints, frequencies, times and state at which an effect shows most."""
-    if where.get("joints"):
-        yield "Shows on joint", listed([str(joint) for joint in where["joints"]])
-    for key, title, unit in (("bands_hz", "At frequencies", "Hz"), ("time_windows_s", "At times", "s")):
-        if where.get(key):
-            yield title, ", ".join(f"{low:.4g} … {high:.4g} {unit}" for low, high in where[key])
-    state = where.get("state") or {}
-    if state.get("from") is not None:
-        span = f"{rounded(state['from'])} … {rounded(state['to'])} {state['unit']}"
-        yield "Strongest at", f"{state['coordinate']} {span}"
-    if where.get("periods"):
-        yield "In periods", ", ".join(str(period) for period in where["periods"])
-
-
-def _finding_figure(finding: Finding, diagnosis: Diagnosis) -> Figure | None:
-    """Residual before and after over the effect's own coordinate, and the spectrum of the joint it shows on."""
-    panels: list[Panel] = []
-    joint = finding.curve.joint if finding.curve is not None else finding.place.joint
-    legend: list[tuple[Style, str]] = [("before", "without the effect"), ("after", "with it")]
-    if finding.curve is not None:
-        panels.append(_curve_panel(finding.curve, f"Joint {finding.curve.joint} over {finding.curve.coordinate}", True))
-        if finding.curve.fitted is not None:
-            legend.append(("fitted", "the effect as fitted"))
-    if joint is not None:
-        for spectrum in diagnosis.spectra[:1]:
-            lines: list[tuple[Style, FloatArray]] = [("before", spectrum.before), ("after", spectrum.after)]
-            title = f"Joint {joint} over frequency"
-            panels.append(spectrum_panel(joint - 1, spectrum.frequency, lines, spectrum.noise, title))
-            legend.append(("noise", "noise"))
-        panels += [_heldout_panel(series, joint) for series in diagnosis.heldout_series[:1]]
-    if not panels:
-        return None
-    return Figure("Measured minus modelled torque without and with this effect", tuple(panels), tuple(legend))
-
-
-def _heldout_panel(series: TimeSeries, joint: int) -> Panel:
-    """Residuals of a joint (from 1) over time, as means of short stretches: their shape then shows above the noise."""
-    edges = np.linspace(0, len(series.time), min(_STRETCHES, len(series.time)) + 1).astype(int)[:-1]
-    counts = np.diff(np.append(edges, len(series.time)))
-    time, before, after = (
-        np.add.reduceat(values, edges) / counts
-        for values in (series.time, series.before[:, joint - 1], series.after[:, joint - 1])
-    )
-    length = float(series.time[-1] - series.time[0]) / len(edges)
-    return Panel(
-        f"Joint {joint}, held-out (means of {rounded(1e3 * length, 2)} ms)",
-        "time (s)",
-        "torque (Nm)",
-        (Line("before", time, before), Line("after", time, after)),
-        f"residual over time on a recording that was not fitted; RMS {rounded(_rms(before), 2)} Nm without the "
-        f"effects, {rounded(_rms(after), 2)} Nm with them",
-    )
-
-
-def _curve_panel(curve: Curve, title: str, effect: bool = False) -> Panel:
-    lines = [Line("after", curve.centre, curve.after, curve.std, "dots")]
-    if effect:
-        lines.insert(0, Line("before", curve.centre, curve.before, curve.std, "dots"))
-    if curve.fitted is not None:
-        lines.append(Line("fitted", curve.centre, curve.fitted))
-    unit = f" ({curve.unit})" if curve.unit else ""
-    before, after = _rms(curve.before), _rms(curve.after)
-    said = f"RMS of the curve {rounded(before, 2)} Nm before, {rounded(after, 2)} Nm after" if effect else ""
-    return Panel(
-        title, f"{curve.coordinate}{unit}", "torque (Nm)", tuple(lines), said or f"RMS {rounded(after, 2)} Nm"
-    )  # fmt: skip
 
 
 def _baseline_table(diagnosis: Diagnosis) -> Table:
@@ -290,8 +179,13 @@ def _limits(diagnosis: Diagnosis) -> Section | None:
         joint = item.place.joint
         cells[joint] = min(cells.get(joint, math.inf), item.size)
     if smallest:
+        places = (*range(1, joints + 1), None)
         rows = tuple(
-            (_effect(effect), unit_of(unit), *row_of((cells.get(joint) for joint in (*range(1, joints + 1), None)), 2))
+            (
+                effect_name(effect),
+                unit_of(unit),
+                *row_of((cells.get(place) for place in places), 2),
+            )
             for (effect, unit), cells in smallest.items()
         )
         blocks += [
@@ -303,39 +197,17 @@ def _limits(diagnosis: Diagnosis) -> Section | None:
         ]
     reasons: dict[tuple[str, str], list[str]] = {}
     for hidden in diagnosis.not_identifiable:
-        reasons.setdefault((hidden.effect, hidden.reason), []).append(_place(hidden.place))
+        reasons.setdefault((hidden.effect, hidden.reason), []).append(place_name(hidden.place))
     if reasons:
-        rows = tuple((_effect(effect), _some(places), reason) for (effect, reason), places in reasons.items())
+        rows = tuple((effect_name(effect), _some(places), reason) for (effect, reason), places in reasons.items())
         blocks.append(Table("Not to be seen at any size in these data", ("effect", "where", "why"), rows, "words"))
     return Section("limits", "What these data could not show", tuple(blocks)) if blocks else None
-
-
-def _effect(name: str) -> str:
-    return _words(name)
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _joint(joint: int | None) -> str:
-    return "the whole arm" if joint is None else f"joint {joint}"
-
-
-def _place(place: Place) -> str:
-    if place.joint is not None:
-        return f"joint {place.joint}" + (f" with joint {place.other_joint}" if place.other_joint is not None else "")
-    return f"link {place.link}" if place.link is not None else "the whole arm"
 
 
 def _some(places: Sequence[str]) -> str:
     """Places without repetition, the first of them where there are many."""
     unique = list(dict.fromkeys(places))
     return listed(unique) if len(unique) <= _MANY else f"{', '.join(unique[:_MANY])} and {len(unique) - _MANY} more"
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else math.nan
 
 
 def _intervals(low: Iterable[float], high: Iterable[float]) -> list[str]:

@@ -159,6 +159,23 @@ def test_a_name_that_could_be_another_says_so_and_which_experiment_decides() -> 
     assert warnings[1].endswith("To tell them apart: Run the path at two speeds.")
 
 
+def test_a_name_that_held_out_data_do_not_support_is_doubted_in_the_first_sentence() -> None:
+    verdict = build_document(diagnosis=diagnosis(findings=(finding(confirmed=False),))).verdict
+    assert "stribeck friction (joint 2, not supported by the held-out recording)" in verdict
+
+
+def test_an_effect_that_the_parameters_swallow_is_not_drawn_over_a_residual_it_dwarfs() -> None:
+    plain = finding().curve
+    assert plain is not None
+    assert plain.fitted is not None
+    swallowed = finding(curve=replace(plain, fitted=100.0 * plain.fitted))
+    figure = next(
+        block for block in sections_of(diagnosis(findings=(swallowed,)))["findings"].blocks if isinstance(block, Figure)
+    )
+    assert [line.style for line in figure.panels[0].lines] == ["before", "after"]
+    assert "fitted" not in dict(figure.legend)
+
+
 def test_without_a_held_out_recording_names_are_called_unconfirmed() -> None:
     found = sections_of(diagnosis(heldout=None, heldout_series=(), findings=(finding(confirmed=None),)))
     assert "heldout" not in found
