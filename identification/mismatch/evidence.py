@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d
+from scipy.sparse import csr_array
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
@@ -35,6 +36,8 @@ STANDSTILL_VELOCITY = 1e-3
 """rad/s (m/s) below which a joint's direction of motion is not known."""
 STANDSTILL_MARGIN_S = 0.006
 LONGEST_STANDSTILL_SHARE = 0.2
+BRIDGE_SUPPORT_S = 0.01
+"""Length of the samples on each side whose means carry the line over a standstill."""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -160,10 +163,10 @@ def _periodic_evidence(
     position, velocity, acceleration = _smooth_motion(average, settings.motion_bandwidth_hz)
     lines = min(max(30, int(settings.torque_bandwidth_hz * average.period_s)), (samples - 1) * 4 // 10)
 
-    compared = _direction_known(velocity, step)
+    bridge = _over_standstills(velocity, step)
 
     def project(values: FloatArray) -> FloatArray:
-        return to_lines(values * compared.reshape(-1, *([1] * (values.ndim - 1))), lines)
+        return to_lines(bridge(values), lines)
 
     torque = project(average.torque)
     frequency = np.repeat(np.arange(lines + 1) / average.period_s, 2)[1:]
@@ -195,18 +198,46 @@ def _periodic_evidence(
     )
 
 
-def _direction_known(velocity: FloatArray, step_s: float) -> FloatArray:
-    """(S,) weight of each sample: 0 while a joint stands or turns round, 1 elsewhere, with short slopes between.
+def _over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
+    """Values (S, …) as they are, but on a straight line while a joint stands or turns round.
 
     A joint that is held by its dry friction takes any torque within it, and its neighbours feel the jerks of its
     sticking, which are too fast for the motion's bandwidth: no column describes these samples. A joint that stands for
-    long is not asked.
+    long is not asked. The line goes through the means of the samples before and behind. Zeros instead would chop the
+    slow noise, and all high lines would see the same few numbers of it, as if each were news.
     """
     standing = np.abs(velocity) < STANDSTILL_VELOCITY
     standing &= standing.mean(axis=0) < LONGEST_STANDSTILL_SHARE
     width = max(3, round(STANDSTILL_MARGIN_S / step_s)) | 1
-    wide = maximum_filter1d(standing.any(axis=1).astype(np.float64), width, mode="wrap")
-    return np.asarray(1.0 - uniform_filter1d(wide, width, mode="wrap"), dtype=np.float64)
+    bridged = maximum_filter1d(standing.any(axis=1).astype(np.int8), width, mode="wrap").astype(np.bool_)
+    samples, places = bridged.size, np.flatnonzero(bridged)
+    if places.size in (0, samples):
+        return _as_it_is
+    support = max(2, round(BRIDGE_SUPPORT_S / step_s))
+    known = np.flatnonzero(~bridged)
+    # Known samples on a circle: those of the period before stand in front, those of the next behind.
+    circle = np.concatenate([known - samples, known, known + samples])
+    after = np.searchsorted(circle, places)
+    near = np.arange(support)
+    before_times, after_times = circle[after[:, None] - 1 - near], circle[after[:, None] + near]
+    start, end = before_times.mean(axis=1), after_times.mean(axis=1)
+    share = ((places - start) / (end - start))[:, None]
+    halves = [np.broadcast_to(part / support, before_times.shape) for part in (1.0 - share, share)]
+    weights = np.concatenate(halves, axis=1)
+    columns = np.concatenate([before_times, after_times], axis=1) % samples
+    rows = np.repeat(np.arange(places.size), 2 * support)
+    line = csr_array((weights.ravel(), (rows, columns.ravel())), shape=(places.size, samples))
+
+    def bridge(values: FloatArray) -> FloatArray:
+        result = values.copy()
+        result[places] = (line @ values.reshape(samples, -1)).reshape(places.size, *values.shape[1:])
+        return result
+
+    return bridge
+
+
+def _as_it_is(values: FloatArray) -> FloatArray:
+    return values
 
 
 def complete_evidence(

@@ -64,6 +64,15 @@ def test_torque_while_a_joint_turns_round_does_not_count(
     assert np.allclose(evidence.torque, clean_evidence.torque)
 
 
+def test_slow_torque_stays_on_its_own_lines_though_samples_are_left_out(clean_evidence: Evidence) -> None:
+    """Slow noise chopped at every turn would stand on all high lines at once, and count there as many findings."""
+    time = clean_evidence.motion.time
+    slow = np.stack([np.cos(2.0 * np.pi * line * time / 10.0 + line) for line in (0, 1, 4, 9)], axis=1)
+    rows = clean_evidence.project(slow)
+    above = clean_evidence.frequency > 1.5
+    assert (rows[above] ** 2).sum(axis=0) == pytest.approx(np.zeros(4), abs=1e-4 * (rows**2).sum(axis=0).min())
+
+
 def test_a_joint_that_stands_still_leaves_the_others_their_samples(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
