@@ -58,7 +58,7 @@ def diagnose_recordings(
         recordings,
         arm,
         heldout=heldout,
-        model=None if baseline is None else read_model(baseline),
+        model=_baseline(baseline),
         progress=lambda phase, share: report(f"diagnosis: {phase}", _SHARE_OF_DIAGNOSIS * share),
     )
     model = extended_model(
