@@ -32,7 +32,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     else:
         begin = ""
     detected = [str(joint + 1) for joint in np.flatnonzero(diagnosis.baseline.detected)]
-    where = f" on joint {listed(detected)}" if detected else ""
+    where = f" on {'joint' if len(detected) == 1 else 'joints'} {listed(detected)}" if detected else ""
     sentences = {
         "no_mismatch": "The model explains these recordings: no missing physics shows above the noise.",
         "explained": f"The model left something out, and it is found: {names}.",
@@ -83,7 +83,7 @@ def _baseline_table(diagnosis: Diagnosis) -> Table:
     baseline = diagnosis.baseline
     rows = [
         ("nominal model", *row_of(baseline.rms_nm)),
-        *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.rms_after_nm.size else []),
+        *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.findings else []),
         ("noise alone", *row_of(baseline.noise_floor_nm)),
         ("misfit beyond noise, nominal", *row_of(baseline.excess_nm, 2)),
         ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
@@ -100,31 +100,39 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
     heldout = diagnosis.heldout
     if heldout is None:
         return None
-    rows = (
+    rows = [
         ("nominal model", *row_of(heldout.rms_before_nm)),
         ("with the findings", *row_of(heldout.rms_after_nm)),
         ("… its 95 % interval", *_intervals(*heldout.ci95_after_nm.T)),
         ("noise alone", *row_of(heldout.noise_floor_nm)),
         ("misfit beyond noise, nominal", *row_of(heldout.excess_before_nm, 2)),
         ("misfit beyond noise, with the findings", *row_of(heldout.excess_after_nm, 2)),
-    )
+    ]
+    if not diagnosis.findings:
+        rows = [row for row in rows if "with the findings" not in row[0]]
     return Section(
         "heldout",
         "Does it hold on another recording?",
         (
-            Paragraph(_heldout_sentence(heldout), "lead"),
+            Paragraph(_heldout_sentence(heldout, bool(diagnosis.findings)), "lead"),
             Paragraph("All parameters come from the fitted recordings only; this motion was not used.", "note"),
             Table(
                 "Held-out recordings: RMS of measured minus modelled torque by joint, Nm",
                 ("", *joint_heads(heldout.rms_before_nm.size)),
-                rows,
+                tuple(rows),
             ),
         ),
     )
 
 
-def _heldout_sentence(heldout: HeldOut) -> str:
-    """The joint whose torque changes most, in RMS beside the noise."""
+def _heldout_sentence(heldout: HeldOut, added: bool) -> str:
+    """The joint whose torque changes most, in RMS beside the noise; added: whether the model has findings at all."""
+    if not added:
+        times = heldout.rms_before_nm / heldout.noise_floor_nm
+        return (
+            f"On a motion that was not fitted, the model leaves {rounded(float(np.nanmin(times)), 2)} to "
+            f"{rounded(float(np.nanmax(times)), 2)} times what the noise alone would, by joint."
+        )
     change = heldout.rms_before_nm - heldout.rms_after_nm
     joint = int(np.nanargmax(np.abs(change)))
     if abs(change[joint]) < _NOTABLE * heldout.noise_floor_nm[joint]:

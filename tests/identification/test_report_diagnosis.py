@@ -193,6 +193,14 @@ def test_held_out_sentence_says_what_changed_even_if_it_is_worse(after: float, w
     assert words in texts(sections_of(diagnosis(heldout=changed))["heldout"], "lead")[0]
 
 
+def test_without_findings_nothing_is_said_about_them() -> None:
+    found = sections_of(diagnosis(findings=(), verdict="no_mismatch"))
+    assert "shift" not in found
+    # 0.1 and 0.21 Nm beside 0.1 Nm of noise.
+    assert "1.0 to 2.1 times" in texts(found["heldout"], "lead")[0]
+    assert not [row for row in table(found["heldout"], "Held-out") if "findings" in row]
+
+
 def test_only_parameters_that_move_are_listed_and_the_others_counted() -> None:
     section = sections_of(diagnosis())["shift"]
     assert table(section, "move") == {"FS_2": ("0.310", "0.110", "0.010", "20", "Nm")}
