@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,8 +13,10 @@ from identification.errors import DesignError
 from identification.excitation import default_trajectory
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.prediction import NoiseColour, predict_deviations
+from identification.fit import FitSettings, fit_recordings
 from identification.robots import load_robot
 from identification.signals.periodic import PeriodicSettings
+from tests.identification.synthetic import coloured_noise, inverse_dynamics, recording_of, table_three
 
 
 def test_the_promised_deviations_are_the_spread_of_estimates_from_noisy_torque() -> None:
@@ -51,6 +55,32 @@ def test_the_density_of_coloured_noise_is_that_of_the_recursion_it_describes() -
         band = (frequency >= low) & (frequency < high)
         assert np.mean(power[band]) == pytest.approx(np.mean(colour.density(frequency[band], rate)), rel=0.08)
     assert colour.density(1.0, rate) > 15.0
+
+
+def test_a_fit_of_as_many_periods_reports_the_promised_deviations(shared_folder: Path) -> None:
+    robot = load_robot("iiwa14")
+    trajectory, noise, rate, periods = default_trajectory(), 0.2, 100.0, 16
+    q, dq, ddq = trajectory.evaluate(np.arange(1000) / rate)
+    torque = inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq)
+    # All of the variance below 5 Hz, by a recursion that knows nothing of the promise.
+    correlation = float(np.exp(-2.0 * np.pi * 5.0 / rate))
+    error = coloured_noise((1000 * periods, 7), deviation=noise, correlation=correlation, seed=4)
+    recording = recording_of(
+        np.tile(q, (periods, 1)), np.tile(torque, (periods, 1)) + error, period_s=10.0, periods=periods
+    )
+    fitted = fit_recordings([recording], robot, FitSettings(physical=False))
+    promised = predict_deviations(
+        fitted.regressor,
+        trajectory,
+        noise_nm=np.full(7, noise),
+        periods=periods,
+        rate_hz=rate,
+        colour=NoiseColour(1.0, 5.0),
+    )
+    ratio = fitted.std / promised.std
+    # The fit measures its noise on 16 periods, some ten per cent on each line.
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
+    assert np.all((ratio > 0.75) & (ratio < 1.33))
 
 
 def test_four_times_the_periods_halve_the_promised_deviations() -> None:
