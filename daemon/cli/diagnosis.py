@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from daemon.batch import Task
 from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
@@ -113,3 +114,37 @@ def joint_table(diagnosis: Diagnosis) -> Table:
     for name, values in rows:
         table.add_row(name, *(f"{value:.4f}" for value in values))
     return table
+
+
+@app.command()
+def batch(
+    task: Annotated[Task, typer.Argument(help="fit or diagnose.")],
+    files: Annotated[list[Path], typer.Argument(help="Recordings, one job each.")],
+    heldout: Annotated[list[Path] | None, typer.Option("--heldout", help="Of diagnose: checks every file.")] = None,
+    robot: RobotOption = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A folder for each file in it.")] = Path("batch"),
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask cluster, such as tcp://10.0.0.5:8786.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="At a time on this machine.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Fit or diagnose many recordings at once; exit code 1 if any failed, and the others are done all the same.
+
+    On a cluster the files have to lie at the same path on every machine.
+    Example: iiwa-ident batch diagnose runs/*/recording.mcap --out batch
+    """
+    from daemon.batch import executor_of, run_batch
+
+    with executor_of(scheduler, jobs) as executor:
+        items = run_batch(
+            task, files, out, executor, robot=robot, heldout=heldout or (),
+            progress=lambda item: message(f"{item.file}: {item.sentence}"),
+        )  # fmt: skip
+    if json_file is not None:
+        write_json(json_file, [item.to_json() for item in items])
+    if not wants_json_on_stdout(json_file):
+        for item in items:
+            data(f"{'failed' if item.exit_code else 'done  '}  {item.file}: {item.sentence}")
+    if any(item.exit_code for item in items):
+        raise typer.Exit(1)

@@ -1,0 +1,154 @@
+"""Claims about `diagnose` and `batch`: files in, files out, exit codes, and one bad file does not cost the others.
+
+Truth: a plant of Pinocchio with a known spring; what `validate` and `simulate` then say of the extended model.
+"""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.batch import executor_of, run_batch
+from daemon.cli.app import main
+from daemon.errors import ConfigurationError
+from fixtures.physics import iiwa14_table_three
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.prediction import torque_along, validate_with_effects
+from identification.model_file import read_model
+from identification.robots import RobotModel, load_robot
+from tests.identification.mismatch.plant import on_joint, record
+
+STIFFNESS, REST = 2.0, 0.3
+
+
+def spring(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    del dq, torque
+    return on_joint(6, STIFFNESS * (q[:, 5] - REST))
+
+
+def run(*words: str) -> int:
+    try:
+        main(list(words))
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def iiwa14() -> RobotModel:
+    return load_robot("iiwa14")
+
+
+def true_parameters() -> PhysicalParameters:
+    """The fake robot's table: the identification's own is not asked."""
+    links = iiwa14_table_three()
+    return PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory, iiwa14: RobotModel) -> list[Path]:
+    """A fitted and a held-out recording of an arm with a spring at joint 6, as files of others."""
+    folder = tmp_path_factory.mktemp("logs")
+    files = []
+    for name, motion, periods in (("fitted", 3, 8), ("heldout", 9, 4)):
+        recording = record(iiwa14, true_parameters(), spring, periods=periods, motion=motion, seed=motion)
+        file = folder / f"{name}.npz"
+        np.savez(
+            file, t=recording.time, q=recording.position, tau=recording.torque,
+            period_s=recording.period_s, robot="iiwa14",
+        )  # fmt: skip
+        files.append(file)
+    return files
+
+
+@pytest.fixture(scope="module")
+def diagnosed(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("diagnosis")
+    code = run("diagnose", str(logs[0]), "--heldout", str(logs[1]), "--out", str(out), "--json", str(out / "copy.json"))
+    assert code == 0
+    return out
+
+
+def load(file: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return document
+
+
+def test_diagnose_names_the_spring_and_leaves_three_files(diagnosed: Path) -> None:
+    diagnosis = load(diagnosed / "diagnosis.json")
+    (finding,) = diagnosis["findings"]
+    assert (finding["effect"], finding["joint"]) == ("cable_spring", 6)
+    assert finding["parameters"]["stiffness"]["value"] == pytest.approx(STIFFNESS, rel=0.05)
+    assert load(diagnosed / "copy.json") == diagnosis
+    assert (diagnosed / "report.html").stat().st_size > 10_000
+
+
+def test_the_extended_model_has_bodies_and_predicts_unseen_torque_down_to_its_noise(
+    diagnosed: Path, logs: list[Path]
+) -> None:
+    model = read_model(diagnosed / "model.json")
+    assert model.physical is not None
+    assert model.data["consistent_parameters"]
+    from identification.recordings import read_recording
+
+    table = validate_with_effects(model, [read_recording(logs[1])])
+    for row in table.rows:
+        assert (row.rms_nm < 1.5 * row.noise_floor_nm).all()
+
+
+def test_the_models_spring_pulls_where_the_simulated_arm_is(diagnosed: Path, iiwa14: RobotModel) -> None:
+    """Between two angles the torque differs by stiffness times angle: constants may sit in gravity parameters."""
+    model = read_model(diagnosed / "model.json")
+    regressor = BaseRegressor(iiwa14, model.options)
+    time = np.arange(100) * 0.01
+    position = np.zeros((100, 7))
+    position[:, 5] = np.sin(2.0 * np.pi * time)
+    velocity = np.gradient(position, 0.01, axis=0)
+    effects = model.data["effects"]
+    torque = torque_along(effects, regressor, model.base_values(regressor), time, (position, velocity, 0.0 * velocity))
+
+    class At:
+        def __init__(self, time_s: float) -> None:
+            self.time_s = time_s
+
+    swing = torque(At(1.25)) - torque(At(-0.25))
+    assert swing[5] == pytest.approx(2.0 * STIFFNESS, rel=0.05)
+    assert not np.delete(swing, 5).any()
+
+
+def test_a_missing_recording_is_missing_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("diagnose", str(tmp_path / "absent.npz")) == 66
+    assert "absent.npz" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_recording_is_bad_data(tmp_path: Path) -> None:
+    file = tmp_path / "noise.npz"
+    np.savez(file, a=np.zeros(3))
+    assert run("diagnose", str(file)) == 65
+
+
+def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_path: Path) -> None:
+    bad = tmp_path / "bad.npz"
+    np.savez(bad, a=np.zeros(3))
+    with ThreadPoolExecutor(1) as executor:
+        first, second = run_batch("fit", [bad, logs[0]], tmp_path / "out", executor)
+    assert (first.exit_code, second.exit_code) == (65, 0)
+    assert (tmp_path / "out" / "fitted" / "model.json").is_file()
+
+
+def test_batch_says_by_its_exit_code_that_one_failed(tmp_path: Path) -> None:
+    result = tmp_path / "items.json"
+    code = run("batch", "fit", str(tmp_path / "absent.npz"), "--out", str(tmp_path / "out"), "--json", str(result))
+    assert code == 1
+    assert json.loads(result.read_text(encoding="utf-8"))[0]["exit_code"] == 66
+
+
+def test_a_scheduler_that_is_not_there_is_a_bad_configuration() -> None:
+    with pytest.raises(ConfigurationError, match=r"Dask|distributed"), executor_of("tcp://127.0.0.1:9", None):
+        pass
