@@ -76,8 +76,8 @@ class LinkDeviation:
 class ModelComparison:
     """A model against recordings, RMS torque (n,) Nm on the fitted motion within the compared bandwidth.
 
-    model_nm: what the model leaves. parameters_nm: what its parameters, put right, change. missing_nm: what no base
-    parameters explain. findings_nm: what stays beside the findings.
+    model_nm: what the model leaves. parameters_nm: torque between its parameters and those fitted with the
+    findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings.
     """
 
     source: str
@@ -92,14 +92,17 @@ class ModelComparison:
     def sentence(self) -> str:
         """What an operator reads."""
         wrong = [item for item in self.links if item.wrong]
-        total = [float(np.sqrt(np.sum(values**2))) for values in (self.model_nm, self.parameters_nm, self.missing_nm)]
-        parts = f"{self.source} leaves {total[0]:.3g} Nm RMS (all joints together). "
-        if wrong:
-            named = ", ".join(f"{item.link} ({item.torque_nm:.2g} Nm)" for item in wrong)
-            parts += f"Wrong parameters make {total[1]:.3g} Nm of it; links beyond what the fit leaves open: {named}. "
-        else:
-            parts += "None of its parameters is further off than the fit leaves open. "
-        return parts + f"No parameters explain {total[2]:.3g} Nm: noise and missing physics."
+        model, refitted, named = (
+            float(np.sqrt(np.sum(values**2))) for values in (self.model_nm, self.missing_nm, self.findings_nm)
+        )
+        parts = (
+            f"{self.source} leaves {model:.3g} Nm RMS (all joints together); with its parameters fitted anew "
+            f"{refitted:.3g} Nm stay, and {named:.3g} Nm with what is named beside them. "
+        )
+        if not wrong:
+            return parts + "None of its parameters is further off than the fit leaves open."
+        links = ", ".join(f"link {item.link} ({item.torque_nm:.2g} Nm)" for item in wrong)
+        return parts + f"Wrong parameters, beyond what the fit leaves open: {links}."
 
     def to_json(self) -> dict[str, Any]:
         """The entry `model_comparison` of diagnosis.json."""
@@ -108,7 +111,7 @@ class ModelComparison:
             "sentence": self.sentence,
             "rms_nm": {
                 "model": json_list(self.model_nm),
-                "wrong_parameters": json_list(self.parameters_nm),
+                "parameter_difference": json_list(self.parameters_nm),
                 "refitted": json_list(self.missing_nm),
                 "with_findings": json_list(self.findings_nm),
             },
