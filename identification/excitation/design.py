@@ -38,6 +38,9 @@ FloatArray = npt.NDArray[np.float64]
 
 _TRIALS = 8
 """Random motions on which it is found out which effects can be seen at all."""
+_SHRINKING = (0.9, 0.8, 0.7, 0.6, 0.5)
+_SHRUNK = 2
+"""Where no motion found is accepted, the best two are tried at these amplitudes."""
 _RANKING_RATE_HZ = 40.0
 _RANKING_SIGN_WIDTH = 0.005
 
@@ -79,8 +82,9 @@ def design_excitation(
     """Design a trajectory for `robot` inside `limits`, problem (14) or with the true limits.
 
     progress: called in this process after every local search. clock: seconds, e.g. time.monotonic, for `budget_s`.
-    acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned. nominal: what the arm
-    is taken to be; with the true limits its torque is bounded too, and the detectability of effects needs it.
+    acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned, made smaller if need
+    be. nominal: what the arm is taken to be; with the true limits its torque is bounded too, and the detectability of
+    effects needs it.
     Raises DesignError when limits and robot do not fit, or no candidate is accepted and verified.
     """
     settings = settings or DesignSettings()
@@ -279,17 +283,22 @@ def _best_result(
         achieved = achieved_figures(regressor, trajectory, noise_nm=noise)
         ranked.append((_figure(problem, trajectory, achieved), start, trajectory, achieved))
     # The search smooths sign() and takes few samples; what is promised is ranked by the true figures.
-    for _, start, trajectory, achieved in sorted(ranked, key=lambda entry: entry[:2]):
+    ranked.sort(key=lambda entry: entry[:2])
+    # A motion about a safe centre becomes safe when it is made smaller, and stays inside every limit; it is worth less.
+    shrunk = [(factor, entry) for factor in _SHRINKING if acceptable is not None for entry in ranked[:_SHRUNK]]
+    for factor, (_, start, found, figures) in [*((1.0, entry) for entry in ranked), *shrunk]:
+        trajectory = found if factor == 1.0 else found.scaled(factor)
         verified = verify(trajectory, limits, torque_of=torque_of)
         if not verified["within_limits" if settings.limits == "true" else "within_paper_limits"]:
             continue
         if acceptable is not None and not acceptable(trajectory):
             continue
+        achieved = figures if factor == 1.0 else achieved_figures(regressor, trajectory, noise_nm=noise)
         record = {
             "limits": limits.to_json(),
             "achieved": {**achieved, "verified_at_1_khz": verified},
             "seed": settings.seed,
-            "settings": {**asdict(settings), "start": start + 1, "searches": len(history)},
+            "settings": {**asdict(settings), "start": start + 1, "searches": len(history), "shrunk_to": factor},
         }
         return DesignResult(
             replace(trajectory, record=record), achieved["cond"], achieved["log_det"], tuple(history), verified

@@ -119,6 +119,22 @@ def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
         design_excitation(robot, limits_of_robot(robot), QUICK, acceptable=lambda _: False)
 
 
+def test_a_motion_too_large_to_be_safe_is_made_smaller() -> None:
+    robot = load_robot("iiwa14")
+    reach = []
+
+    def acceptable(trajectory: FourierTrajectory) -> bool:
+        reach.append(float(np.max(np.abs(trajectory.table(100.0)))))
+        return reach[-1] < 0.75 * reach[0]
+
+    result = design_excitation(robot, limits_of_robot(robot), replace(QUICK, starts=1), acceptable=acceptable)
+    shrunk = result.trajectory.record["settings"]["shrunk_to"]
+    assert np.max(np.abs(result.trajectory.table(100.0))) == pytest.approx(shrunk * reach[0])
+    assert shrunk == 0.7
+    assert result.verified["within_paper_limits"]
+    assert result.cond == pytest.approx(_condition_number(result.trajectory), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     "settings",
     [{"objective": "beauty"}, {"harmonics": 2}, {"period_s": 0.0}, {"starts": 0}, {"samples": 10}, {"limits": "none"}],
