@@ -111,13 +111,14 @@ def executor_of(scheduler: str | None, jobs: int | None) -> Iterator[Executor]:
             yield pool
         return
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
         raise ConfigurationError(
             "a Dask scheduler needs the package 'distributed': pip install 'iiwa-ident[dask]'", field="--scheduler"
         ) from error
     try:
-        client: Any = Client(scheduler, timeout="10s")
+        connect: Any = distributed.Client
+        client = connect(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"no Dask scheduler answers at {scheduler} ({error})", field="--scheduler") from error
     with client:
