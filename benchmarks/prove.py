@@ -25,12 +25,14 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=600)
     parser.add_argument("--seed", type=int, default=1_000_000)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--report", action="store_true", help="write each case's report, within the time of the case")
     options = parser.parse_args()
     print(f"reproduce: python -m benchmarks.prove --cases {options.cases} --seed {options.seed}")
     proven = prove(
         options.seed,
         range(options.cases),
         jobs=options.jobs,
+        report=options.report,
         publish=lambda name, commitment: print(f"sealed {name} sha256 {commitment}"),
     )
     scores = [case.score for case in proven]

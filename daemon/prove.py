@@ -70,7 +70,7 @@ class _LineProcess:
             self._child.stdin.write(json.dumps(request) + "\n")
             self._child.stdin.flush()
         line = self._child.stdout.readline()
-        if not line:
+        if not line.endswith("\n"):  # nothing, or what it had written when it was killed
             raise ProofProcessError(self._name, self._child.wait())
         answer: dict[str, Any] = json.loads(line)
         return answer
@@ -81,6 +81,27 @@ class _LineProcess:
             with contextlib.suppress(BrokenPipeError):
                 self._child.stdin.close()
         self._child.wait()
+
+
+class _Diagnoser:
+    """The process that diagnoses; started anew when it has gone, and the case it was on is answered by that."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self._arguments = arguments
+        self._process = _LineProcess(arguments)
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """The diagnosis, or {"error": …}."""
+        try:
+            return self._process.ask(request)
+        except ProofProcessError as error:
+            self._process.close()
+            self._process = _LineProcess(self._arguments)
+            return {"error": str(error)}
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
 
 
 def select_cases(seed: int, cases: int, only: str | None) -> list[int]:
@@ -106,15 +127,19 @@ def prove(
     *,
     jobs: int,
     worker: Sequence[str] = WORKER,
+    report: bool = False,
     publish: Callable[[str, str], None],
     progress: Callable[[int, int], None] | None = None,
     minutes: float = math.inf,
 ) -> list[ProvenCase]:
     """Diagnose the cases of a seed blind and score them, in the order of their numbers.
 
-    minutes: after which no further case is begun; those that are done are opened and scored.
+    minutes: after which no further case is begun; those that are done are opened and scored. report: each diagnosis is
+    also written as a report, within the time of its case. A case without a diagnosis (an error, or a process that was
+    killed, which is started anew) is wrong in every count.
     publish(name, commitment) is called for each case before its recordings are diagnosed. worker: arguments of the
-    Python process that diagnoses. Raises SealBrokenError when an opened label is not the sealed one.
+    Python process that diagnoses. Raises SealBrokenError when an opened label is not the sealed one, ProofProcessError
+    when the process that keeps the labels has gone.
     """
     end = time.monotonic() + 60.0 * minutes
     waiting: SimpleQueue[int] = SimpleQueue()
@@ -128,17 +153,17 @@ def prove(
         contextlib.ExitStack() as stack,
     ):
         processes = [
-            tuple(
-                stack.enter_context(contextlib.closing(_LineProcess(arguments)))
-                for arguments in ((*GENERATOR, "--seed", str(seed)), worker)
+            (
+                stack.enter_context(contextlib.closing(_LineProcess((*GENERATOR, "--seed", str(seed))))),
+                stack.enter_context(contextlib.closing(_Diagnoser(worker))),
             )
             for _ in range(lanes)
         ]
 
-        def run_lane(generator: _LineProcess, diagnoser: _LineProcess) -> list[dict[str, Any]]:
+        def run_lane(generator: _LineProcess, diagnoser: _Diagnoser) -> list[dict[str, Any]]:
             done = []
             for index in _drain(waiting, end):
-                done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish))
+                done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish, report=report))
                 if progress is not None:
                     progress(next(count), len(indices))
             return done
@@ -163,17 +188,22 @@ def _drain(waiting: SimpleQueue[int], end: float) -> Iterator[int]:
 
 def _diagnose_blind(
     generator: _LineProcess,
-    diagnoser: _LineProcess,
+    diagnoser: _Diagnoser,
     index: int,
     scratch: Path,
     publish: Callable[[str, str], None],
+    *,
+    report: bool,
 ) -> dict[str, Any]:
     name = secrets.token_hex(8)  # the folder's name tells nothing of the case
     folder = scratch / name
     drawn = generator.ask({"draw": index, "folder": str(folder)})
     publish(name, drawn["commitment"])
     first, second = drawn["recordings"]
-    answer = diagnoser.ask({"recordings": [first], "heldout": [second]})
+    request: dict[str, Any] = {"recordings": [first], "heldout": [second]}
+    if report:
+        request["report"] = str(folder / "report.html")
+    answer = diagnoser.ask(request)
     shutil.rmtree(folder)
     return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
 

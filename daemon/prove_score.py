@@ -13,10 +13,10 @@ from typing import Any
 __all__ = ["CaseScore", "EffectScore", "score_case"]
 
 Json = Mapping[str, Any]
-_SI = {"%": 0.01, "mrad": 1e-3, "ms": 1e-3, "°": math.pi / 180.0}
+_IN_SI = {"%": (0.01, "1"), "mrad": (1e-3, "rad"), "ms": (1e-3, "s"), "°": (math.pi / 180.0, "rad")}
 # On an iiwa the axis after these joints crosses theirs, so its torque is one of their bending moments.
 _BENT_BY_NEXT_JOINT = (1, 3, 5, 6)
-_PERIOD_ONLY = ("external_contact", "payload_change")
+_BETWEEN_PERIODS = ("external_contact", "payload_change", "torque_sensor_drift", "thermal_friction")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +48,7 @@ class CaseScore:
     answer no hidden effect; misnamed: how many of them stand for one that got no answer, the others are spurious.
     detected: whether any misfit was reported. right: for structural cases and common lags, whether the answer was the
     only right one. removed: share of the held-out excess energy that the findings removed, None where there is none.
+    failed: why there is no diagnosis; such a case is wrong in every count.
     """
 
     group: str
@@ -118,7 +119,7 @@ def _is_detected(diagnosis: Json | None) -> bool:
 def _matches(truths: Sequence[Json], findings: Sequence[Json]) -> list[Json | None]:
     """The finding that answers each truth: its own name first, then a set that holds it; each finding once."""
     matches: list[Json | None] = [None] * len(truths)
-    for accepts in (_is_named, _is_in_set):
+    for accepts in (_is_own_name, _is_in_set):
         for i, truth in enumerate(truths):
             for finding in findings:
                 free = all(finding is not match for match in matches)
@@ -131,8 +132,10 @@ def _matches(truths: Sequence[Json], findings: Sequence[Json]) -> list[Json | No
 
 
 def _is_named(truth: Json, finding: Json) -> bool:
-    if _covers(truth, finding):
-        return True
+    return _covers(truth, finding) or _is_own_name(truth, finding)
+
+
+def _is_own_name(truth: Json, finding: Json) -> bool:
     if finding["effect"] in truth["acceptable"]:
         return _is_placed(truth, finding)
     return _is_same_torque(truth, finding["effect"], finding.get("joint"))
@@ -182,7 +185,9 @@ def _amplitude(truth: Json, finding: Json | None) -> tuple[float | None, bool | 
     parameter = finding["parameters"].get(wanted["name"])
     if parameter is None or not isinstance(parameter.get("value"), (int, float)):
         return None, None
-    scale = _SI.get(parameter["unit"], 1.0)
+    scale, unit = _IN_SI.get(parameter["unit"], (1.0, parameter["unit"]))
+    if unit != wanted["unit"]:
+        raise ValueError(f"{finding['effect']}'s {wanted['name']} is in {unit}, its truth in {wanted['unit']}")
     distance = abs(scale * parameter["value"] - wanted["value"])
     std = parameter.get("std")
     covered = distance <= 1.96 * scale * std if isinstance(std, (int, float)) and math.isfinite(std) else None
@@ -220,14 +225,23 @@ def _is_structurally_right(label: Json, diagnosis: Json | None, findings: Sequen
 
 
 def _removed(label: Json, diagnosis: Json | None) -> float | None:
-    """1 - E₁/E₀, E the sum over the joints of mean square error beyond the noise floor, on the held-out recording."""
+    """1 - E₁/E₀ on the held-out recording, E the mean square error beyond the noise floor on the joints affected.
+
+    Joints that the effects are visible on: the others hold nothing but noise, of only few periods. None where the
+    excess does not exceed the noise itself, as there is then nothing to remove that could be told from it; and for
+    effects between periods, as those of the held-out recording are its own and are found there.
+    """
     truths = label["effects"]
-    if diagnosis is None or not truths or any(truth["effect"] in _PERIOD_ONLY for truth in truths):
+    if not truths or any(truth["effect"] in _BETWEEN_PERIODS for truth in truths):
         return None
+    if diagnosis is None:
+        return 0.0
     heldout = diagnosis.get("heldout") or {}
     floors = heldout.get("noise_floor_nm") or ()
+    joints = sorted({joint - 1 for truth in truths for joint in truth["visible_joints"] if joint <= len(floors)})
+    noise = sum(floors[joint] ** 2 for joint in joints)
     before, after = (
-        sum(max(0.0, value**2 - floor**2) for value, floor in zip(heldout.get(name) or (), floors, strict=False))
+        sum(heldout[name][joint] ** 2 for joint in joints) - noise if joints else 0.0
         for name in ("rms_before_nm", "rms_after_nm")
     )
-    return 1.0 - after / before if before > 0.0 else None
+    return min(1.0, 1.0 - after / before) if before > noise else None

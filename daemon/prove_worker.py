@@ -1,7 +1,8 @@
 """The blind half of the proof: a process that is told where two recordings lie, and nothing else.
 
-Reads one JSON object a line, {"recordings": [A], "heldout": [B]}, and answers each with {"diagnosis": …, "seconds": …}
-or {"error": …}. Started by ``prove`` as ``python -m daemon.prove_worker``.
+Reads one JSON object a line, {"recordings": [A], "heldout": [B]}, with "report": PATH where one is to be written too,
+and answers each with {"diagnosis": …, "seconds": …} or {"error": …}. Started by ``prove`` as
+``python -m daemon.prove_worker``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 from identification.mismatch.diagnosis import diagnose
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
+from identification.report import write_report
 from identification.robots import load_robot
 
 __all__ = ["answer", "main"]
@@ -27,10 +29,20 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     try:
         recordings = [read_recording(Path(path)) for path in request["recordings"]]
         heldout = [read_recording(Path(path)) for path in request["heldout"]]
-        diagnosis = diagnose(recordings, load_robot(robot_of(recordings)), heldout=heldout).to_json()
+        robot = load_robot(robot_of(recordings))
+        diagnosis = diagnose(recordings, robot, heldout=heldout)
+        if "report" in request:
+            write_report(
+                Path(request["report"]),
+                diagnosis=diagnosis,
+                model=diagnosis.extended_model_json(),
+                recordings=recordings,
+                heldout=heldout,
+                robot=robot,
+            )
     except Exception as error:  # one case that cannot be diagnosed is a score of its own, not the end of the proof
         return {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
-    return {"diagnosis": diagnosis, "seconds": time.process_time() - start}
+    return {"diagnosis": diagnosis.to_json(), "seconds": time.process_time() - start}
 
 
 def main() -> int:

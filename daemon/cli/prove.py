@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import sys
 from typing import Annotated, Any
 
 import typer
@@ -27,6 +28,9 @@ def prove(
         float | None,
         typer.Option("--minutes", min=0.0, help="Begin no further case after this time; score those done."),
     ] = None,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
+    ] = False,
     json_file: JsonOption = None,
 ) -> None:
     """Prove the diagnosis on concealed cases: draw, seal, diagnose blind in other processes, open the seals, score.
@@ -44,8 +48,9 @@ def prove(
         indices,
         jobs=jobs or os.cpu_count() or 1,
         minutes=math.inf if minutes is None else minutes,
+        report=report,
         publish=lambda name, commitment: message(f"case {name}: label sealed, sha256 {commitment}"),
-        progress=lambda done, total: message(f"[{100 * done // total:3d} %] {done} of {total} cases diagnosed"),
+        progress=_show_progress if sys.stderr.isatty() else None,
     )
     scores = [case.score for case in proven]
     figures = summary(scores)
@@ -75,12 +80,26 @@ def prove(
     data(f"One of these cases again: python -m fixtures.cases --seed {seed} --case I --out DIR")
 
 
+def _show_progress(done: int, total: int) -> None:
+    message(f"[{100 * done // total:3d} %] {done} of {total} cases diagnosed")
+
+
 def show_proof(scores: list[Any], figures: dict[str, Any]) -> None:
     """Families, confusion, negatives, the other figures, and the targets, on stdout."""
     data("Singles without background; rates at λ ≥ 100, what an oracle needs is λ = 24:")
-    names = ("detected", "joint", "named", "in_set", "named_textbook", "named_perturbed")
+    names = ("detected", "joint", "named", "in_set", "named_textbook", "named_perturbed", "named_background")
     table = Table(
-        "family", "cases", "detected", "joint right", "named", "or in set", "textbook", "perturbed", "λ50", "λ90"
+        "family",
+        "cases",
+        "detected",
+        "joint right",
+        "named",
+        "or in set",
+        "textbook",
+        "perturbed",
+        "in background",
+        "λ50",
+        "λ90",
     )
     for row in family_rows(scores):
         curve = ["-" if row[name] is None else f"{row[name]:.0f}" for name in ("lambda50", "lambda90")]

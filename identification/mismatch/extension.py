@@ -15,7 +15,6 @@ from identification.mismatch.effects.base import ShapeParameter
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.refinement import Member
-from identification.mismatch.screening import UNDETERMINED
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,6 +22,10 @@ FloatArray = npt.NDArray[np.float64]
 SHAPE_STEP = 1e-2
 # Directions of the base parameters below this share of the best determined one count as open.
 OPEN = 1e-7
+# Information on a parameter, in its own unit, below which it counts as open.
+LEAST_INFORMATION = 1e-12
+# Degrees of freedom of a noise estimate below which its possible values have no mean to speak of.
+FEWEST_FREEDOM = 4.0
 # Blocks of neighbouring lines per joint whose products with the residual are taken as independent.
 BLOCKS = 24
 
@@ -120,24 +123,27 @@ def uncertainties(
 ) -> tuple[Uncertainty, ...]:
     """Uncertainty of every member, coefficients and nonlinear parameters of all of them together.
 
-    coloured: the residual is not noise alone. Then the covariance is built from the residual itself: products of
-    columns and residual summed over blocks of neighbouring lines, whatever the colour within a block (the sandwich
-    with clusters, Liang and Zeger 1986), and never below that of the noise.
+    The noise is estimated: each line counts with the mean of what its variance may be, ν / (ν - 2) times the estimate
+    of ν degrees of freedom. coloured: the residual is not noise alone. Then the covariance is built from the residual
+    itself: products of columns and residual summed over blocks of neighbouring lines, whatever the colour within a
+    block (the sandwich with clusters, Liang and Zeger 1986), and never below that of the noise. Of a nonlinear
+    parameter the data say nothing beyond its bounds; a direction that they leave open comes out as wide as that.
     """
-    columns, labels = _tangents(nominal, extension, library)
+    columns, labels, ranges = _tangents(nominal, extension, library)
     if not labels:
         return ()
     columns = off(nominal.basis, columns)
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    values, vectors = np.linalg.eigh((columns / norms).T @ (columns / norms))
-    kept = values > UNDETERMINED**2 * values[-1]
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(norms, norms)
-    covariance = inverse
+    information = columns.T @ columns + np.diag(12.0 / ranges**2)
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST_INFORMATION))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, OPEN**2 * values[-1])) @ vectors.T / np.outer(scale, scale)
+    freedom = np.maximum(nominal.freedom, FEWEST_FREEDOM)
+    inflated = columns * np.tile(np.sqrt(2.0 / (freedom - 2.0)), nominal.n)[:, None]
+    covariance = inverse + inverse @ (inflated.T @ inflated) @ inverse
     if coloured:
-        meat = _block_products(nominal, columns, residual)
-        sandwich = inverse @ meat @ inverse
-        scale = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
-        covariance = sandwich * np.outer(scale, scale)
+        sandwich = inverse @ _block_products(nominal, columns, residual) @ inverse
+        wider = np.maximum(np.diag(covariance) / np.maximum(np.diag(sandwich), 1e-300), 1.0)
+        covariance = sandwich * np.sqrt(np.outer(wider, wider))
     result = []
     for index, member in enumerate(extension.members):
         full = np.zeros((member.rows.coefficients, member.rows.coefficients))
@@ -154,20 +160,36 @@ def uncertainties(
 
 def _tangents(
     nominal: Problem, extension: Extension, library: Library
-) -> tuple[FloatArray, list[tuple[int, int | str]]]:
-    """Whitened columns of all coefficients and all nonlinear parameters at the estimate, and what each belongs to."""
+) -> tuple[FloatArray, list[tuple[int, int | str]], FloatArray]:
+    """Whitened columns of all coefficients and nonlinear parameters at the estimate, what each belongs to, its range.
+
+    The range is infinite for coefficients. A parameter tied to a coefficient bends that one's column.
+    """
     columns: list[FloatArray] = []
     labels: list[tuple[int, int | str]] = []
+    ranges: list[float] = []
     motion = library.evidences[0].motion
     for index, (member, coefficients) in enumerate(zip(extension.members, extension.coefficients, strict=True)):
-        columns.append(spread(nominal, member.rows.joints, member.used_rows()))
-        labels.extend((index, column) for column in member.selection)
+        own = member.used_rows()
+        beside: list[FloatArray] = []
+        names: list[tuple[int, int | str]] = []
+        widths: list[float] = []
         for parameter in member.effect.shape_parameters(motion, member.place):
             slope = None if parameter.integer else _slope(member, parameter, library, coefficients)
-            if slope is not None:
-                columns.append(spread(nominal, member.rows.joints, slope[..., None]))
-                labels.append((index, parameter.name))
-    return (np.concatenate(columns, axis=1) if columns else np.zeros((0, 0))), labels
+            if slope is None:
+                continue
+            if parameter.tied:
+                own = own + slope[..., None]
+                continue
+            beside.append(slope)
+            names.append((index, parameter.name))
+            upper, lower = parameter.upper, parameter.lower
+            width = member.shape[parameter.name] * np.log(upper / lower) if parameter.logarithmic else upper - lower
+            widths.append(float(width))
+        columns.append(spread(nominal, member.rows.joints, np.concatenate([own, *(s[..., None] for s in beside)], 2)))
+        labels.extend([*((index, column) for column in member.selection), *names])
+        ranges.extend([*(np.inf for _ in member.selection), *widths])
+    return (np.concatenate(columns, axis=1) if columns else np.zeros((0, 0))), labels, np.array(ranges)
 
 
 def _slope(member: Member, parameter: ShapeParameter, library: Library, coefficients: FloatArray) -> FloatArray | None:

@@ -35,7 +35,7 @@ def truth(effect: str = "load_dependent_friction", joint: int | None = 2, **chan
         "visible_joints": [] if joint is None else [joint],
         "covered_by": [],
         "form": "library",
-        "amplitude": {"name": "friction_per_load", "value": 0.02},
+        "amplitude": {"name": "friction_per_load", "value": 0.02, "unit": "1"},
         "lambda": 2000.0,
         "partial_lambda": 2000.0,
         "acceptable": [effect],
@@ -65,7 +65,7 @@ def diagnosis(*findings: dict[str, Any], **changes: Any) -> dict[str, Any]:
         "baseline": {"detected": [bool(findings)] * 7},
         "findings": list(findings),
         "not_identifiable_here": [],
-        "heldout": {"rms_before_nm": [0.5], "rms_after_nm": [0.3], "noise_floor_nm": [0.3]},
+        "heldout": {"rms_before_nm": [0.4, 0.5], "rms_after_nm": [0.4, 0.3], "noise_floor_nm": [0.3, 0.3]},
         **changes,
     }
 
@@ -81,6 +81,24 @@ def test_a_perfect_answer_is_named_measured_and_without_extras() -> None:
     assert effect.amplitude_error == pytest.approx(0.01)
     assert effect.covered is True
     assert score.removed == pytest.approx(1.0)
+
+
+def test_removed_is_what_went_of_the_excess_where_the_effect_is_and_stands_out() -> None:
+    def removed(**rms: list[float]) -> float | None:
+        return scored(label(truth(joint=2)), diagnosis(heldout={"noise_floor_nm": [0.3, 0.3], **rms})).removed
+
+    half = removed(rms_before_nm=[9.0, 0.5], rms_after_nm=[9.0, math.sqrt(0.17)])
+    assert half == pytest.approx(0.5)  # (0.25 - 0.17) / (0.25 - 0.09), whatever joint 1 has
+    assert removed(rms_before_nm=[9.0, 0.41], rms_after_nm=[9.0, 0.3]) is None
+    assert score_case(label(truth()), None, 0.0, "error").removed == 0.0
+    drift = truth("torque_sensor_drift", 2, amplitude=None)
+    assert scored(label(drift), diagnosis()).removed is None
+
+
+def test_a_parameter_in_another_unit_than_its_truth_is_no_number_to_compare() -> None:
+    wrong = finding(parameters={"friction_per_load": {"value": 2.0, "std": 0.1, "unit": "Nm"}})
+    with pytest.raises(ValueError, match="in Nm, its truth in 1"):
+        scored(label(truth()), diagnosis(wrong))
 
 
 def test_an_empty_answer_names_nothing_and_is_no_false_name() -> None:
@@ -113,6 +131,14 @@ def test_a_set_that_holds_the_truth_counts_as_a_set_only() -> None:
 def test_one_finding_answers_one_of_two_equal_effects() -> None:
     score = scored(label(truth(), truth(joint=3), group="pair"), diagnosis(finding()))
     assert [effect.named for effect in score.effects] == [True, False]
+
+
+def test_a_spring_whose_rest_torque_covers_an_offset_answers_both() -> None:
+    offset = truth("torque_offset", acceptable=["torque_offset"], covered_by=["cable_spring"])
+    spring = truth("cable_spring", acceptable=["cable_spring"])
+    score = scored(label(offset, spring), diagnosis(finding("cable_spring")))
+    assert [effect.named for effect in score.effects] == [True, True]
+    assert score.extras == 0
 
 
 def test_bending_and_crosstalk_are_one_torque_where_the_axes_cross() -> None:
@@ -164,6 +190,13 @@ def test_a_case_without_a_diagnosis_is_counted_as_failed() -> None:
     score = score_case(label(truth()), None, 0.0, "RecordingError: empty")
     assert score.failed is not None
     assert summary([score])["failed"] == 1
+    nothing = score_case(label(group="negative"), None, 0.0, "RecordingError: empty")
+    figures = summary([score, nothing])
+    assert (figures["singles_named"], figures["singles_joint"], figures["false_names"]) == (
+        Rate(0, 1),
+        Rate(0, 1),
+        Rate(1, 1),
+    )
     assert wrong_answers([(4, score)]) == ["case 4 single  [paper]: loadf λ 2e+03 → RecordingError: empty"]
 
 
@@ -180,6 +213,17 @@ def test_visibility_at_which_names_come_right_is_found_on_a_known_curve() -> Non
     assert visibility_for(pairs, 0.5) == pytest.approx(30.0, rel=0.05)
     assert visibility_for(pairs, 0.9) == pytest.approx(30.0 * math.exp(math.log(9.0) / 4.0), rel=0.08)
     assert visibility_for([(10.0, True), (20.0, True)], 0.9) is None
+
+
+def test_a_few_lapses_at_great_visibility_do_not_move_where_names_come_right() -> None:
+    random = np.random.default_rng(4)
+    visibility = np.exp(random.uniform(np.log(3.0), np.log(1e5), 400))
+    named = visibility > 40.0
+    named[np.flatnonzero(visibility > 3000.0)[::40]] = False
+    found = visibility_for(list(zip(visibility.tolist(), named.tolist(), strict=True)), 0.9)
+    assert found == pytest.approx(40.0, rel=0.25)
+    never = [(float(value), bool(index % 2)) for index, value in enumerate(np.sort(visibility))]
+    assert visibility_for(never, 0.9) is None
 
 
 def test_tables_tell_met_from_not_met_and_from_nothing_to_judge_by() -> None:
@@ -243,11 +287,33 @@ def test_a_label_that_was_changed_after_sealing_voids_the_proof() -> None:
         proof._opened(case, {"salt": "salt", "label": text.replace("negative", "single")})
 
 
-def test_a_process_that_dies_ends_the_proof_with_its_code(tmp_path: Path) -> None:
-    stub = tmp_path / "dies.py"
-    stub.write_text("import sys; sys.exit(3)")
+def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:
+    stub, log = tmp_path / "dies.py", tmp_path / "log"
+    stub.write_text(
+        "import os\nif not os.path.exists(__import__('sys').argv[1]):\n"
+        "    input(); open(__import__('sys').argv[1], 'w').close(); os.kill(os.getpid(), 9)\n" + STUB
+    )
+    first, second = proof.prove(TUNING_SEED, [0, 1], jobs=1, worker=[str(stub), str(log)], publish=unheard)
+    assert first.diagnosis is None
+    assert first.error is not None
+    assert "code -9" in first.error
+    assert second.error is None
+
+
+def test_the_report_is_written_only_where_it_is_asked_for(tmp_path: Path) -> None:
+    stub, log = tmp_path / "stub.py", tmp_path / "log"
+    stub.write_text(STUB)
+    proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(stub), str(log)], report=True, publish=unheard)
+    (seen,) = (json.loads(line) for line in log.read_text().splitlines())
+    assert Path(seen["request"]["report"]).parent == Path(seen["request"]["recordings"][0]).parent
+
+
+def test_without_the_keeper_of_the_labels_there_is_no_proof(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keeper = tmp_path / "keeper.py"
+    keeper.write_text("import sys; sys.exit(3)")
+    monkeypatch.setattr(proof, "GENERATOR", (str(keeper),))
     with pytest.raises(ProofProcessError, match="code 3"):
-        proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(stub)], publish=unheard)
+        proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(keeper)], publish=unheard)
 
 
 def test_strong_effects_are_named_and_negatives_are_left_alone() -> None:

@@ -14,6 +14,9 @@ from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
+REFERENCE_VELOCITY = 0.5
+"""rad/s at which the two frictions are added up into one number."""
+
 
 class ThermalFriction(EnvelopedEffect):
     """Friction that fades with time: exp(−t/T) · (ΔFV · q̇ + ΔFS · sign(q̇)).
@@ -62,9 +65,12 @@ class ThermalFriction(EnvelopedEffect):
         return np.asarray(np.exp(-record_time(motion) / shape["time_constant_s"]), dtype=np.float64)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Excess of both frictions at the start, and the time constant."""
+        """Excess of both frictions at the start, of their sum at one speed (better known than each), time constant."""
         std = np.sqrt(np.diag(estimate.covariance))
+        speed = np.array([REFERENCE_VELOCITY, 1.0])
+        spread = float(np.sqrt(max(0.0, float(speed @ estimate.covariance @ speed))))
         return (
+            Parameter("excess_at_0.5_rad_per_s", float(speed @ estimate.coefficients), spread, "Nm"),
             Parameter("viscous_excess", float(estimate.coefficients[0]), float(std[0]), "Nm s/rad"),
             Parameter("coulomb_excess", float(estimate.coefficients[1]), float(std[1]), "Nm"),
             Parameter(
