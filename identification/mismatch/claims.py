@@ -18,6 +18,7 @@ from identification.mismatch.effects.equivalence import separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, extend, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
+from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals, residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
@@ -107,7 +108,9 @@ def build_findings(
     dropped: list[str] = []
     while trial.members:
         failing = [
-            index for index in range(len(trial.members)) if not _passes(trial, index, before, now, check, settings)
+            index
+            for index in range(len(trial.members))
+            if not _passes(library, trial, index, before, now, check, settings)
         ]
         if not failing:
             break
@@ -188,7 +191,7 @@ def _confirmed_rival(
         members = [rival if place == index else item for place, item in enumerate(trial.members)]
         other = fitted(problem, members, settings, trial)
         now = check(members)
-        if now.heldout_after is not None and _passes(other, index, before, now, check, settings):
+        if now.heldout_after is not None and _passes(library, other, index, before, now, check, settings):
             left = now.heldout_after.rows / now.heldout_after.noise
             passed.append((float((left**2).sum()), other))
     return min(passed, key=lambda item: item[0])[1] if passed else None
@@ -202,24 +205,38 @@ def _torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
 
 
 def _passes(
-    trial: Trial, index: int, before: _Check, now: _Check, check: _Checker, settings: DiagnosisSettings
+    library: Library,
+    trial: Trial,
+    index: int,
+    before: _Check,
+    now: _Check,
+    check: _Checker,
+    settings: DiagnosisSettings,
 ) -> bool:
     """The rule of abstention for one member: enough removed on its joints, here and there, and no loss there."""
     member = trial.members[index]
-    joints = joints_of(member, _torque_of(member, now.extension.coefficients[index], trial.problem.n))
+    torque = _torque_of(member, now.extension.coefficients[index], trial.problem.n)
+    joints = joints_of(member, torque)
     complete = trial.complete
-    if not complete and not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False):
+    rest = check(_without(trial.members, index))
+    if complete:
+        loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
+        if not _has_its_form(library, trial, loudest, rest.after, now.after, settings):
+            return False
+    elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
+        trial.problem.noise_is_measured and _contrast(rest.after, now.after, joints) < settings.contrast_to_background
+    ):
         return False
     if now.heldout_after is None or before.heldout_after is None:
         return True
     needed = settings.heldout_share_removed
     if not explains_enough(before.heldout_after, now.heldout_after, joints, needed, complete=complete):
         return False
-    rest = check(_without(trial.members, index)).heldout_after
-    if rest is None:
+    if rest.heldout_after is None:
         return True
-    gain = float((rest.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
-    variance = (rest.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
+    without = rest.heldout_after
+    gain = float((without.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
+    variance = (without.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
     return gain > -2.0 * float(np.sqrt(variance))
 
 
@@ -274,6 +291,30 @@ def _repeatable(
             )
         )
     return found
+
+
+def _has_its_form(
+    library: Library, trial: Trial, joint: int, rest: Residuals, now: Residuals, settings: DiagnosisSettings
+) -> bool:
+    """Whether a member explains enough of what it and smooth functions of the state explain together on its joint.
+
+    rest, now: of the fitted recordings, without and with the member.
+    """
+    explained = float(((rest.rows**2 - now.rows**2) / now.sensor_noise**2).sum())
+    left = left_in_other_form(trial.problem, library.evidences, joint, 0.1 * settings.consistency_probability)
+    return left <= (1.0 - settings.share_removed) * (left + explained)
+
+
+def _contrast(rest: Residuals, now: Residuals, joints: Sequence[int]) -> float:
+    """What a member removes on its joints over the most that stays on any other joint, both in squares of the noise.
+
+    An unknown error that is seen on other joints may have any smooth form on this one too, a spring's or an offset's.
+    """
+    squares = [((item.rows / item.sensor_noise) ** 2).sum(axis=1) for item in (rest, now)]
+    others = np.setdiff1d(np.arange(rest.rows.shape[0]), list(joints))
+    expected = ((now.noise / now.sensor_noise) ** 2).sum(axis=1)
+    left = np.maximum(squares[1] - expected, 0.0)[others]
+    return float((squares[0] - squares[1])[list(joints)].sum() / max(float(left.max(initial=0.0)), 1e-300))
 
 
 def _clear_share(before: Residuals, after: Residuals, joints: Sequence[int]) -> float:

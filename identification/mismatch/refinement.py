@@ -61,10 +61,10 @@ class Member:
 
 def gram_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gram matrix off the basis, product with the residual, and square lengths before, of a member's columns."""
-    return _gram_of_rows(problem, member.rows.joints, member.used_rows())
+    return gram_of_rows(problem, member.rows.joints, member.used_rows())
 
 
-def _gram_of_rows(
+def gram_of_rows(
     problem: Problem, touched: tuple[int, ...], values: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """`gram_of` for rows (len(touched), R, m) of any columns."""
@@ -110,9 +110,7 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
     return _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
 
 
-def _followed(
-    problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]
-) -> Member:
+def _followed(problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]) -> Member:
     """The member whose nonlinear parameters equal its coefficient, by fixed-point iteration from where it is."""
     for _ in range(TURNS):
         (coefficient,), _ = estimate_of(problem, member)
@@ -143,7 +141,7 @@ def _together(
                 return member
             slopes.append((beside.used_rows() - member.used_rows()) @ coefficients / step)
         columns = np.concatenate([member.used_rows(), np.stack(slopes, axis=2)], axis=2)
-        change = coefficients_of(*_gram_of_rows(problem, member.rows.joints, columns))[0][coefficients.size :]
+        change = coefficients_of(*gram_of_rows(problem, member.rows.joints, columns))[0][coefficients.size :]
         for share in (1.0, 0.5, 0.2, 0.05):
             wanted = {
                 parameter.name: min(max(member.shape[parameter.name] + share * by, parameter.lower), parameter.upper)

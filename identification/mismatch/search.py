@@ -31,7 +31,7 @@ LOOK_AHEAD = 12
 """Candidates whose best partner is looked for where no single one is enough."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
-LEAST_STEP = 0.25
+LEAST_STEP = 0.15
 """Share of the score asked for beside a background that a step must bring while noise is not reached."""
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
@@ -39,6 +39,7 @@ QUICK_ROUNDS = 1
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
+OWN_TORQUE_ROUNDS = 2
 WORTH_RENEWING = 4.0
 """Whitened squares that a new nominal torque must save."""
 
@@ -135,7 +136,9 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
             screen = build_screen(nominal, candidates)
     if not trial.complete:
         trial = _exchanged(nominal, trial, screen, library, settings)
-    trial, scores = pruned(nominal, _whole(nominal, trial, settings), settings)
+    trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
+    trial, scores = pruned(nominal, trial, settings)
+    trial, library = _on_own_torque(nominal, trial, library, renewed, settings)
     return SearchResult(trial, scores, before, library, candidates)
 
 
@@ -157,6 +160,26 @@ def _seen_anew(
             break
         library = other
         trial = _polished(nominal, again, library, settings, alone=True)
+    return trial, library
+
+
+def _on_own_torque(
+    nominal: Problem, trial: Trial, library: Library, renewed: Renewal, settings: DiagnosisSettings
+) -> tuple[Trial, Library]:
+    """The members on the torque of the model they belong to, also where that explains no more than the nominal one's.
+
+    Another motion is predicted with that torque: a friction that grows with load would there meet another load.
+    """
+    for _ in range(OWN_TORQUE_ROUNDS if trial.members else 0):
+        other = renewed(extend(nominal, trial.members).base)
+        rows = [other.rows(member.effect, member.place, member.rows.shape) for member in trial.members]
+        members = [Member(item, member.selection) for item, member in zip(rows, trial.members, strict=True) if item]
+        if len(members) < len(trial.members):
+            break
+        again = fitted(nominal, members, settings, trial)
+        if again.complete != trial.complete or again.squares > trial.squares + WORTH_RENEWING:
+            break
+        trial, library = again, other
     return trial, library
 
 

@@ -18,6 +18,8 @@ class DiagnosisSettings:
     which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
     stay this close are named as alternatives. share_removed, heldout_share_removed: share of the excess misfit energy
     on the joints of a finding that must be removed on the fitted and on the held-out recordings for a name to be given.
+    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints than
+    any other joint keeps unexplained, where something does stay.
     share_of_form: share of what is explained on a joint that the exact form of the strongest effect may be wrong by; a
     weaker one on the same joint must explain more.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
@@ -26,14 +28,15 @@ class DiagnosisSettings:
     other recording is; None = every third of fifteen blocks of time.
     """
 
-    complete_score: float = 17.0
-    background_score: float = 60.0
+    complete_score: float = 20.0
+    background_score: float = 100.0
     between_score: float = 30.0
     consistency_probability: float = 1e-4
     margin_of_indistinguishable: float = 10.0
     share_removed: float = 0.7
     heldout_share_removed: float = 0.5
-    share_of_form: float = 0.015
+    contrast_to_background: float = 4.0
+    share_of_form: float = 0.03
     largest_findings: int = 5
     torque_bandwidth_hz: float = 60.0
     motion_bandwidth_hz: float = 20.0
