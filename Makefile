@@ -28,7 +28,7 @@ bench: $(VENV)/.installed-test
 	  OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.$$script "$$@" || exit 1; done
 
 clean:
-	rm -rf $(VENV) $(DEMO_OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT)* build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/.created:
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; set PYTHON=... to one." if sys.version_info < (3, 11) else 0)'

@@ -22,6 +22,15 @@ from daemon.preparation import PreparedMotion, prepare_motion
 PERIODS_UNUSED = 4
 
 
+def fresh_folder(folder: Path) -> Path:
+    """The folder itself if nothing is in it, else the first of folder-2, folder-3, … that is free: nothing is lost."""
+    number, free = 1, folder
+    while free.exists() and (not free.is_dir() or any(free.iterdir())):
+        number += 1
+        free = folder.with_name(f"{folder.name}-{number}")
+    return free
+
+
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for all files.")] = Path("demo-output"),
@@ -37,6 +46,7 @@ def demo(
     from daemon import demonstration
     from identification.excitation import validation_trajectory
 
+    out = fresh_folder(out)
     motion = prepare_motion(None)
     data(f"1. Motion: {motion.name}, {motion.trajectory.period_s:g} s a period; preflight:")
     show_preflight(motion.preflight)

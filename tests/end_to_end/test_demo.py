@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from daemon.cli.demonstration import is_right, judgement
+from daemon.cli.demonstration import fresh_folder, is_right, judgement
 from daemon.demonstration import fake_robot, free_udp_port, opened_effect
 from daemon.errors import SealBrokenError
 
@@ -67,3 +67,14 @@ SPRING = {"effect": "cable_spring", "joint": 4, "alternatives": []}
 def test_the_judgement_is_as_hard_as_the_truth(findings: list[dict[str, Any]], right: bool, words: str) -> None:
     assert is_right({"findings": findings}, LABEL) is right
     assert words in judgement({"findings": findings}, LABEL)
+
+
+def test_a_second_demo_keeps_the_files_of_the_first(tmp_path: Path) -> None:
+    wanted = tmp_path / "demo-output"
+    assert fresh_folder(wanted) == wanted
+    wanted.mkdir()
+    assert fresh_folder(wanted) == wanted
+    (wanted / "recording.mcap").touch()
+    assert fresh_folder(wanted) == tmp_path / "demo-output-2"
+    (tmp_path / "demo-output-2").touch()
+    assert fresh_folder(wanted) == tmp_path / "demo-output-3"
