@@ -23,6 +23,7 @@ from identification.mismatch.changes import (
     find_thermal,
     without_outliers,
 )
+from identification.mismatch.change_uncertainty import shape_covariance
 from identification.mismatch.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Effect, Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
@@ -255,10 +256,12 @@ def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -
     contribution[:, :, list(joints)] = rows @ fit.coefficients
     mean_columns = np.zeros((lines, n, rows.shape[-1]))
     mean_columns[:, list(joints)] = rows.mean(axis=0)
+    added = shape_covariance(contrasts, candidate.effect, candidate.place, candidate.shape, fit.coefficients)
+    covariance = fit.covariance + candidate.dispersion * added
     return Change(
         evidence=number,
         effect=candidate.effect,
-        estimate=Estimate(candidate.place, candidate.shape, fit.coefficients, fit.covariance, candidate.shape_std),
+        estimate=Estimate(candidate.place, candidate.shape, fit.coefficients, covariance, candidate.shape_std),
         gain=fit.gain,
         score=fit.score(candidate.tests),
         log10_chance=fit.log10_chance(candidate.tests),

@@ -1,0 +1,54 @@
+"""How much less certain the size of a change is because its times and its profile are estimated along with it.
+
+Not here: the noise's own part, which the fit at fixed nonlinear parameters gives. Called by the search between periods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.contrasts import Contrasts, solve
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.enveloped import EnvelopedEffect
+
+FloatArray = npt.NDArray[np.float64]
+
+# Step of a derivative, as a share of the parameter, or of its range where that is linear (a time).
+STEP = 1e-2
+LINEAR_STEP = 1e-4
+
+
+def shape_covariance(
+    contrasts: Contrasts, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float], coefficients: FloatArray
+) -> FloatArray:
+    """Covariance (m, m) that the nonlinear parameters add to that of the coefficients, in units of white noise of one.
+
+    First order: with the derivatives S of the torque by the nonlinear parameters beside the columns C, the
+    coefficients move by (CᵀC)⁻¹CᵀS per unit of those. A parameter is no less certain than evenly within its bounds.
+    """
+    joints, rows = contrasts.rows(effect, place, shape)
+    columns = contrasts.whiten(rows, joints).reshape(-1, coefficients.size)
+    slopes, information = [], []
+    for parameter in effect.shape_parameters(contrasts.motion, place):
+        if parameter.integer or parameter.name not in shape:
+            continue
+        value, width = shape[parameter.name], parameter.upper - parameter.lower
+        step = STEP * value if parameter.logarithmic else LINEAR_STEP * width
+        ends = (min(value + step, parameter.upper), max(value - step, parameter.lower))
+        if ends[0] <= ends[1]:
+            continue
+        high, low = (contrasts.rows(effect, place, {**shape, parameter.name: end})[1] for end in ends)
+        slope = ((high - low) @ coefficients / (ends[0] - ends[1]))[..., None]
+        slopes.append(contrasts.whiten(slope, joints).reshape(-1))
+        information.append(12.0 / width**2)
+    if not slopes:
+        return np.zeros((coefficients.size, coefficients.size))
+    tangent = np.stack(slopes, axis=1)
+    shared = columns.T @ tangent
+    inverse = solve(columns.T @ columns, shared[:, 0])[1]
+    left = tangent.T @ tangent - shared.T @ inverse @ shared + np.diag(information)
+    moved = inverse @ shared
+    return np.asarray(moved @ np.linalg.solve(left, moved.T), dtype=np.float64)
