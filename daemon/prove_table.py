@@ -36,6 +36,8 @@ WORTH_A_LOOK = 60.0
 NOTHING_HIDDEN = ("negative", "decoy", "background")
 LIBRARY_FORMS = ("library", "first_order_lag")
 NO_NAME = "no name"
+SINGLES_FOR_A_CURVE = 40
+"""Fewer give no λ at which 90 % are named that could be held against a target."""
 CASES_WITHOUT_LAPSE = 10.0
 """Strong cases, all named, that the estimate of a lapse rate starts from."""
 NARROW_MOTIONS = ("single",)
@@ -206,6 +208,7 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
     seconds = [score.seconds for score in scores if score.failed is None]
     return {
         "cases": len(scores),
+        "singles_named_at_any_visibility": rate(effect.named for effect in singles),
         "failed": sum(score.failed is not None for score in scores),
         "singles_named": rate(e.named for e in strong),
         "singles_in_set": rate(e.in_set for e in strong),
@@ -294,12 +297,18 @@ def targets(figures: Mapping[str, Any]) -> list[Target]:
         return 100.0 * float(figures[name])
 
     covered: Rate = figures["covered"]
-    lambda90 = figures["lambda90"]
+    every: Rate = figures["singles_named_at_any_visibility"]
+    enough = every.count >= SINGLES_FOR_A_CURVE
+    lambda90 = figures["lambda90"] if enough else None
+    # Enough cases and no such λ: 90 % are never named, which is not the same as having nothing to judge by.
+    never = enough and lambda90 is None and every.share < 0.9
     return [
         at_least("singles, λ ≥ 100: family and joint right", "singles_named", 0.98),
         at_least("singles, λ ≥ 100: joint right where anything is named", "singles_joint", 1.0),
         at_least("singles of perturbed form, λ ≥ 100: named", "perturbed_named", 0.95),
-        number("λ at which 90 % are named", "≤ 55", lambda90, lambda90 is not None and lambda90 <= 55.0),
+        Target("λ at which 90 % are named", "≤ 55", "never", False)
+        if never
+        else number("λ at which 90 % are named", "≤ 55", lambda90, lambda90 is not None and lambda90 <= 55.0),
         at_most("false names, clean and decoys", "false_names", 0.01),
         at_most("false names, with background", "false_names_background", 0.03),
         at_most("effects outside the library wrongly named", "outside_wrongly_named", 0.05),

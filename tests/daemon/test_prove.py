@@ -215,6 +215,16 @@ def test_visibility_at_which_names_come_right_is_found_on_a_known_curve() -> Non
     assert visibility_for([(10.0, True), (20.0, True)], 0.9) is None
 
 
+@pytest.mark.parametrize(("first_named", "met"), [(30.0, True), (200.0, False), (1e9, False)])
+def test_the_visibility_of_names_is_judged_on_enough_singles(first_named: float, met: bool) -> None:
+    scores = [
+        scored(label(truth(**{"lambda": visibility})), diagnosis(*([finding()] if visibility > first_named else [])))
+        for visibility in np.geomspace(5.0, 5e4, 60)
+    ]
+    (target,) = (item for item in targets(summary(scores)) if item.text == "λ at which 90 % are named")
+    assert target.met is met
+
+
 def test_a_few_lapses_at_great_visibility_do_not_move_where_names_come_right() -> None:
     random = np.random.default_rng(4)
     visibility = np.exp(random.uniform(np.log(3.0), np.log(1e5), 400))
@@ -235,6 +245,7 @@ def test_tables_tell_met_from_not_met_and_from_nothing_to_judge_by() -> None:
     assert met["singles, λ ≥ 100: family and joint right"] is True
     assert met["false names, clean and decoys"] is False
     assert met["pairs, both visible: both named"] is None
+    assert met["λ at which 90 % are named"] is None
     assert negatives([quiet, loud]) == {"decoy: hum": Rate(1, 1), "negative": Rate(0, 1)}
     assert confusion([right, scored(label(truth()), diagnosis())]) == {"loadf": {"right": 1, "no name": 1}}
 
