@@ -67,7 +67,7 @@ def show_preflight(report: PreflightReport) -> None:
         show_table(table)
         data(
             "Row n is n ms into the period. In brackets what is proven between the samples too; negative: overlap. "
-            "Stops are looked at from every 50th row. The start ramp shown begins in the middle of the motion; `run` "
+            "Stops are planned from every row. The start ramp shown begins in the middle of the motion; `run` "
             "checks the one from where the arm stands."
         )
 
