@@ -15,15 +15,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.changes import (
-    Candidate,
-    find_contact,
-    find_drift,
-    find_payload,
-    find_thermal,
-    without_outliers,
-)
+from identification.mismatch.change_candidates import Candidate
 from identification.mismatch.change_uncertainty import shape_covariance
+from identification.mismatch.changes import find_drift, find_payload, find_thermal
+from identification.mismatch.contact_search import find_contact, without_outliers
 from identification.mismatch.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Effect, Estimate
 from identification.mismatch.effects.external_contact import ExternalContact

@@ -100,15 +100,12 @@ def _saturation(recording: Recording) -> list[DataFault]:
             at = (torque == extreme) & moving
             edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
             longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+            if at.sum() < PLATEAU_SAMPLES or longest < PLATEAU_RUN:
+                continue
             values, counts = np.unique(torque, return_counts=True)
             beside = np.argsort(np.abs(values - extreme))[1:4]
             neighbour = int(counts[beside].max()) if beside.size else 0
-            if (
-                at.sum() >= PLATEAU_SAMPLES
-                and longest >= PLATEAU_RUN
-                and at.sum() > PLATEAU_OVER_NEIGHBOUR * neighbour
-                and values.size > 10
-            ):
+            if at.sum() > PLATEAU_OVER_NEIGHBOUR * neighbour and values.size > 10:
                 rows.extend(np.flatnonzero(at).tolist())
                 sides.append(float(extreme))
         if rows:
@@ -152,6 +149,15 @@ def _columns(stretch: ProcessedSignals, regressor: BaseRegressor, velocity: floa
     return regressor.matrix(stretch.position, velocity * stretch.velocity, acceleration * stretch.acceleration)
 
 
+def _by_joint(columns: FloatArray) -> FloatArray:
+    """(S, n, p) → (n, S, p), so that weights of joints can be changed after the products over the samples are made."""
+    return np.ascontiguousarray(columns.transpose(1, 0, 2))
+
+
+def _transposed(columns: FloatArray) -> FloatArray:
+    return columns.transpose(0, 2, 1)
+
+
 def _solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shortest least squares from normal equations, and the pseudo-inverse."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -174,9 +180,12 @@ def _signs(stretch: ProcessedSignals, regressor: BaseRegressor) -> FloatArray:
     order = np.argsort((patterns < 0.0).sum(axis=1), kind="stable")
     patterns = patterns[order]
     best = patterns[0]
+    by_joint = _by_joint(columns)
+    grams = _transposed(by_joint) @ by_joint
+    seen = (_transposed(by_joint) @ torque.T[..., None])[..., 0]
     for _ in range(3):
-        parts = np.einsum("rjp,rj->jp", columns * weight[:, None] ** 2, torque)
-        gram = np.einsum("rjp,rjq->pq", columns * weight[:, None] ** 2, columns)
+        parts = weight[:, None] ** 2 * seen
+        gram = np.tensordot(weight**2, grams, 1)
         _, inverse = _solve(gram, parts.sum(axis=0))
         form = np.diag((weight**2) * (torque**2).sum(axis=0)) - parts @ inverse @ parts.T
         cost = np.einsum("si,ij,sj->s", patterns, form, patterns)
@@ -281,10 +290,12 @@ def _ratio_from_torque(
     constant, linear = gravity + np.where(sizes, 0.0, odd), np.where(sizes, odd, 0.0)
     torque = stretch.torque * signs
     weight = np.ones(stretch.n)
+    blocks = [_by_joint(block) for block in (constant, linear, even)]
+    products = {(a, b): _transposed(blocks[a]) @ blocks[b] for a in range(3) for b in range(a, 3)}
+    seen = [(_transposed(block) @ torque.T[..., None])[..., 0] for block in blocks]
     for _ in range(3):
-        blocks = [block * weight[:, None] for block in (constant, linear, even)]
-        grams = {(a, b): np.einsum("rjp,rjq->pq", blocks[a], blocks[b]) for a in range(3) for b in range(a, 3)}
-        rights = [np.einsum("rjp,rj->p", block, torque * weight) for block in blocks]
+        grams = {pair: np.tensordot(weight**2, product, 1) for pair, product in products.items()}
+        rights = [weight**2 @ part for part in seen]
         squares = float(((torque * weight) ** 2).sum())
 
         def at(

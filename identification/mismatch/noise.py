@@ -24,10 +24,14 @@ def noise_of_mean(period_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     period_rows: (K ≥ 2, R, n) Nm, rows of each period: line 0, then cosine and sine of each line. The variance is half
     the mean square difference of successive periods (von Neumann: blind to slow drift), the largest quarter of the
     differences left out and the bias of that undone, smoothed over ± max(3, 10 %) lines; less where lines are so low
-    that a coloured noise is steep. Line 0 is never taken below its neighbours, since it has one number per difference.
+    that a coloured noise is steep. Line 0 is never taken below its neighbours, since it has one number per difference;
+    their median is taken off, as a sensor that drifts steadily shifts all of them alike.
     """
     periods, rows, joints = period_rows.shape
-    difference = np.diff(period_rows, axis=0) ** 2 / 2.0
+    difference = np.diff(period_rows, axis=0)
+    if periods - 1 >= FEWEST_TO_TRIM:
+        difference[:, 0] -= np.median(difference[:, 0], axis=0)
+    difference = difference**2 / 2.0
     lines = (rows - 1) // 2
     zero, power = difference[:, 0], (difference[:, 1::2] + difference[:, 2::2]) / 2.0
     low, high = _neighbours(lines)

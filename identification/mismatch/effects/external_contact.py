@@ -24,7 +24,7 @@ class ExternalContact(EnvelopedEffect):
 
     Parameters: F (3) in N; start t₀ and duration D in s; the profile p(u) = sin(π u^a)^s, of height 1, runs from a
     plateau (s → 0) over half a sine (1) to a bell (3), its peak early (a < 1) or late. The force acts at the next
-    joint's origin unless point_x_m, point_y_m, point_z_m (link frame) say otherwise. Seen: joints up to l, joints beyond l are clean.
+    joint's origin unless point_x_m, point_y_m, point_z_m (link frame) say otherwise. Seen: joints up to l, not beyond.
     A contact that comes back in further periods has further shape parameters start_2_s, start_3_s … Looks like:
     payload_change if it lasts to the end. Source: τ = Jᵀ F; De Luca, Mattone, ICRA 2005 (isolation by zero pattern).
     """
@@ -44,6 +44,7 @@ class ExternalContact(EnvelopedEffect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """Window and profile."""
+        del place
         last = float(motion.start_s[-1] + motion.time[-1])
         longest = 0.4 * float(motion.time[-1])
         return (
@@ -103,6 +104,7 @@ class RepeatedContact(Effect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """Window and profile within the period."""
+        del place
         last = float(motion.time[-1])
         grid = tuple(float(value) for value in np.arange(0.0, last, 0.25))
         return (

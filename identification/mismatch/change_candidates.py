@@ -1,0 +1,119 @@
+"""What every search for a change between periods shares: a candidate, its fit, one shape parameter at its best.
+
+Called by the searches of `changes` and `contact_search`; what is claimed is decided in `between_periods`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from identification.mismatch.contrasts import Contrasts, Fit
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.enveloped import EnvelopedEffect
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A candidate on the contrasts. joints: from 0, whose rows (K, R, J, m) it has. log10_chance, tests: see
+    `Fit.log10_chance`.
+
+    dispersion: how much noisier than its estimate the noise is beside the candidate; fit is already reduced by it.
+    span_s: first and last time (s from the first sample) it acts on, for contacts; None for what lasts.
+    """
+
+    effect: EnvelopedEffect
+    place: Place
+    shape: Mapping[str, float]
+    fit: Fit
+    log10_chance: float
+    tests: float
+    shape_std: Mapping[str, float]
+    dispersion: float = 1.0
+    span_s: tuple[float, float] | None = None
+
+
+def fit_of(
+    contrasts: Contrasts,
+    effect: EnvelopedEffect,
+    place: Place,
+    shape: Mapping[str, float],
+    columns: slice = slice(None),
+) -> Fit:
+    """The candidate's columns fitted to the contrasts."""
+    return contrasts.fit_pieces(*contrasts.pieces(effect, place, shape, columns))
+
+
+def refined_shape(
+    contrasts: Contrasts,
+    effect: EnvelopedEffect,
+    place: Place,
+    shape: dict[str, float],
+    name: str,
+    bounds: tuple[float, float],
+    *,
+    log: bool = False,
+    points: int = 7,
+) -> dict[str, float]:
+    """One shape parameter at its best: a grid over the bounds, then a bounded search around its best point."""
+    forward, back = (np.log, np.exp) if log else (float, float)
+    low, high = float(forward(max(bounds[0], 1e-9) if log else bounds[0])), float(forward(bounds[1]))
+
+    def gain_at(x: float) -> float:
+        return fit_of(contrasts, effect, place, {**shape, name: float(back(x))}).gain
+
+    grid = np.linspace(low, high, points)
+    gains = [gain_at(float(x)) for x in grid]
+    best = int(np.argmax(gains))
+    inner = (float(grid[max(0, best - 1)]), float(grid[min(points - 1, best + 1)]))
+    result = minimize_scalar(lambda x: -gain_at(float(x)), bounds=inner, method="bounded", options={"maxiter": 20})
+    x = float(result.x) if -result.fun > gains[best] else float(grid[best])
+    return {**shape, name: float(back(x))}
+
+
+def spread_of(
+    contrasts: Contrasts,
+    effect: EnvelopedEffect,
+    place: Place,
+    shape: Mapping[str, float],
+    name: str,
+    gain: float,
+    smallest: float = 1e-6,
+) -> dict[str, float]:
+    """Standard deviation of one shape parameter from how fast the gain falls off: 2 × 1σ ≙ a drop of 1 on each side."""
+    value = shape[name]
+    step = max(1e-3 * abs(value), smallest)
+    for _ in range(12):
+        drops = [
+            gain - fit_of(contrasts, effect, place, {**shape, name: value + sign * step}).gain for sign in (-1.0, 1.0)
+        ]
+        drop = 0.5 * (drops[0] + drops[1])
+        if drop > 0.5:
+            return {name: float(step / np.sqrt(drop))}
+        step *= 2.0
+        if step > abs(value) and value != 0.0:
+            break
+    return {name: float("nan")}
+
+
+def hopeless(gain: float, dof: int, tests: float) -> bool:
+    """Whether a refinement, which adds a fifth to a scan's gain, cannot make it significant."""
+    return bool(chi2.logsf(1.2 * gain + 3.0, dof) + np.log(tests) > -6.0)
+
+
+def dispersion_of(squares: float, freedom: int) -> float:
+    """How much noisier the contrasts beside a candidate are than the noise estimate says; 1 within its own scatter.
+
+    Drifting or wandering noise that successive differences do not see shows here.
+    """
+    ratio = squares / max(1, freedom)
+    return float(ratio) if ratio > 1.0 + 2.0 * np.sqrt(2.0 / max(1, freedom)) else 1.0
+
+
+def inflated(fit: Fit, dispersion: float) -> Fit:
+    """The fit under a noise that much larger."""
+    return replace(fit, gain=fit.gain / dispersion, covariance=fit.covariance * dispersion)
