@@ -82,6 +82,25 @@ def test_a_zero_offset_is_the_torque_at_the_other_angle(motion: Motion, links: P
     np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
 
 
+@pytest.mark.parametrize("joint", [2, 4, 6])
+def test_large_displacements_are_not_linear_and_the_chord_follows(
+    motion: Motion, links: PhysicalParameters, joint: int
+) -> None:
+    model = pinocchio_model(motion.robot, links)
+    load = pinocchio_torque(model, motion.position, motion.velocity, motion.acceleration)[:, joint - 1]
+    compliance = 0.05 / np.abs(load).max()
+    for name, shape, by, size in (
+        ("joint_zero_offset", "at_offset", np.full(motion.samples, 0.05), 0.05),
+        ("joint_elasticity", "at_compliance", -load * compliance, compliance),
+    ):
+        truth = displaced(motion, links, joint - 1, by) / size
+        chord = torque(motion, name, Place(joint=joint), {shape: size})[..., 0]
+        tangent = torque(motion, name, Place(joint=joint))[..., 0]
+        largest = np.abs(truth).max()
+        np.testing.assert_allclose(chord, truth, rtol=0.0, atol=1e-4 * largest)
+        assert np.abs(tangent - truth).max() > 5e-3 * largest
+
+
 def test_torque_does_not_depend_on_the_angle_about_a_vertical_first_axis(motion: Motion) -> None:
     assert effect_named("joint_zero_offset").columns(motion, Place(joint=1), {}) is None
 
