@@ -7,6 +7,7 @@ makes it. What to claim, to subtract and to merge is decided in `between_periods
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -170,20 +171,21 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
 
 
 def _dispersion_beside_step(seen: FloatArray, step: int) -> float:
-    """How noisy the periods are before and after a step, each side about its own mean.
+    """How noisy the periods are beside a step, each stretch about its own mean; one further step is allowed for.
 
     seen: (K, m) components of each period along orthonormal directions. step: first period after the change; it and
     the one before may hold the change itself and do not count. The larger of the mean over all directions and of the
     direction of the change.
     """
-    sides = [side for side in (seen[: step - 1], seen[step + 1 :]) if len(side) > 1]
-    if not sides:
-        return 1.0
-    rest = np.concatenate([side - side.mean(axis=0) for side in sides])
-    freedom = len(rest) - len(sides)
     along = seen[step:].mean(axis=0) - seen[:step].mean(axis=0)
     along /= max(float(np.linalg.norm(along)), 1e-300)
-    return max(
-        dispersion_of(float((rest**2).sum()), freedom * seen.shape[1]),
-        dispersion_of(float(((rest @ along) ** 2).sum()), freedom),
-    )
+    found = []
+    for other in range(1, len(seen)):
+        ends = [-1, *sorted({step, other}), len(seen) + 1]
+        stretches = [seen[first + 1 : last - 1] for first, last in pairwise(ends) if last - first > 3]
+        freedom = sum(len(stretch) - 1 for stretch in stretches)
+        if freedom > 0:
+            rest = np.concatenate([stretch - stretch.mean(axis=0) for stretch in stretches])
+            everywhere = dispersion_of(float((rest**2).sum()), freedom * seen.shape[1])
+            found.append(max(everywhere, dispersion_of(float(((rest @ along) ** 2).sum()), freedom)))
+    return min(found, default=1.0)
