@@ -18,7 +18,6 @@ from identification.mismatch.effects.equivalence import separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, extend, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
-from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals, residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
@@ -27,7 +26,15 @@ from identification.mismatch.refinement import Member
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult, Trial, fitted, removal_scores
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.verdict import alternatives, explains_enough, joints_of, rivals, significance
+from identification.mismatch.verdict import (
+    alternatives,
+    contrast,
+    explains_enough,
+    has_its_form,
+    joints_of,
+    rivals,
+    significance,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,7 +62,7 @@ class Role(Protocol):
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
-    dropped: sentences on what describes the misfit but is not claimed.
+    remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     """
 
     findings: tuple[Finding, ...]
@@ -65,7 +72,7 @@ class Claims:
     after: Residuals
     heldout_before: Residuals | None
     heldout_after: Residuals | None
-    dropped: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +110,10 @@ def build_findings(
 
     before = check(())
     trial = result.trial if physics else result.before
+    searched = trial
     trial = _generalising(problem, library, result, trial, before, check, settings)
+    remarks = _choices(searched, trial)
     now = check(trial.members)
-    dropped: list[str] = []
     while trial.members:
         failing = [
             index
@@ -118,14 +126,15 @@ def build_findings(
         options = (_confirmed_rival(problem, library, result, trial, i, before, check, settings) for i in loudest)
         better = next((option for option in options if option is not None), None)
         if better is not None:
+            remarks.extend(_choices(trial, better))
             trial = better
             now = check(trial.members)
             continue
         scores = removal_scores(problem, trial, settings)
         worst = min(failing, key=lambda index: scores[index])
         member = trial.members[worst]
-        where = "" if member.place.joint is None else f" on joint {member.place.joint}"
-        dropped.append(f"{member.effect.name}{where} describes part of the misfit, but not enough of it to be claimed")
+        named = _named(member.effect.name, member.place.joint)
+        remarks.append(f"{named} describes part of the misfit, but not enough of it to be claimed")
         trial = fitted(problem, _without(trial.members, worst), settings)
         now = check(trial.members)
     findings = [
@@ -134,7 +143,7 @@ def build_findings(
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
-        tuple(dropped),
+        tuple(remarks),
     )  # fmt: skip
 
 
@@ -162,6 +171,17 @@ def _generalising(
         if other is not None and _left_on(check(other.members), other, index) < 0.5 * _left_on(now, trial, index):
             trial = other
     return trial
+
+
+def _choices(before: Trial, after: Trial) -> list[str]:
+    """What is said of members that held-out data gave another name; both trials hold them in the same order."""
+    return [
+        f"The fitted motion cannot separate {_named(new.effect.name, new.place.joint)} from "
+        f"{_named(old.effect.name, old.place.joint)}: the held-out recordings chose, so their figures are not "
+        "independent of this name"
+        for old, new in zip(before.members, after.members, strict=True)
+        if (old.effect.name, old.place) != (new.effect.name, new.place)
+    ]
 
 
 def _left_on(now: _Check, trial: Trial, index: int) -> float:
@@ -217,14 +237,13 @@ def _passes(
     member = trial.members[index]
     torque = _torque_of(member, now.extension.coefficients[index], trial.problem.n)
     joints = joints_of(member, torque)
-    complete = trial.complete
-    rest = check(_without(trial.members, index))
+    rest, complete = check(_without(trial.members, index)), trial.complete
     if complete:
         loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
-        if not _has_its_form(library, trial, loudest, rest.after, now.after, settings):
+        if not has_its_form(trial.problem, library.evidences, loudest, rest.after, now.after, settings):
             return False
     elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
-        trial.problem.noise_is_measured and _contrast(rest.after, now.after, joints) < settings.contrast_to_background
+        trial.problem.noise_is_measured and contrast(rest.after, now.after, joints) < settings.contrast_to_background
     ):
         return False
     if now.heldout_after is None or before.heldout_after is None:
@@ -232,9 +251,9 @@ def _passes(
     needed = settings.heldout_share_removed
     if not explains_enough(before.heldout_after, now.heldout_after, joints, needed, complete=complete):
         return False
-    if rest.heldout_after is None:
-        return True
     without = rest.heldout_after
+    if without is None:
+        return True
     gain = float((without.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
     variance = (without.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
     return gain > -2.0 * float(np.sqrt(variance))
@@ -291,30 +310,6 @@ def _repeatable(
             )
         )
     return found
-
-
-def _has_its_form(
-    library: Library, trial: Trial, joint: int, rest: Residuals, now: Residuals, settings: DiagnosisSettings
-) -> bool:
-    """Whether a member explains enough of what it and smooth functions of the state explain together on its joint.
-
-    rest, now: of the fitted recordings, without and with the member.
-    """
-    explained = float(((rest.rows**2 - now.rows**2) / now.sensor_noise**2).sum())
-    left = left_in_other_form(trial.problem, library.evidences, joint, 0.1 * settings.consistency_probability)
-    return left <= (1.0 - settings.share_removed) * (left + explained)
-
-
-def _contrast(rest: Residuals, now: Residuals, joints: Sequence[int]) -> float:
-    """What a member removes on its joints over the most that stays on any other joint, both in squares of the noise.
-
-    An unknown error that is seen on other joints may have any smooth form on this one too, a spring's or an offset's.
-    """
-    squares = [((item.rows / item.sensor_noise) ** 2).sum(axis=1) for item in (rest, now)]
-    others = np.setdiff1d(np.arange(rest.rows.shape[0]), list(joints))
-    expected = ((now.noise / now.sensor_noise) ** 2).sum(axis=1)
-    left = np.maximum(squares[1] - expected, 0.0)[others]
-    return float((squares[0] - squares[1])[list(joints)].sum() / max(float(left.max(initial=0.0)), 1e-300))
 
 
 def _clear_share(before: Residuals, after: Residuals, joints: Sequence[int]) -> float:

@@ -39,9 +39,8 @@ QUICK_ROUNDS = 1
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
-OWN_TORQUE_ROUNDS = 2
 WORTH_RENEWING = 4.0
-"""Whitened squares that a new nominal torque must save."""
+"""Whitened squares that a new nominal torque must save in a step, and that it may cost at the end."""
 
 Renewal = Callable[[FloatArray], Library]
 
@@ -170,14 +169,13 @@ def _on_own_torque(
 
     Another motion is predicted with that torque: a friction that grows with load would there meet another load.
     """
-    for _ in range(OWN_TORQUE_ROUNDS if trial.members else 0):
+    for _ in range(2 if trial.members else 0):
         other = renewed(extend(nominal, trial.members).base)
         rows = [other.rows(member.effect, member.place, member.rows.shape) for member in trial.members]
         members = [Member(item, member.selection) for item, member in zip(rows, trial.members, strict=True) if item]
-        if len(members) < len(trial.members):
-            break
         again = fitted(nominal, members, settings, trial)
-        if again.complete != trial.complete or again.squares > trial.squares + WORTH_RENEWING:
+        same = len(members) == len(trial.members) and again.complete == trial.complete
+        if not same or again.squares > trial.squares + WORTH_RENEWING:
             break
         trial, library = again, other
     return trial, library

@@ -1,6 +1,9 @@
 """Every threshold of the diagnosis, in one place, with what it was tuned on.
 
-Called by all stages; the defaults are what `prove` scores. Nothing is computed here.
+Called by all stages; the defaults are what `prove` scores. Nothing is computed here. Tuned on `prove` cases of seeds 5,
+7, 8, 9, 11, 12, 13, 17, 19, 101 and 102 (some 170): complete_score between a false name at 19 (a decoy) and true ones
+from 23; background_score and contrast_to_background on pure backgrounds (false names up to 150, true ones from 107, the
+least true contrast 14); share_of_form on an outside resonance that drew a delay with 3.2 %. Others by design.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ class DiagnosisSettings:
     which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
     stay this close are named as alternatives. share_removed, heldout_share_removed: share of the excess misfit energy
     on the joints of a finding that must be removed on the fitted and on the held-out recordings for a name to be given.
-    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints than
-    any other joint keeps unexplained, where something does stay.
+    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints
+    than any other joint keeps unexplained, where something does stay.
     share_of_form: share of what is explained on a joint that the exact form of the strongest effect may be wrong by; a
     weaker one on the same joint must explain more.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,

@@ -161,7 +161,7 @@ def _remaining(
                 f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained, ordered best by {curve.coordinate} "
                 "(a curve, not physics)."
             )
-    parts.extend(f"{sentence}." for sentence in claims.dropped)
+    parts.extend(f"{sentence}." for sentence in claims.remarks)
     if claims.findings and not checked:
         parts.append("Names are unconfirmed: no held-out recording was given.")
     return " ".join(parts)

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from scipy.stats import chi2
 
 from identification.mismatch.effects.equivalence import relation
+from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative, Baseline, Finding, Verdict
+from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, orthonormal, spread
@@ -121,6 +123,35 @@ def explains_enough(
     """
     share, most = share_removed(before, after, joints)
     return (most if complete else share) >= needed
+
+
+def has_its_form(
+    problem: Problem,
+    evidences: Sequence[Evidence],
+    joint: int,
+    rest: Residuals,
+    now: Residuals,
+    settings: DiagnosisSettings,
+) -> bool:
+    """Whether a member explains enough of what it and smooth functions of the state explain together on its joint.
+
+    rest, now: of the fitted recordings, without and with the member. problem: with all members fitted along.
+    """
+    explained = float(((rest.rows**2 - now.rows**2) / now.sensor_noise**2).sum())
+    left = left_in_other_form(problem, evidences, joint, 0.1 * settings.consistency_probability)
+    return left <= (1.0 - settings.share_removed) * (left + explained)
+
+
+def contrast(rest: Residuals, now: Residuals, joints: Sequence[int]) -> float:
+    """What a member removes on its joints over the most that stays on any other joint, both in squares of the noise.
+
+    An unknown error that is seen on other joints may have any smooth form on this one too, a spring's or an offset's.
+    """
+    squares = [((item.rows / item.sensor_noise) ** 2).sum(axis=1) for item in (rest, now)]
+    others = np.setdiff1d(np.arange(rest.rows.shape[0]), list(joints))
+    expected = ((now.noise / now.sensor_noise) ** 2).sum(axis=1)
+    left = np.maximum(squares[1] - expected, 0.0)[others]
+    return float((squares[0] - squares[1])[list(joints)].sum() / max(float(left.max(initial=0.0)), 1e-300))
 
 
 def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool]) -> Verdict:

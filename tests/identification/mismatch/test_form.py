@@ -1,0 +1,50 @@
+"""The form of what stays, and its size beside other joints. Truth: the torque that was hidden, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.form import left_in_other_form
+from identification.mismatch.heldout import Residuals
+from identification.mismatch.problem import build_problem
+from identification.mismatch.verdict import contrast
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import on_joint, record
+
+PROBABILITY = 1e-5
+
+
+def test_noise_has_no_form_on_any_joint(clean_evidence: Evidence) -> None:
+    problem = build_problem([clean_evidence])
+    assert [left_in_other_form(problem, [clean_evidence], joint, PROBABILITY) for joint in range(7)] == [0.0] * 7
+
+
+def test_a_torque_at_one_place_of_the_range_is_seen_on_its_joint_at_its_size(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    def notch(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        del dq, torque
+        return on_joint(5, 0.03 * np.exp(-(((q[:, 4] - np.median(q[:, 4])) / 0.3) ** 2)))
+
+    (evidence,) = build_evidence(record(iiwa14, table3, notch), iiwa14, iiwa14_base)
+    problem = build_problem([evidence])
+    left = [left_in_other_form(problem, [evidence], joint, PROBABILITY) for joint in range(7)]
+    hidden = evidence.project(notch(evidence.motion.position, evidence.motion.velocity, evidence.motion.position))
+    whitened = (hidden.T * problem.weight).ravel()
+    strength = float(np.sum((whitened - problem.basis @ (problem.basis.T @ whitened)) ** 2))
+    assert int(np.argmax(left)) == 4
+    assert 0.5 * strength < left[4] < 1.5 * strength
+
+
+def test_contrast_is_what_goes_on_the_joint_over_what_stays_elsewhere() -> None:
+    def of(squares: list[float]) -> Residuals:
+        rows = np.sqrt(np.array(squares))[:, None] * np.ones((3, 100)) / 10.0
+        one = np.ones((3, 100))
+        return Residuals(rows=rows, noise=one, sensor_noise=one, used=one > 0.0, samples=100)
+
+    without, with_it = of([900.0, 200.0, 150.0]), of([100.0, 200.0, 150.0])
+    assert contrast(without, with_it, [0]) == pytest.approx(800.0 / 100.0)
