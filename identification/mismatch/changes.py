@@ -133,7 +133,9 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         if gain > best_gain:
             best_gain, best_step = gain, step
     dispersion = _dispersion_beside_step(target @ np.linalg.qr(white)[0], best_step)
-    if hopeless(best_gain / dispersion, 4, 8.0 * contrasts.periods):
+    # Moments a quarter of a second apart are moments of their own.
+    tests = 4.0 * contrasts.periods * motion.samples * motion.sampling_period_s
+    if hopeless(best_gain / dispersion, 4, tests):
         return None
     shape = {"time_s": float(starts[best_step])}
     period = float(starts[1] - starts[0])
@@ -164,7 +166,6 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         )
         shape = {"time_s": float(result.x if -result.fun > gains[best] else grid[best])}
     fit = fit_of(contrasts, effect, place, shape)
-    tests = 8.0 * contrasts.periods
     chance = fit.log10_chance(tests, 1, dispersion)
     std = spread_of(contrasts, effect, place, shape, "time_s", fit.gain, smallest=motion.sampling_period_s)
     return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)
