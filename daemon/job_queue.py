@@ -58,10 +58,13 @@ class JobQueue:
         return unchecked
 
     def _settle(self, job: Job) -> None:
-        """A run whose books were closed has ended; any other one was interrupted."""
+        """A run whose supervisor closed its books has ended; any other one was interrupted."""
         try:
             outcome = read_json(Path(job.folder) / "run.json", RunOutcome)
         except DaemonError:
+            outcome = None
+        # The loop writes the account of a run whose supervisor, an earlier service, was lost.
+        if outcome is None or (outcome.loop is not None and outcome.loop.reason == "SUPERVISOR_LOST"):
             self.store.change(
                 job.job_id,
                 "interrupted",
