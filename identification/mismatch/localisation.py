@@ -28,12 +28,12 @@ NAMED_PROBABILITY = 1e-4
 COORDINATES = {"velocity": "rad/s", "position": "rad", "torque": "Nm", "travel": "rad", "time": "s"}
 
 
-def bands_hz(power: BandPower, joint: int) -> list[list[float]]:
+def bands_hz(power: BandPower, joint: int, highest_hz: float) -> list[list[float]]:
     """Bands of a joint (from 0) whose residual is no noise, neighbours joined: [[low, high], …] Hz."""
     edges = (0.0, *BAND_EDGES_HZ, np.inf)
     result: list[list[float]] = []
     for band in np.flatnonzero(power.probability[joint] < NAMED_PROBABILITY):
-        low, high = float(edges[band]), float(min(edges[band + 1], 1e3))
+        low, high = float(edges[band]), float(min(edges[band + 1], highest_hz))
         if result and result[-1][1] == low:
             result[-1][1] = high
         else:
@@ -109,7 +109,7 @@ def where_of(
     inside = curve.centre[region]
     return {
         "joint": joint + 1,
-        "bands_hz": bands_hz(power, joint),
+        "bands_hz": bands_hz(power, joint, float(evidence.frequency.max())),
         "time_windows_s": windows,
         "share_of_time": share_of_time,
         "state": {
