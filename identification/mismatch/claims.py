@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from identification.mismatch.between_periods import Change
 from identification.mismatch.effects.base import Estimate
-from identification.mismatch.effects.equivalence import separating_experiment
+from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, extend, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
@@ -303,7 +303,7 @@ def _repeatable(
                 confirmed=None if gain.size == 0 else bool(gain[joints].max() > 0.0),
                 alternatives=others,
                 separating_experiment=separating_experiment([member.effect.name, *(item.effect for item in others)])
-                if others
+                if others or member.effect.name in ALSO_CALLED
                 else None,
                 share_removed=_clear_share(before.after, now.after, joints),
                 curve=curve,
