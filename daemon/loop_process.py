@@ -97,8 +97,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if report is not None:
                 leave_outcome(request, report, code)
     if code:
-        print(report.sentence, file=sys.stderr)
+        with contextlib.suppress(OSError):  # the log may lie on the disk that is full
+            print(report.sentence, file=sys.stderr)
     return code
+
+
+def _end(code: int) -> None:
+    """Leave with this code also where the disk refuses the last words; the interpreter would make 120 of it."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except OSError:
+        os._exit(code)
+    sys.exit(code)
 
 
 def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
@@ -284,4 +295,4 @@ def _peak(paths: Sequence[NDArray[np.float64]], order: int, period_s: float) -> 
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    _end(main())
