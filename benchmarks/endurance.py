@@ -1,6 +1,6 @@
 """A long acquisition in real time: is anything lost, does anything grow, how long does the loop hold an answer back.
 
-Reproduce: `python benchmarks/endurance.py` (30 minutes; `--minutes 3` for a short one) on a machine that does nothing
+Reproduce: `python -m benchmarks.endurance` (30 minutes; `--minutes 3` for a short one) on a machine that does nothing
 else. `iiwa-ident run` records from the fake robot at 1 kHz on loopback, by the clock. Prints a table; exit status 1
 where a sample was lost between loop and file, or where loop or recorder grew by more than 5 MB after the first minute.
 """

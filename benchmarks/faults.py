@@ -1,6 +1,6 @@
 """The table of injected faults as Markdown: what arm, robot, operator and file had of each.
 
-Run: python benchmarks/faults.py [--out docs/faults.md] [--wire] [--only NAME ...]
+Run: python -m benchmarks.faults [--out docs/faults.md] [--wire] [--only NAME ...]
 --wire: loss, delay, jitter, duplicates, reordering and garbage at 1 %, 5 % and 20 % instead (by the clock: a machine
 that does something else beside it adds losses of its own).
 The rows are those of tests/end_to_end/fault_cases.py, where each is a test. Exit status 1 if one is not as it says.
@@ -16,8 +16,6 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.fault_cases import FAULT_CASES
 from tests.end_to_end.fault_runner import FaultResult, run_case
@@ -29,7 +27,7 @@ HEAD = """\
 {count} faults were injected into real runs: fake robot, loop, recorder and supervisor as processes of their own,
 commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault_cases.py`); this page is the output of
 
-    python benchmarks/faults.py --out docs/faults.md
+    python -m benchmarks.faults --out docs/faults.md
 
 - **Arm**: *finished*: the whole motion was driven. *ramp*: the commands stopped gently and the arm is at rest. *held*:
   the commands ended and the robot held the last one. *dropped*: the robot ended commanding and braked by itself.
@@ -50,7 +48,7 @@ A proxy between fake robot and client spoils {count} runs, in both directions, s
 message). Columns as in [faults.md](faults.md). In no cell did the robot refuse a command. A tolerant robot goes on with
 a fifth of the answers; the others have the rules of [fake-robot.md](fake-robot.md). Output of
 
-    python benchmarks/faults.py --wire --out docs/faults-wire.md
+    python -m benchmarks.faults --wire --out docs/faults-wire.md
 
 Some cells are tests (`tests/end_to_end/wire_cases.py`).
 

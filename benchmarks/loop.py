@@ -1,6 +1,6 @@
 """How long our loop holds an answer back, beside a bare UDP echo and a plain google.protobuf client.
 
-Reproduce: `python benchmarks/loop.py` (60 s per contender; `--quick`: 10 s; `--help`: FRI version, seconds, block).
+Reproduce: `python -m benchmarks.loop` (60 s per contender; `--quick`: 10 s; `--help`: FRI version, seconds, block).
 One scripted robot in a process of its own sends prepared monitoring messages at 1 kHz on loopback and times each round
 trip (send to reply received). The contenders take turns in short blocks, so that a drift of the machine meets all
 alike; each block is a fresh process with the same real-time settings and the same socket. Turn-around is receive return

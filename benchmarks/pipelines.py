@@ -1,6 +1,6 @@
 """Bias of the paper's filter chain and of the periodic pipeline on noise-free data, side by side, in σ of Table 2.
 
-Run: python benchmarks/pipelines.py. The paper's Tables 2 and 3 come from the tests' data.
+Run: python -m benchmarks.pipelines. The paper's Tables 2 and 3 come from the tests' data.
 The data: Table 3 through Pinocchio's inverse dynamics plus friction at 1 kHz, on the shipped excitation and on a random
 Fourier motion.
 """

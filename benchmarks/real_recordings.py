@@ -1,6 +1,6 @@
 """Held-out RMS in percent of the RMS torque on the three real recordings, beside a plain baseline measured before.
 
-Run: python benchmarks/real_recordings.py [FOLDER] [--json FILE]; FOLDER holds panda_excitation.npz, kr300_a.npz, … and
+Run: python -m benchmarks.real_recordings [FOLDER] [--json FILE]; FOLDER holds panda_excitation.npz, kr300_a.npz, … and
 is by default the folder shared/recordings beside the checkout. The recordings are not shipped (licences).
 The baseline is rigid body + rotor inertia + viscous + Coulomb + offset, weighted least squares, zero-phase low-pass.
 """

@@ -1,7 +1,7 @@
 """How fast the recorder writes beside the 1000 samples/s it must, how many bytes a sample takes, how its memory grows.
 
-    .venv/bin/python benchmarks/recorder.py                      about ten seconds
-    .venv/bin/python benchmarks/recorder.py --samples 1800000    as many as in 30 minutes at 1 kHz
+    .venv/bin/python -m benchmarks.recorder                      about ten seconds
+    .venv/bin/python -m benchmarks.recorder --samples 1800000    as many as in 30 minutes at 1 kHz
 
 The ring is filled with noisy datagrams of FRI 1.15 (not timed); then the recorder's own code drains it: two datagrams
 decoded, three messages packed, chunk closed and handed to the system every 250 samples, as at 1 kHz in a quarter of a

@@ -111,8 +111,7 @@ def test_a_disk_that_stays_full_ends_the_motion_and_the_rest_is_kept_in_the_temp
     process, left = run_on("size=20m", request, tmp_path, FILL_AND_RUN)
     assert "Traceback" not in process.stderr, process.stderr
     outcome = read_json(tmp_path / "outcome.json", RunOutcome)
-    # The run's own word: once the interpreter ended with 120 (a stream it could not flush) after a right outcome.
-    assert outcome.exit_code == 1, process.stdout + process.stderr
+    assert process.returncode == outcome.exit_code == 1, process.stdout + process.stderr
     assert outcome.loop is not None
     assert (outcome.outcome, outcome.loop.reason) == ("stopped", "DISK_FULL")
     assert outcome.loop.standstill_confirmed

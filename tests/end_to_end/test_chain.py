@@ -115,7 +115,7 @@ def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajecto
 def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: Path, short_trajectory: Path) -> None:
     port = free_udp_port()
     folder = tmp_path / "run"
-    with fake_robot(port, tmp_path / "robot.json", "--seed", 5):  # by the clock: there is time to interrupt
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 5):
         process = start_iiwa_ident(
             "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
         )
@@ -141,7 +141,7 @@ def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: P
 def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Path, short_trajectory: Path) -> None:
     port = free_udp_port()
     folder = tmp_path / "run"
-    with fake_robot(port, tmp_path / "robot.json", "--seed", 6):
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 6):
         process = start_iiwa_ident(
             "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
         )
