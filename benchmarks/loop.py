@@ -296,9 +296,7 @@ def main() -> None:
     blocks = max(1, round(arguments.seconds / arguments.block))
     context = multiprocessing.get_context("spawn")
     pipe, far_end = context.Pipe()
-    robot = context.Process(
-        target=robot_side, args=(far_end, version, arguments.block, arguments.seed), daemon=True
-    )
+    robot = context.Process(target=robot_side, args=(far_end, version, arguments.block, arguments.seed), daemon=True)
     robot.start()
     size = pipe.recv()
     print(f"FRI {version}, {size} bytes, 1 kHz, {blocks} × {arguments.block:g} s per contender, in turns")

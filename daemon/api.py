@@ -7,14 +7,11 @@ process, the recorder, the worker and the command line import this module; it im
 
 from __future__ import annotations
 
-import os
-import tempfile
-from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias
 
 import msgspec
 
-from daemon.errors import ConfigurationError, MissingInputError
+from daemon.errors import ConfigurationError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
 LoopOutcome = Literal[
@@ -348,8 +345,6 @@ _encoder = msgspec.json.Encoder()
 _control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)
 MAXIMUM_CONTROL_BYTES = 65536
 
-StructType = TypeVar("StructType", bound=Message)
-
 
 def encode_control(message: ControlMessage) -> bytes:
     """JSON bytes of a control message, with its tag."""
@@ -364,39 +359,3 @@ def decode_control(data: bytes) -> ControlMessage:
         return _control_decoder.decode(data)
     except (UnicodeDecodeError, RecursionError) as error:
         raise msgspec.DecodeError(str(error)) from error
-
-
-def read_json(path: str | Path, kind: type[StructType]) -> StructType:
-    """Read a structure from a JSON file. Raises MissingInputError, or ConfigurationError naming file and field."""
-    file = Path(path)
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError as error:
-        raise MissingInputError(str(file), kind.__name__) from error
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{error}.", file=str(file)) from error
-
-
-def write_json(path: str | Path, value: Message | dict[str, Any]) -> None:
-    """Write a structure as indented JSON, atomically: a reader sees the old file or the new one, never a part."""
-    write_bytes_atomically(path, msgspec.json.format(_encoder.encode(value), indent=2) + b"\n")
-
-
-def write_bytes_atomically(path: str | Path, data: bytes) -> None:
-    """Write a file beside the target, flush it to the disk and rename it over the target. Raises OSError."""
-    file = Path(path)
-    descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, file)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

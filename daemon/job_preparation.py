@@ -16,9 +16,10 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from daemon.api import Message, RunRequest, read_json, write_json
+from daemon.api import Message, RunRequest
 from daemon.children import child_environment
 from daemon.errors import DaemonError
+from daemon.json_files import read_json, write_json
 
 __all__ = ["Preparation", "PreparationJob", "Verdict", "main"]
 

@@ -15,13 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from daemon.api import RunOutcome, read_json
+from daemon.api import RunOutcome
 from daemon.config import DaemonConfig
 from daemon.control_api import JobPhase, JobView, RefusedRequestError, SubmitRun
 from daemon.errors import DaemonError
 from daemon.job_preparation import PreparationJob, Verdict
 from daemon.job_store import MAXIMUM_WAITING, Job, JobStore
 from daemon.job_work import FitEnded, RunEnded, fit_is_alive
+from daemon.json_files import read_json
 from daemon.times import new_job_id, now_text
 
 __all__ = ["JobQueue"]

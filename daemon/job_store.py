@@ -20,9 +20,10 @@ from typing import Any
 
 import msgspec
 
-from daemon.api import Message, read_json, write_bytes_atomically, write_json
+from daemon.api import Message
 from daemon.control_api import JobKind, JobPhase, JobView
 from daemon.errors import DaemonError, LogIOError
+from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
 
 __all__ = ["ENDED", "MAXIMUM_KEPT", "MAXIMUM_WAITING", "Job", "JobStore"]

@@ -16,10 +16,11 @@ from typing import TypeAlias
 
 import psutil
 
-from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus, read_json
+from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
 from daemon.errors import DaemonError
 from daemon.job_preparation import Preparation, PreparationJob, Verdict
 from daemon.job_store import Job, JobStore
+from daemon.json_files import read_json
 from daemon.service import run_acquisition
 from daemon.stop_handle import StopHandle
 from daemon.worker_start import launch

@@ -32,9 +32,9 @@ from daemon.api import (
     LoopReport,
     PhaseSpan,
     RunRequest,
-    read_json,
 )
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
+from daemon.json_files import read_json
 from daemon.spare_folder import write_run_file
 from fri_client.channel import unbound_socket
 from fri_client.errors import FriError

@@ -36,10 +36,10 @@ from daemon.api import (
     RecorderReady,
     RecorderTrouble,
     encode_control,
-    read_json,
 )
 from daemon.errors import DaemonError, LogIOError
 from daemon.event_text import event_name, event_sentence, phase_name
+from daemon.json_files import read_json
 from daemon.log.cdr import DiagnosticStatus, SampleLabels
 from daemon.log.stream import DiskReserve, is_full
 from daemon.log.writer import LogWriter

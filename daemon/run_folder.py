@@ -9,8 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.api import RunRequest, write_json
+from daemon.api import RunRequest
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+from daemon.json_files import write_json
 from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log_inputs import DESCRIPTION_NAME

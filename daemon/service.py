@@ -31,8 +31,6 @@ from daemon.api import (
     RunEvent,
     RunOutcome,
     RunRequest,
-    read_json,
-    write_json,
 )
 from daemon.children import Child
 from daemon.commissioning import admit, remember, tags
@@ -45,6 +43,7 @@ from daemon.errors import (
     MissingInputError,
 )
 from daemon.host import software_versions
+from daemon.json_files import read_json, write_json
 from daemon.log.parts import join_parts, part_path
 from daemon.outcome import EXIT_CODES, digests_of, keep_last_samples, loop_report_without_loop, outcome_sentences
 from daemon.run_folder import prepare_folder

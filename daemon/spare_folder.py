@@ -17,8 +17,9 @@ from typing import Any
 
 import msgspec
 
-from daemon.api import Message, RunRequest, write_bytes_atomically
+from daemon.api import Message, RunRequest
 from daemon.errors import LogIOError
+from daemon.json_files import write_bytes_atomically
 
 __all__ = ["find_run_file", "spare_folder", "write_run_file"]
 

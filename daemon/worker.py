@@ -28,11 +28,9 @@ from daemon.api import (
     WorkerProgress,
     WorkerStatus,
     encode_control,
-    read_json,
-    write_bytes_atomically,
-    write_json,
 )
 from daemon.errors import DaemonError, MissingInputError
+from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
 
 __all__ = ["main", "run_job"]

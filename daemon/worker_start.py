@@ -9,9 +9,10 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.api import RunOutcome, WorkerJob, WorkerStatus, write_json
+from daemon.api import RunOutcome, WorkerJob, WorkerStatus
 from daemon.children import child_environment
 from daemon.errors import LogIOError
+from daemon.json_files import write_json
 
 __all__ = ["launch", "start_worker"]
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import psutil
 
-from daemon.api import WorkerStatus, read_json
+from daemon.api import WorkerStatus
 from daemon.cli.output import message
 from daemon.errors import ChildProcessFailedError
+from daemon.json_files import read_json
 
 _POLL_S = 0.2
 _START_ALLOWANCE_S = 60.0

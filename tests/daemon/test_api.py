@@ -24,11 +24,9 @@ from daemon.api import (
     WorkerStatus,
     decode_control,
     encode_control,
-    read_json,
-    write_bytes_atomically,
-    write_json,
 )
 from daemon.errors import ConfigurationError, DaemonError, MissingInputError
+from daemon.json_files import read_json, write_bytes_atomically, write_json
 
 REQUEST = RunRequest(run_id="r", robot="iiwa14", table_file="/t.npy", trajectory_file="/t.json", out_dir="/o")
 

@@ -17,7 +17,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
+from daemon.api import RunEvent, RunOutcome, RunRequest
+from daemon.json_files import read_json, write_json
 from daemon.service import run_acquisition
 
 from .test_service import REPOSITORY, assert_nothing_missing, child_of, events_of, free_port, gentle_request, states_of
@@ -26,7 +27,8 @@ FILL_AND_RUN = """
 import os, sys
 from pathlib import Path
 import psutil
-from daemon.api import RunRequest, read_json, write_json
+from daemon.api import RunRequest
+from daemon.json_files import read_json, write_json
 from daemon.service import run_acquisition
 
 request = read_json(sys.argv[1], RunRequest)

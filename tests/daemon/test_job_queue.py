@@ -11,13 +11,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from daemon.api import RunOutcome, write_json
+from daemon.api import RunOutcome
 from daemon.config import DaemonConfig
 from daemon.control_api import JobPhase, RefusedRequestError, SubmitRun
 from daemon.job_preparation import Verdict
 from daemon.job_queue import JobQueue
 from daemon.job_store import MAXIMUM_KEPT, MAXIMUM_WAITING
 from daemon.job_work import FitEnded, RunEnded
+from daemon.json_files import write_json
 
 SAFE = Verdict(safe=True, sentence="Safe.")
 

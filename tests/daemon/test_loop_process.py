@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.api import LoopReport, RunRequest, read_json, write_json
+from daemon.api import LoopReport, RunRequest
+from daemon.json_files import read_json, write_json
 from fri_client.codec import Codec
 from fri_client.handover import HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion

@@ -30,9 +30,9 @@ from daemon.api import (
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,
-    write_json,
 )
 from daemon.errors import LogIOError
+from daemon.json_files import write_json
 from daemon.log.parts import recover
 from daemon.log.stream import PatientFile
 from daemon.recorder import Recorder

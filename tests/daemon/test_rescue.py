@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from daemon.api import LoopReport, RunOutcome, read_json
+from daemon.api import LoopReport, RunOutcome
 from daemon.errors import LogIOError
+from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile
 from daemon.recorder import Recorder

@@ -23,15 +23,17 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from daemon.api import RunEvent, RunOutcome, RunRequest, read_json, write_json
+from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.service import run_acquisition
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_SAMPLES = 1000
 RUN_CODE = (
-    "import sys; from daemon.api import RunRequest, read_json; from daemon.service import run_acquisition;"
+    "import sys; from daemon.api import RunRequest; from daemon.json_files import read_json;"
+    "from daemon.service import run_acquisition;"
     "outcome = run_acquisition(read_json(sys.argv[1], RunRequest),"
     " observe=lambda event: print(event.kind, event.sentence, flush=True));"
     "sys.exit(outcome.exit_code)"

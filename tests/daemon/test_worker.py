@@ -16,7 +16,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daemon.api import WorkerJob, WorkerStatus, read_json, write_json
+from daemon.api import WorkerJob, WorkerStatus
+from daemon.json_files import read_json, write_json
 from daemon.worker import StatusFile, main, run_job
 from daemon.worker_start import launch
 
@@ -49,7 +50,8 @@ def test_a_worker_survives_the_kill_of_its_parent_and_of_its_parents_group(tmp_p
     job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
     write_json(tmp_path / "input.json", job)
     code = (
-        "import sys, time; from pathlib import Path; from daemon.api import WorkerJob, read_json;"
+        "import sys, time; from pathlib import Path; from daemon.api import WorkerJob;"
+        "from daemon.json_files import read_json;"
         "from daemon.worker_start import launch; job = read_json(sys.argv[1], WorkerJob);"
         "print(launch(job, Path(sys.argv[2])), flush=True); time.sleep(600)"
     )

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import sys
 
-from daemon.api import RunEvent, RunRequest, read_json
+from daemon.api import RunEvent, RunRequest
 from daemon.errors import DaemonError
+from daemon.json_files import read_json
 from daemon.service import run_acquisition
 
 

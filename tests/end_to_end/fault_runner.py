@@ -24,7 +24,8 @@ import psutil
 import yaml
 from rosbags.highlevel import AnyReader
 
-from daemon.api import RunRequest, write_json
+from daemon.api import RunRequest
+from daemon.json_files import write_json
 from identification.excitation import FourierTrajectory, default_trajectory
 from safety.limits import IIWA14_R820
 from tests.end_to_end.fault_case import FaultCase
@@ -326,4 +327,3 @@ def _states(file: Path) -> Iterator[tuple[int, bool]]:
 def matches(text: str, pattern: str) -> bool:
     """Whether the operator read it, wherever lines were broken."""
     return re.search(pattern, " ".join(text.split())) is not None
-
