@@ -94,8 +94,13 @@ def dahl_state(motion: Motion, joint: int, distance: float, exponent: float = 1.
 
 
 def _gap(start: float, travel: FloatArray, exponent: float) -> FloatArray:
-    """Solution of dw/dx = −wⁱ from w(0) = start ≥ 0 at the distances `travel`."""
+    """Solution of dw/dx = −wⁱ from w(0) = start ≥ 0 at the distances `travel`.
+
+    As a factor on the start: the root of a difference of powers would multiply their rounding by 1/(1 − i).
+    """
     power = 1.0 - exponent
-    if abs(power) < 1e-6 or start == 0.0:
+    if power == 0.0 or start == 0.0:
         return start * np.exp(-travel)
-    return np.asarray(np.maximum(start**power - power * travel, 0.0) ** (1.0 / power))
+    spent = np.minimum(power * travel * start**-power, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(start * np.exp(np.log1p(-spent) / power))

@@ -78,7 +78,7 @@ def test_the_state_stays_within_the_coulomb_level_on_any_motion(seed: int, expon
     state = dahl_state(moving(np.cumsum(steps), periodic=periodic), 0, 0.01, exponent)
     assert np.abs(state).max() <= 1.0 + 1e-12
     # Rate independence in its plainest form: no motion, no change.
-    assert np.ptp(state[101:140]) < 1e-12
+    assert np.ptp(state[101:140]) < 1e-14
 
 
 def test_a_joint_at_rest_has_no_state() -> None:
