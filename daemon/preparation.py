@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunRequest
+from daemon.torque_foresight import TorqueForesight, torque_foresight
 from daemon.workspace import Surroundings, load_surroundings
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from safety.limits import limits_for
@@ -33,6 +34,7 @@ class PreparedMotion:
 
     table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
     surroundings: what it was held against; workspace_file: where they are described, None: a floor alone.
+    foresight: what its torque was foreseen with, None: nothing is known of the arm, and no torque was checked.
     """
 
     name: str
@@ -43,32 +45,57 @@ class PreparedMotion:
     preflight: PreflightReport
     surroundings: Surroundings
     workspace_file: Path | None
+    foresight: TorqueForesight | None
+
+    def foresight_sentence(self) -> str:
+        """Plain words on what the check of torque stands on, and on what it does not know."""
+        if self.foresight is None:
+            return f"No torque was checked: nothing is known of the masses of {self.robot}; give a model with --model."
+        return (
+            f"Torque along the motion is foreseen with {self.foresight.source}. A tool counts only if that model was "
+            "identified with it; start ramp and stops are not foreseen."
+        )
 
 
 def prepare_motion(
-    source: Path | None, *, robot: str | None = None, amplitude: float = 1.0, workspace: Path | None = None
+    source: Path | None,
+    *,
+    robot: str | None = None,
+    amplitude: float = 1.0,
+    workspace: Path | None = None,
+    model: Path | None = None,
 ) -> PreparedMotion:
     """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
 
     robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
-    at the mounting face. Raises TrajectoryError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
+    at the mounting face. model: a model.json to foresee the torque with, None: what is taken to be known of the arm.
+    Raises TrajectoryError or ModelFileError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
     workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
     trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
-    model = robot or trajectory.robot or "iiwa14"
+    arm = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
-    surroundings = load_surroundings(model, workspace)
-    report = check_table(table, model, surroundings)
-    name = f"shipped excitation of {model}" if source is None else str(source)
-    return PreparedMotion(name, model, trajectory, amplitude, table, report, surroundings, workspace)
+    surroundings = load_surroundings(arm, workspace)
+    foresight = torque_foresight(arm, model)
+    report = check_table(table, arm, surroundings, foresight)
+    name = f"shipped excitation of {arm}" if source is None else str(source)
+    return PreparedMotion(name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight)
 
 
-def check_table(table: NDArray[np.float64], robot: str, surroundings: Surroundings | None = None) -> PreflightReport:
+def check_table(
+    table: NDArray[np.float64],
+    robot: str,
+    surroundings: Surroundings | None = None,
+    foresight: TorqueForesight | None = None,
+) -> PreflightReport:
     """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace.
 
-    surroundings: None for a floor at the mounting face.
+    surroundings: None for a floor at the mounting face. foresight: for torque, None leaves that out.
     """
     around = surroundings or load_surroundings(robot)
+    # A table of another number of joints is the preflight's to refuse.
+    fits = foresight is not None and table.shape[1:] == (foresight.regressor.robot.n,)
+    torque = foresight.along(table, 1.0 / TABLE_RATE_HZ) if foresight is not None and fits else None
     start_row = (len(table) - round(LEAD_IN_S * TABLE_RATE_HZ)) % len(table)
     return preflight(
         table,
@@ -80,12 +107,14 @@ def check_table(table: NDArray[np.float64], robot: str, surroundings: Surroundin
         self_collision_margin_m=around.margins.self_collision_m,
         workspace_margin_m=around.margins.workspace_m,
         start_row=start_row,
+        torque=torque,
     )
 
 
 def is_safe_motion(trajectory: Trajectory) -> bool:
     """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
-    return check_table(trajectory.table(TABLE_RATE_HZ), trajectory.robot).safe
+    table = trajectory.table(TABLE_RATE_HZ)
+    return check_table(table, trajectory.robot, foresight=torque_foresight(trajectory.robot)).safe
 
 
 def new_run_id() -> str:

@@ -9,7 +9,7 @@ takes cycle by cycle, the seam of a periodic table included, so a table that pas
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -344,7 +344,8 @@ def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check
             f"The expected torque of joint {column + 1} in row {row} is not a finite number.",
             row,
         )
-    return _magnitude("torque", torque, limits.torque, 0.0, "Nm")
+    found = _magnitude("torque", torque, limits.torque, 0.0, "Nm")
+    return replace(found, sentence=f"Foreseen: {found.sentence[0].lower()}{found.sentence[1:]}")
 
 
 def _where_largest(values: FloatArray) -> tuple[int, int]:

@@ -19,7 +19,6 @@ from daemon.cli.worker_view import wait_for_worker
 from daemon.commissioning import admit
 from daemon.preparation import PreparedMotion, new_run_id, prepare_motion, write_run_request
 from safety.collision import Clearance
-from safety.preflight_report import PreflightReport
 
 TrajectoryArgument = Annotated[
     Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
@@ -28,6 +27,10 @@ RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14 or iiwa
 WorkspaceOption = Annotated[
     Path | None,
     typer.Option("--workspace", metavar="FILE.yaml", help="Floor, walls, boxes, tool, margins; default: a floor."),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="MODEL.json", help="Foresees the torque; default for the iiwa14: Table 3."),
 ]
 AmplitudeOption = Annotated[
     float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
@@ -47,12 +50,14 @@ def fake_robot(context: typer.Context) -> None:
     os.execv(sys.executable, [sys.executable, "-m", "fixtures.fake_robot", *context.args])
 
 
-def show_preflight(report: PreflightReport) -> None:
+def show_preflight(motion: PreparedMotion) -> None:
     """The preflight's checks, and every pair's distances, as tables on stdout."""
+    report = motion.preflight
     table = Table("check", "result", "what was found")
     for check in report.checks:
         table.add_row(check.name.replace("_", " "), "ok" if check.passed else "NOT SAFE", check.sentence)
     show_table(table)
+    data(motion.foresight_sentence())
     if report.clearances:
         paths = list(dict.fromkeys(each.along for each in report.clearances))
         table = Table("distance between", *(f"{path} (proven)" for path in paths), "required", "result")
@@ -83,16 +88,17 @@ def check(
     robot: RobotOption = None,
     amplitude: AmplitudeOption = 1.0,
     workspace: WorkspaceOption = None,
+    model: ModelOption = None,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Draw the path into a .png or .svg file.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Preflight of a motion: limits, stopping room, self-collision, workspace. Exit code 0 only when it is safe.
+    """Preflight of a motion: limits, stops, torque, self-collision, workspace. Exit code 0 only when it is safe.
 
     Example: iiwa-ident check excitation.json --workspace cell.yaml --picture path.png
     """
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace)
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model)
     if picture is not None:
         from daemon.picture import draw_motion
 
@@ -101,7 +107,7 @@ def check(
     if json_file is not None:
         write_json(json_file, motion.preflight.to_json())
     if not wants_json_on_stdout(json_file):
-        show_preflight(motion.preflight)
+        show_preflight(motion)
         failures = ", ".join(failure.name.replace("_", " ") for failure in motion.preflight.failures)
         verdict = f"NOT safe, it will not be run ({failures})" if failures else "safe to run"
         data(f"{motion.name}, amplitude {motion.amplitude:g}: {verdict}.")
@@ -148,6 +154,7 @@ def run(
     amplitude: AmplitudeOption = 1.0,
     robot: RobotOption = None,
     workspace: WorkspaceOption = None,
+    model: ModelOption = None,
     robot_host: Annotated[
         str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
     ] = None,
@@ -182,9 +189,9 @@ def run(
         version = FriVersion.parse(fri_version).value
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace)
+    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model)
     if not motion.preflight.safe:
-        show_preflight(motion.preflight)
+        show_preflight(motion)
         message("The preflight found the motion unsafe; nothing was moved.")
         raise typer.Exit(1)
     run_id = new_run_id()

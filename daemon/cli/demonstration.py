@@ -49,7 +49,7 @@ def demo(
     out = fresh_folder(out)
     motion = prepare_motion(None)
     data(f"1. Motion: {motion.name}, {motion.trajectory.period_s:g} s a period; preflight:")
-    show_preflight(motion.preflight)
+    show_preflight(motion)
     if not motion.preflight.safe:
         raise typer.Exit(1)
 

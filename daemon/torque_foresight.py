@@ -1,0 +1,66 @@
+"""The torque that a table of positions will take, foreseen from a model of the arm, for the preflight.
+
+Here: which model foresees it, and the torque along the table that is sent. Not here: the limits and the verdict
+(`safety.preflight`). Called by `preparation`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import ModelFileError
+from identification.excitation import nominal_parameters
+from identification.model_file import read_model
+from identification.robots import BUILT_IN_ROBOTS, load_robot
+
+__all__ = ["TorqueForesight", "torque_foresight"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueForesight:
+    """A model of the arm to ask for torques: base parameters `values` (p,), and in words where they come from."""
+
+    source: str
+    regressor: BaseRegressor
+    values: FloatArray
+
+    def along(self, table: FloatArray, sample_period_s: float) -> FloatArray:
+        """(N, n) Nm along one period (N, n) rad that is repeated without a break, by eq. (5) with central differences.
+
+        Of the table and not of the trajectory's formula: the rows are what is sent.
+        """
+        before, after = np.roll(table, 1, axis=0), np.roll(table, -1, axis=0)
+        velocity = (after - before) / (2.0 * sample_period_s)
+        acceleration = (after - 2.0 * table + before) / sample_period_s**2
+        return np.asarray(self.regressor.matrix(table, velocity, acceleration) @ self.values)
+
+
+def torque_foresight(robot: str, model_file: Path | None = None) -> TorqueForesight | None:
+    """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
+
+    robot: a built-in arm. Raises ModelFileNotFoundError (66) or ModelFileError (65), also for a model of another arm.
+    """
+    if model_file is None:
+        built_in = load_robot(robot)
+        nominal = nominal_parameters(built_in)
+        if nominal is None:
+            return None
+        regressor = BaseRegressor(built_in)
+        return TorqueForesight("Table 3 of the paper", regressor, regressor.base_from_physical(nominal))
+    model = read_model(model_file)
+    its_robot = model.load_robot()
+    if its_robot.n != load_robot(robot).n or (its_robot.name in BUILT_IN_ROBOTS and its_robot.name != robot):
+        raise ModelFileError(
+            f"{model_file.name} is a model of {its_robot.name}, but the motion is for {robot}",
+            file=model_file,
+            field="robot",
+        )
+    regressor = BaseRegressor(its_robot, model.options)
+    return TorqueForesight(str(model_file), regressor, model.base_values(regressor))
