@@ -4,9 +4,9 @@ sentence. The sections are built in their own modules; called by the command lin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsTable
@@ -31,40 +31,10 @@ from identification.robots import RobotModel
 
 __all__ = ["build_document", "write_report"]
 
+_Results = ParamSpec("_Results")
+
 # Figures of more recordings than this fill pages without telling more.
 MOST_DRAWN = 2
-
-
-def write_report(
-    path: Path,
-    *,
-    fit: FitResult | None = None,
-    model: Mapping[str, Any] | None = None,
-    diagnosis: Diagnosis | None = None,
-    recordings: Sequence[Recording] = (),
-    heldout: Sequence[Recording] = (),
-    validation: RmsTable | None = None,
-    robot: RobotModel | None = None,
-    title: str | None = None,
-) -> None:
-    """Write one self-contained HTML file with everything that is given; what is not given is left out.
-
-    fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
-    findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
-    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default. The
-    same arguments give the same bytes. Raises OSError where the file cannot be written.
-    """
-    document = build_document(
-        fit=fit,
-        model=model,
-        diagnosis=diagnosis,
-        recordings=recordings,
-        heldout=heldout,
-        validation=validation,
-        robot=robot,
-        title=title,
-    )
-    path.write_text(render(document), encoding="utf-8")
 
 
 def build_document(
@@ -78,7 +48,12 @@ def build_document(
     robot: RobotModel | None = None,
     title: str | None = None,
 ) -> Document:
-    """The report as value objects; arguments as in `write_report`."""
+    """The report as value objects, of everything that is given; what is not given is left out.
+
+    fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
+    findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
+    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default.
+    """
     if model is None and fit is not None:
         model = fit.to_model_json()
     if model is None and diagnosis is not None:
@@ -102,6 +77,20 @@ def build_document(
         sections=tuple(section for section in sections if section is not None),
         tone="neutral" if diagnosis is None else tone_of(diagnosis),
     )
+
+
+def _written(build: Callable[_Results, Document]) -> Callable[Concatenate[Path, _Results], None]:
+    def write_report(path: Path, /, *results: _Results.args, **named: _Results.kwargs) -> None:
+        """Write one self-contained HTML file; arguments as in `build_document`, the same ones give the same bytes.
+
+        Raises OSError where the file cannot be written.
+        """
+        path.write_text(render(build(*results, **named)), encoding="utf-8")
+
+    return write_report
+
+
+write_report = _written(build_document)
 
 
 def _stretches(
