@@ -61,7 +61,7 @@ def main() -> None:
 def recorded(kind: str, number: int, folder: Path, seed: int, periods: int) -> Recording:
     """One trajectory from file to recording."""
     trajectory = reference_trajectory(
-        kind,  # type: ignore[arg-type]
+        kind,
         iiwa_limits("iiwa14"),
         seed,
         robot=load_robot("iiwa14"),

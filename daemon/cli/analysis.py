@@ -12,6 +12,7 @@ from rich.table import Table
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.fitting.settings import Choice, DelayCorrection, Estimator, Pipeline
 from identification.recordings import Recording, read_recording, write_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
@@ -67,21 +68,18 @@ def import_recording(
 def fit(
     logs: LogsArgument,
     robot: RobotOption = None,
-    pipeline: Annotated[str, typer.Option("--pipeline", help="auto, periodic, paper or aperiodic.")] = "auto",
+    pipeline: Annotated[Pipeline, typer.Option("--pipeline", help="How the signals are processed.")] = "auto",
     low_pass: Annotated[float | None, typer.Option("--low-pass", help="Cutoff without periods, Hz.")] = None,
     hold_out: Annotated[
         str | None,
         typer.Option("--hold-out", help="first:0.6 = fit the first 60 %; blocks:0.5:3 = hold out each third 0.5 s."),
     ] = None,
-    estimator: Annotated[
-        str,
-        typer.Option("--estimator", help="auto, ols, weighted, maximum_likelihood, huber or instrumental."),
-    ] = "auto",
+    estimator: Annotated[Estimator, typer.Option("--estimator", help="How parameters are estimated.")] = "auto",
     delay_correction: Annotated[
-        str, typer.Option("--delay-correction", help="Shift the torque by its delay: no, common or per_joint.")
+        DelayCorrection, typer.Option("--delay-correction", help="Shift the torque by its delay.")
     ] = "no",
-    rotor_inertia: Annotated[str, typer.Option("--rotor-inertia", help="auto, yes or no.")] = "auto",
-    offset: Annotated[str, typer.Option("--offset", help="Constant torque per joint: auto, yes or no.")] = "auto",
+    rotor_inertia: Annotated[Choice, typer.Option("--rotor-inertia", help="One parameter more per joint.")] = "auto",
+    offset: Annotated[Choice, typer.Option("--offset", help="Constant torque per joint.")] = "auto",
     flip_torque: Annotated[bool, typer.Option("--flip-torque", help="Turn the sign of all torques first.")] = False,
     bounds: Annotated[
         Path | None,
@@ -105,13 +103,13 @@ def fit(
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
     settings = FitSettings(
-        pipeline=pipeline,  # type: ignore[arg-type]  # FitSettings refuses other texts with a sentence
+        pipeline=pipeline,
         low_pass_hz=low_pass,
         split=hold_out,
-        estimator=estimator,  # type: ignore[arg-type]
-        delay_correction=delay_correction,  # type: ignore[arg-type]
-        rotor_inertia=rotor_inertia,  # type: ignore[arg-type]
-        offset=offset,  # type: ignore[arg-type]
+        estimator=estimator,
+        delay_correction=delay_correction,
+        rotor_inertia=rotor_inertia,
+        offset=offset,
         flip_torque=flip_torque,
         physical=not no_physical,
         bounds=None if bounds is None else read_bounds(bounds),

@@ -6,7 +6,7 @@ import json
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -27,7 +27,8 @@ def design(
     harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
     period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
     limits: Annotated[
-        str, typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen.")
+        Literal["paper", "true"],
+        typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen."),
     ] = "paper",
     robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
     seed: Annotated[int, typer.Option("--seed")] = 0,
@@ -83,7 +84,7 @@ def design(
     motion: Trajectory
     if reference is not None:
         motion = reference_trajectory(
-            reference,  # type: ignore[arg-type]  # refused with a sentence
+            reference,
             limits_of_robot(model),
             seed,
             robot=model,
@@ -105,7 +106,7 @@ def design(
         objective=objective,
         harmonics=harmonics,
         period_s=period,
-        limits=limits,  # type: ignore[arg-type]  # DesignSettings refuses other texts with a sentence
+        limits=limits,
         seed=seed,
         budget_s=budget,
         noise_nm=None if weighing is None else tuple(weighing.tolist()),

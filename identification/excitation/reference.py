@@ -7,7 +7,6 @@ and scoring (`validation`). Called by the demo, by `validate`'s documentation an
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +26,8 @@ from identification.excitation.trajectory_files import default_trajectory
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
-ReferenceKind = Literal["excitation", "sine_series", "polynomial_10", "polynomial_20"]
 
-REFERENCE_KINDS: tuple[ReferenceKind, ...] = ("excitation", "sine_series", "polynomial_10", "polynomial_20")
+REFERENCE_KINDS = ("excitation", "sine_series", "polynomial_10", "polynomial_20")
 """q_ref,1 to q_ref,4 of the paper, in its order."""
 
 _USE = 0.95
@@ -42,7 +40,7 @@ _ROUND = 12
 
 
 def reference_trajectory(
-    kind: ReferenceKind,
+    kind: str,
     limits: ExcitationLimits,
     seed: int = 0,
     *,
@@ -55,7 +53,8 @@ def reference_trajectory(
     "excitation": the shipped excitation of `robot` (iiwa14 without one). "sine_series": the best conditioned of
     several random draws when `robot` is given, else the first. "polynomial_10", "polynomial_20": 10 or 20 random
     intervals, 10 s together. offset: (n,) rad, where the motion starts; zero by default. acceptable: judges a
-    candidate (collisions); draws are repeated until it accepts. Raises DesignError if it accepts none.
+    candidate (collisions); draws are repeated until it accepts. Raises DesignError for another kind, or if it
+    accepts none.
     """
     if kind == "excitation":
         return default_trajectory("iiwa14" if robot is None else robot.name)
