@@ -5,41 +5,36 @@ Called by the diagnosis.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from identification.mismatch.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
 from identification.mismatch.between_periods import Change
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
-from identification.mismatch.extension import Extension, extend, uncertainties
+from identification.mismatch.extension import Extension, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
-from identification.mismatch.heldout import Residuals, residuals, share_removed
+from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
 from identification.mismatch.problem import Problem, off
-from identification.mismatch.refinement import Member
+from identification.mismatch.pruning import removal_scores
 from identification.mismatch.screening import build_screen
-from identification.mismatch.search import SearchResult, Trial, fitted, removal_scores
+from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import Trial
 from identification.mismatch.verdict import (
     alternatives,
-    contrast,
-    explains_enough,
-    has_its_form,
     joints_of,
-    rivals,
     significance,
 )
 
 FloatArray = npt.NDArray[np.float64]
-
-# Held-out excess energy in its own deviations beyond which other names of a member are tried.
-PLAIN_EXCESS = 6.0
 
 
 class Role(Protocol):
@@ -75,16 +70,6 @@ class Claims:
     remarks: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Check:
-    extension: Extension
-    after: Residuals
-    heldout_after: Residuals | None
-
-
-_Checker = Callable[[Sequence[Member]], _Check]
-
-
 def build_findings(
     problem: Problem,
     library: Library,
@@ -99,47 +84,15 @@ def build_findings(
 
     physics: False where a data fault makes names worthless; then nothing is claimed.
     """
-    elsewhere = None if unseen is None else Library(library.effects, unseen.evidences)
-
-    def check(members: Sequence[Member]) -> _Check:
-        extension = extend(problem, members)
-        after = residuals(extension, fitted_role.evidences, library, fitted_role.torque)
-        if unseen is None or elsewhere is None:
-            return _Check(extension, after, None)
-        return _Check(extension, after, residuals(extension, unseen.evidences, elsewhere, unseen.torque))
-
-    before = check(())
-    trial = result.trial if physics else result.before
-    searched = trial
-    trial = _generalising(problem, library, result, trial, before, check, settings)
-    remarks = _choices(searched, trial)
-    now = check(trial.members)
-    while trial.members:
-        failing = [
-            index
-            for index in range(len(trial.members))
-            if not _passes(library, trial, index, before, now, check, settings)
-        ]
-        if not failing:
-            break
-        loudest = sorted(failing, key=lambda index: -_left_on(now, trial, index))
-        options = (_confirmed_rival(problem, library, result, trial, i, before, check, settings) for i in loudest)
-        better = next((option for option in options if option is not None), None)
-        if better is not None:
-            remarks.extend(_choices(trial, better))
-            trial = better
-            now = check(trial.members)
-            continue
-        scores = removal_scores(problem, trial, settings)
-        worst = min(failing, key=lambda index: scores[index])
-        member = trial.members[worst]
-        named = _named(member.effect.name, member.place.joint)
-        remarks.append(f"{named} describes part of the misfit, but not enough of it to be claimed")
-        trial = fitted(problem, _without(trial.members, worst), settings)
-        now = check(trial.members)
+    elsewhere = (
+        None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
+    )
+    exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
+    trial, remarks = admitted(exam, result.trial if physics else result.before)
+    before, now = exam.check(()), exam.check(trial.members)
     findings = [
         *_between(fitted_role.changes if physics else (), len(library.evidences)),
-        *_repeatable(problem, library, result, trial, now, before, check, settings),
+        *_repeatable(exam, trial, now, before),
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
@@ -147,131 +100,11 @@ def build_findings(
     )  # fmt: skip
 
 
-def _generalising(
-    problem: Problem,
-    library: Library,
-    result: SearchResult,
-    trial: Trial,
-    before: _Check,
-    check: _Checker,
-    settings: DiagnosisSettings,
-) -> Trial:
-    """Members under another name where that leaves less than half on held-out data and the fitted data do not object.
-
-    Tried where held-out misfit is plain on a member's joints: the fitted motion was too small to tell the names apart.
-    """
-    for index in range(len(trial.members) if before.heldout_after is not None else 0):
-        now = check(trial.members)
-        rows = _torque_of(trial.members[index], now.extension.coefficients[index], trial.problem.n)
-        joints = joints_of(trial.members[index], rows)
-        left = now.heldout_after
-        if left is None or not np.any(left.excess_energy[joints] > PLAIN_EXCESS * left.excess_deviation[joints]):
-            continue
-        other = _confirmed_rival(problem, library, result, trial, index, before, check, settings)
-        if other is not None and _left_on(check(other.members), other, index) < 0.5 * _left_on(now, trial, index):
-            trial = other
-    return trial
-
-
-def _choices(before: Trial, after: Trial) -> list[str]:
-    """What is said of members that held-out data gave another name; both trials hold them in the same order."""
-    return [
-        f"The fitted motion cannot separate {_named(new.effect.name, new.place.joint)} from "
-        f"{_named(old.effect.name, old.place.joint)}: the held-out recordings chose, so their figures are not "
-        "independent of this name"
-        for old, new in zip(before.members, after.members, strict=True)
-        if (old.effect.name, old.place) != (new.effect.name, new.place)
-    ]
-
-
-def _left_on(now: _Check, trial: Trial, index: int) -> float:
-    """What a model leaves on held-out recordings on the joints of one member, in squares of the expected scatter."""
-    left = now.after if now.heldout_after is None else now.heldout_after
-    rows = _torque_of(trial.members[index], now.extension.coefficients[index], trial.problem.n)
-    joints = joints_of(trial.members[index], rows)
-    return float(((left.rows[joints] / left.noise[joints]) ** 2).sum())
-
-
-def _confirmed_rival(
-    problem: Problem,
-    library: Library,
-    result: SearchResult,
-    trial: Trial,
-    index: int,
-    before: _Check,
-    check: _Checker,
-    settings: DiagnosisSettings,
-) -> Trial | None:
-    """The trial with one member in another name that this data cannot tell from it and that held-out data confirm."""
-    if before.heldout_after is None:
-        return None
-    screen = build_screen(problem, result.candidates)
-    passed: list[tuple[float, Trial]] = []
-    for _, rival in rivals(problem, trial, index, screen, library, settings):
-        members = [rival if place == index else item for place, item in enumerate(trial.members)]
-        other = fitted(problem, members, settings, trial)
-        now = check(members)
-        if now.heldout_after is not None and _passes(library, other, index, before, now, check, settings):
-            left = now.heldout_after.rows / now.heldout_after.noise
-            passed.append((float((left**2).sum()), other))
-    return min(passed, key=lambda item: item[0])[1] if passed else None
-
-
-def _torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
-    """Torque rows (n, R) Nm of a member."""
-    rows = np.zeros((n, member.rows.rows.shape[1]))
-    rows[list(member.rows.joints)] = member.rows.rows @ coefficients
-    return rows
-
-
-def _passes(
-    library: Library,
-    trial: Trial,
-    index: int,
-    before: _Check,
-    now: _Check,
-    check: _Checker,
-    settings: DiagnosisSettings,
-) -> bool:
-    """The rule of abstention for one member: enough removed on its joints, here and there, and no loss there."""
-    member = trial.members[index]
-    torque = _torque_of(member, now.extension.coefficients[index], trial.problem.n)
-    joints = joints_of(member, torque)
-    rest, complete = check(_without(trial.members, index)), trial.complete
-    if complete:
-        loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
-        if not has_its_form(trial.problem, library.evidences, loudest, rest.after, now.after, settings):
-            return False
-    elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
-        trial.problem.noise_is_measured and contrast(rest.after, now.after, joints) < settings.contrast_to_background
-    ):
-        return False
-    if now.heldout_after is None or before.heldout_after is None:
-        return True
-    needed = settings.heldout_share_removed
-    if not explains_enough(before.heldout_after, now.heldout_after, joints, needed, complete=complete):
-        return False
-    without = rest.heldout_after
-    if without is None:
-        return True
-    gain = float((without.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
-    variance = (without.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
-    return gain > -2.0 * float(np.sqrt(variance))
-
-
-def _repeatable(
-    problem: Problem,
-    library: Library,
-    result: SearchResult,
-    trial: Trial,
-    now: _Check,
-    before: _Check,
-    check: _Checker,
-    settings: DiagnosisSettings,
-) -> list[Finding]:
+def _repeatable(exam: Examination, trial: Trial, now: Check, before: Check) -> list[Finding]:
     """One finding per member that passed, with its alternatives and its held-out gain."""
     if not trial.members:
         return []
+    problem, library, result, settings = exam.problem, exam.rows.library, exam.result, exam.settings
     screen = build_screen(problem, result.candidates)
     scores = removal_scores(problem, trial, settings)
     sure = uncertainties(problem, now.extension, trial.problem.residual, library, coloured=not trial.complete)
@@ -280,11 +113,11 @@ def _repeatable(
         coefficients = now.extension.coefficients[index]
         estimate = Estimate(member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std)
         others = alternatives(problem, trial, index, screen, library, settings)
-        rows = _torque_of(member, coefficients, problem.n)
+        rows = torque_of(member, coefficients, problem.n)
         joints = joints_of(member, rows)
         whitened = (rows * problem.weight).ravel()
         visible = off(problem.basis, whitened)
-        gain = _heldout_gain(check(_without(trial.members, index)), now)
+        gain = _heldout_gain(exam.check(without(trial.members, index)), now)
         curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result)
         found.append(
             Finding(
@@ -321,11 +154,7 @@ def _clear_share(before: Residuals, after: Residuals, joints: Sequence[int]) -> 
     return min(1.0, share_removed(before, after, joints)[0])
 
 
-def _without(members: Sequence[Member], index: int) -> list[Member]:
-    return [item for position, item in enumerate(members) if position != index]
-
-
-def _heldout_gain(rest: _Check, now: _Check) -> FloatArray:
+def _heldout_gain(rest: Check, now: Check) -> FloatArray:
     """(n,) Nm by which a member lowers the RMS of held-out recordings; empty without any."""
     if rest.heldout_after is None or now.heldout_after is None:
         return np.zeros(0)
@@ -334,15 +163,17 @@ def _heldout_gain(rest: _Check, now: _Check) -> FloatArray:
 
 def _sentence(plain: str, others: Sequence[Alternative], checked: bool) -> str:
     if others:
-        plain += " This data cannot tell it from " + ", ".join(_named(item.effect, item.joint) for item in others) + "."
+        plain += (
+            " This data cannot tell it from " + ", ".join(name_of(item.effect, item.joint) for item in others) + "."
+        )
     return plain if checked else plain + " Unconfirmed: no held-out recording was given."
 
 
 def _place(
     problem: Problem,
     evidence: Evidence,
-    before: _Check,
-    now: _Check,
+    before: Check,
+    now: Check,
     rows: FloatArray,
     visible: FloatArray,
     joints: Sequence[int],
@@ -396,8 +227,3 @@ def _curve_over_periods(change: Change) -> Curve:
     size = np.sqrt((change.contribution[:, :, joint] ** 2).sum(axis=1))
     period = np.arange(size.size, dtype=np.float64)
     return Curve(joint + 1, "period", "", period, size, np.zeros_like(size), np.zeros_like(size), size)
-
-
-def _named(effect: str, joint: int | None) -> str:
-    words = effect.replace("_", " ")
-    return words if joint is None else f"{words} of joint {joint}"

@@ -3,10 +3,12 @@
 What the import found in single rows is passed on, not searched again. A clipped torque shows as a plateau at its own
 extreme. Signs and time base are questions to the rigid body itself: the joints share inertial parameters, so one
 joint's sign cannot be turned unnoticed, and gravity does not know the clock while inertia torque goes with its square.
+Both are claimed only where they also show beside free physics of every joint: a fault must explain what that cannot.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -20,6 +22,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.torque_sign import judge_torque_sign
 from identification.mismatch.findings import DataFault
+from identification.mismatch.rival_physics import beside, rival_physics
 from identification.recordings.recording import Finding, Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import process_aperiodic
@@ -27,6 +30,7 @@ from identification.signals.periodic import process_periodic
 from identification.signals.processed import ProcessedSignals
 
 FloatArray = npt.NDArray[np.float64]
+Rivals = Callable[[], tuple[FloatArray, ...]]
 
 ROW_FAULTS = {
     "gap": "lost_samples",
@@ -66,10 +70,12 @@ def find_data_faults(recording: Recording, robot: RobotModel, regressor: BaseReg
         stretches = [process_periodic(recording)] if recording.is_periodic else process_aperiodic(recording)
     except RecordingError:
         return tuple(faults)
-    stretch = _thinned(max(stretches, key=lambda signals: signals.time.size))
+    stretch, rivals = _thinned(max(stretches, key=lambda signals: signals.time.size))
     signs = _signs(stretch, regressor)
+    if np.any(signs < 0.0):
+        signs = np.where(_signs(stretch, regressor, rivals()) < 0.0, signs, 1.0)
     faults += _inverted(recording, signs)
-    time_base = _time_base(recording, stretch, regressor, signs)
+    time_base = _time_base(recording, stretch, regressor, signs, rivals)
     return tuple(faults if time_base is None else [*faults, time_base])
 
 
@@ -123,8 +129,11 @@ def _saturation(recording: Recording) -> list[DataFault]:
     return faults
 
 
-def _thinned(stretch: ProcessedSignals) -> ProcessedSignals:
-    """At most MOST_STATES samples of a stretch, spread evenly over those that count, torque smoothed over 0.1 s."""
+def _thinned(stretch: ProcessedSignals) -> tuple[ProcessedSignals, Rivals]:
+    """At most MOST_STATES samples of a stretch, spread evenly over those that count, torque smoothed over 0.1 s.
+
+    With them, on demand, the free functions of each joint that a fault must beat.
+    """
     step = float(stretch.time[1] - stretch.time[0])
     width = min(max(5, 2 * round(0.5 * SMOOTHED_S / step) + 1), (stretch.time.size - 1) // 2 * 2 - 1)
     counts = np.ones(stretch.time.size, dtype=np.bool_)
@@ -134,7 +143,7 @@ def _thinned(stretch: ProcessedSignals) -> ProcessedSignals:
         counts = inside & stretch.used[place].all(axis=1)
     index = np.flatnonzero(counts if counts.sum() > 100 else np.ones_like(counts))
     index = index[np.linspace(0, index.size - 1, min(MOST_STATES, index.size)).astype(int)]
-    return replace(
+    thinned = replace(
         stretch,
         time=stretch.time[index],
         position=stretch.position[index],
@@ -143,15 +152,31 @@ def _thinned(stretch: ProcessedSignals) -> ProcessedSignals:
         torque=savgol_filter(stretch.torque, width, 3, axis=0)[index],
     )
 
+    def rivals() -> tuple[FloatArray, ...]:
+        rate = savgol_filter(stretch.torque, width, 3, deriv=1, delta=step, axis=0)[index]
+        return rival_physics(thinned.position, thinned.velocity, thinned.torque, rate)
+
+    return thinned, rivals
+
 
 def _columns(stretch: ProcessedSignals, regressor: BaseRegressor, velocity: float, acceleration: float) -> FloatArray:
     """(S, n, p) with velocity and acceleration times those factors."""
     return regressor.matrix(stretch.position, velocity * stretch.velocity, acceleration * stretch.acceleration)
 
 
-def _by_joint(columns: FloatArray) -> FloatArray:
-    """(S, n, p) → (n, S, p), so that weights of joints can be changed after the products over the samples are made."""
-    return np.ascontiguousarray(columns.transpose(1, 0, 2))
+def _by_joint(columns: FloatArray, rivals: Sequence[FloatArray]) -> FloatArray:
+    """(S, n, p) → (n, S, p), so that weights of joints can be changed after the products over the samples are made.
+
+    rivals: per joint what is fitted along and taken off, or nothing.
+    """
+    if not rivals:
+        return np.ascontiguousarray(columns.transpose(1, 0, 2))
+    return np.stack([beside(basis, columns[:, joint]) for joint, basis in enumerate(rivals)])
+
+
+def _torque_beside(torque: FloatArray, rivals: Sequence[FloatArray]) -> FloatArray:
+    """(S, n) without what the free functions of each joint take of it."""
+    return _by_joint(torque[:, :, None], rivals)[..., 0].T if rivals else torque
 
 
 def _transposed(columns: FloatArray) -> FloatArray:
@@ -167,20 +192,20 @@ def _solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]
     return np.asarray(inverse @ right), np.asarray(inverse)
 
 
-def _signs(stretch: ProcessedSignals, regressor: BaseRegressor) -> FloatArray:
+def _signs(stretch: ProcessedSignals, regressor: BaseRegressor, rivals: Sequence[FloatArray] = ()) -> FloatArray:
     """(n,) the signs, ±1, with which the measured torques fit one rigid body whose inertia and friction are positive.
 
     The squares of the residual are a quadratic form in the signs, so every pattern can be tried. Signs that cost
     little are left as they are.
     """
-    columns, torque = _columns(stretch, regressor, 1.0, 1.0), stretch.torque
+    by_joint = _by_joint(_columns(stretch, regressor, 1.0, 1.0), rivals)
+    columns, torque = by_joint.transpose(1, 0, 2), _torque_beside(stretch.torque, rivals)
     n = stretch.n
     weight = 1.0 / np.maximum(torque.std(axis=0), 1e-12)
     patterns = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=n - 1)])
     order = np.argsort((patterns < 0.0).sum(axis=1), kind="stable")
     patterns = patterns[order]
     best = patterns[0]
-    by_joint = _by_joint(columns)
     grams = _transposed(by_joint) @ by_joint
     seen = (_transposed(by_joint) @ torque.T[..., None])[..., 0]
     for _ in range(3):
@@ -226,17 +251,21 @@ def _inverted(recording: Recording, signs: FloatArray) -> list[DataFault]:
 
 
 def _time_base(
-    recording: Recording, stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray
+    recording: Recording, stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray, rivals: Rivals
 ) -> DataFault | None:
     """True rate over stated rate, from the recorded velocity or from inertia against gravity."""
     ratio, std, cost_ratio = _ratio_from_torque(stretch, regressor, signs)
     source = "the inertia torque against gravity"
-    claimed = cost_ratio > TIME_BASE_COST_RATIO
+    claimed = _is_wrong(ratio, std, cost_ratio)
+    if claimed:
+        other = _ratio_from_torque(stretch, regressor, signs, rivals())
+        claimed = _is_wrong(*other) and (other[0] > 1.0) == (ratio > 1.0)
     measured = _ratio_from_velocity(recording)
     if measured is not None and abs(np.log(measured[0])) > SMALLEST_TIME_ERROR:
         ratio, std = measured
-        source, claimed = "the recorded velocity against the change of position", True
-    if not claimed or abs(ratio - 1.0) < max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std):
+        source = "the recorded velocity against the change of position"
+        claimed = abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
+    if not claimed:
         return None
     stated = 1.0 / recording.sampling_period_s
     sentence = (
@@ -244,6 +273,11 @@ def _time_base(
         f"{stated:.4g} Hz (ratio {ratio:.4g} ± {std:.2g})."
     )
     return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio)
+
+
+def _is_wrong(ratio: float, std: float, cost_ratio: float) -> bool:
+    """Whether the misfit falls enough with another clock, and that clock is another."""
+    return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
 
 
 def _ratio_from_velocity(recording: Recording) -> tuple[float, float] | None:
@@ -274,7 +308,7 @@ def _ratio_from_velocity(recording: Recording) -> tuple[float, float] | None:
 
 
 def _ratio_from_torque(
-    stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray
+    stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray, rivals: Sequence[FloatArray] = ()
 ) -> tuple[float, float, float]:
     """Ratio, its standard deviation, and by what factor the residual's squares fall against a ratio of one.
 
@@ -288,9 +322,9 @@ def _ratio_from_torque(
     odd, even = 0.5 * (whole - turned), 0.5 * (whole + turned) - gravity
     sizes = np.array([name.startswith("FV_") for name in regressor.names])
     constant, linear = gravity + np.where(sizes, 0.0, odd), np.where(sizes, odd, 0.0)
-    torque = stretch.torque * signs
+    torque = _torque_beside(stretch.torque * signs, rivals)
     weight = np.ones(stretch.n)
-    blocks = [_by_joint(block) for block in (constant, linear, even)]
+    blocks = [_by_joint(block, rivals) for block in (constant, linear, even)]
     products = {(a, b): _transposed(blocks[a]) @ blocks[b] for a in range(3) for b in range(a, 3)}
     seen = [(_transposed(block) @ torque.T[..., None])[..., 0] for block in blocks]
     for _ in range(3):
@@ -322,7 +356,7 @@ def _ratio_from_torque(
         x = float(found.x)
         _, values = at(x)
         r = np.exp(x)
-        residual = torque - (constant + r * linear + r**2 * even) @ values
+        residual = torque - ((blocks[0] + r * blocks[1] + r**2 * blocks[2]) @ values).T
         weight = 1.0 / np.maximum(residual.std(axis=0), 1e-6 * torque.std(axis=0) + 1e-12)
     # Curvature of the cost of the last weights; ten rows of a coloured residual count as one.
     step = 0.02

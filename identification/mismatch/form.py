@@ -45,14 +45,14 @@ def left_in_other_form(problem: Problem, evidences: Sequence[Evidence], joint: i
 def _state_functions(evidence: Evidence, joint: int) -> tuple[FloatArray, ...]:
     """Three groups of columns (R, KNOTS)."""
     motion: Motion = evidence.motion
-    position = _hats(motion.position[:, joint])
-    velocity = _hats(motion.velocity[:, joint])
+    position = hats(motion.position[:, joint])
+    velocity = hats(motion.velocity[:, joint])
     directed = position * friction_sign(motion, joint)[:, None]
     groups = (evidence.project(values) for values in (position, velocity, directed))
     return tuple(np.asarray(item, dtype=np.float64) for item in groups)
 
 
-def _hats(values: FloatArray) -> FloatArray:
-    """(S, KNOTS) piecewise linear functions that sum to one; knots at quantiles, fewer where these coincide."""
-    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, KNOTS)))
+def hats(values: FloatArray, number: int = KNOTS) -> FloatArray:
+    """(S, number) piecewise linear functions that sum to one; knots at quantiles, fewer where these coincide."""
+    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, number)))
     return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1)

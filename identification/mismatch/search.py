@@ -14,14 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.detection import BandPower, band_power, located, whittle
 from identification.mismatch.effects.base import Place
 from identification.mismatch.extension import extend
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, spread
+from identification.mismatch.pruning import pruned
 from identification.mismatch.refinement import Member, gram_of, refine, score_of
-from identification.mismatch.screening import COEFFICIENT_COST, Screen, build_screen, gains, narrowed
+from identification.mismatch.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,9 +34,6 @@ SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
 LEAST_STEP = 0.15
 """Share of the score asked for beside a background that a step must bring while noise is not reached."""
-FULL_ROUNDS = 3
-QUICK_ROUNDS = 1
-"""Rounds in which misfit is located, from the start and from a trial that is near."""
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
@@ -43,37 +41,6 @@ WORTH_RENEWING = 4.0
 """Whitened squares that a new nominal torque must save in a step, and that it may cost at the end."""
 
 Renewal = Callable[[FloatArray], Library]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trial:
-    """Members with the problem in which they are fitted. complete: nothing but noise is left.
-
-    weighted: the same problem weighted by noise and misfit; power: of its residual, in units of the noise (`located`);
-    likelihood: its profile likelihood beside an unknown background.
-    """
-
-    members: tuple[Member, ...]
-    problem: Problem
-    power: BandPower
-    complete: bool
-    likelihood: float
-    weighted: Problem
-
-    @property
-    def squares(self) -> float:
-        """Whitened squares that are left."""
-        return float(self.problem.residual @ self.problem.residual)
-
-    @property
-    def cost(self) -> float:
-        """Log-likelihood that further coefficients and the choice of shapes cost."""
-        return sum(COEFFICIENT_COST * (len(item.selection) - 1) + item.rows.cost for item in self.members)
-
-    @property
-    def penalised(self) -> float:
-        """Whitened squares that are left, with twice the cost: what complete trials are compared by."""
-        return self.squares + 2.0 * self.cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,26 +55,6 @@ class SearchResult:
     before: Trial
     library: Library
     candidates: Sequence[EffectRows]
-
-
-def fitted(
-    nominal: Problem, members: Sequence[Member], settings: DiagnosisSettings, near: Trial | None = None
-) -> Trial:
-    """The nominal problem with the members fitted beside the base parameters.
-
-    near: a trial with almost the same members, whose misfit is where to start from when this one's is located.
-    """
-    problem = nominal
-    if members:
-        columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
-        problem = extended(nominal, off(nominal.basis, columns))
-    power = band_power(problem)
-    complete = problem.noise_is_measured and power.least_probability > settings.consistency_probability
-    weighted, spread_out = problem, power
-    if not complete:
-        start, rounds = (power, FULL_ROUNDS) if near is None or near.complete else (near.power, QUICK_ROUNDS)
-        weighted, spread_out = located(problem, start, rounds)
-    return Trial(tuple(members), problem, spread_out, complete, whittle(spread_out), weighted)
 
 
 def search(nominal: Problem, library: Library, renewed: Renewal, settings: DiagnosisSettings) -> SearchResult:
@@ -216,47 +163,6 @@ def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial
                 member = whole
         members.append(member)
     return trial if members == list(trial.members) else fitted(nominal, members, settings, trial)
-
-
-def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
-    """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
-    while trial.members:
-        scores = removal_scores(nominal, trial, settings)
-        needed = [required_score(nominal, trial, member, settings) for member in trial.members]
-        margin = [score - least for score, least in zip(scores, needed, strict=True)]
-        weakest = int(np.argmin(margin))
-        if margin[weakest] >= 0.0:
-            return trial, scores
-        kept = [member for index, member in enumerate(trial.members) if index != weakest]
-        trial = fitted(nominal, kept, settings)
-    return trial, ()
-
-
-def required_score(nominal: Problem, trial: Trial, member: Member, settings: DiagnosisSettings) -> float:
-    """The score a member must reach in the regime that its trial is in.
-
-    Beside others on its joints it must also be more than what their form may lack: a share of all that is explained.
-    """
-    least = settings.complete_score if trial.complete else settings.background_score
-    if len(trial.members) == 1 or not nominal.noise_is_measured:
-        return least
-    rows = [nominal.rows * joint + np.arange(nominal.rows) for joint in member.rows.joints]
-    chosen = np.concatenate(rows)
-    explained = float((nominal.residual[chosen] ** 2).sum() - (trial.problem.residual[chosen] ** 2).sum())
-    return max(least, 0.5 * settings.share_of_form * explained)
-
-
-def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
-    """What is lost when each member is left out and the others are fitted again, in the regime that holds."""
-    result = []
-    for index, member in enumerate(trial.members):
-        others = [other for position, other in enumerate(trial.members) if position != index]
-        rest = fitted(nominal, others, settings, trial)
-        if trial.complete:
-            result.append(score_of(rest.problem, member))
-        else:
-            result.append(trial.likelihood - rest.likelihood)
-    return tuple(result)
 
 
 def _beside(screen: Screen, trial: Trial) -> Screen:

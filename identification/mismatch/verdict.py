@@ -21,8 +21,8 @@ from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, orthonormal, spread
 from identification.mismatch.refinement import Member, refine, score_of
 from identification.mismatch.screening import Screen, gains, narrowed
-from identification.mismatch.search import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,0 +1,54 @@
+"""Members of a model that are worth less than they must be are left out, by the regime that holds.
+
+Called by the search at its end; `removal_scores` also by the claims.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.mismatch.problem import Problem
+from identification.mismatch.refinement import Member, score_of
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import Trial, fitted
+
+
+def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
+    """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
+    while trial.members:
+        scores = removal_scores(nominal, trial, settings)
+        needed = [required_score(nominal, trial, member, settings) for member in trial.members]
+        margin = [score - least for score, least in zip(scores, needed, strict=True)]
+        weakest = int(np.argmin(margin))
+        if margin[weakest] >= 0.0:
+            return trial, scores
+        kept = [member for index, member in enumerate(trial.members) if index != weakest]
+        trial = fitted(nominal, kept, settings)
+    return trial, ()
+
+
+def required_score(nominal: Problem, trial: Trial, member: Member, settings: DiagnosisSettings) -> float:
+    """The score a member must reach in the regime that its trial is in.
+
+    Beside others on its joints it must also be more than what their form may lack: a share of all that is explained.
+    """
+    least = settings.complete_score if trial.complete else settings.background_score
+    if len(trial.members) == 1 or not nominal.noise_is_measured:
+        return least
+    rows = [nominal.rows * joint + np.arange(nominal.rows) for joint in member.rows.joints]
+    chosen = np.concatenate(rows)
+    explained = float((nominal.residual[chosen] ** 2).sum() - (trial.problem.residual[chosen] ** 2).sum())
+    return max(least, 0.5 * settings.share_of_form * explained)
+
+
+def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
+    """What is lost when each member is left out and the others are fitted again, in the regime that holds."""
+    result = []
+    for index, member in enumerate(trial.members):
+        others = [other for position, other in enumerate(trial.members) if position != index]
+        rest = fitted(nominal, others, settings, trial)
+        if trial.complete:
+            result.append(score_of(rest.problem, member))
+        else:
+            result.append(trial.likelihood - rest.likelihood)
+    return tuple(result)

@@ -1,0 +1,56 @@
+"""What physics of a joint's own could look like, without a name: the rival that a fault of the data must beat.
+
+A strong spring bends a fit much as a wrong clock does, and strong crosstalk onto a light joint outweighs that joint's
+own torque. Before either is called a fault of the data, every joint is given free smooth functions of its state and of
+the torques; a true fault stays visible beside them. Called by the tests for data faults only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.form import hats
+
+FloatArray = npt.NDArray[np.float64]
+
+POSITION_KNOTS = 20
+VELOCITY_KNOTS = 12
+LEFT_OF_SWALLOWED = 1e-7
+"""A column of which less than this share of the length is left is swallowed up to rounding."""
+
+
+def rival_physics(
+    position: FloatArray, velocity: FloatArray, torque: FloatArray, torque_rate: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Per joint an orthonormal basis (S, m) of its free functions; all arguments (S, n).
+
+    Of the position in each direction of motion, of the velocity, of its own torque (delay, friction under load) and of
+    the torques of all other joints (crosstalk).
+    """
+    bases = []
+    for joint in range(position.shape[1]):
+        heading = np.sign(velocity[:, joint])[:, None]
+        curves = hats(position[:, joint], POSITION_KNOTS)
+        columns = np.concatenate(
+            [
+                curves,
+                heading * curves,
+                hats(velocity[:, joint], VELOCITY_KNOTS),
+                heading * np.abs(torque[:, joint : joint + 1]),
+                torque_rate[:, joint : joint + 1],
+                np.delete(torque, joint, axis=1),
+            ],
+            axis=1,
+        )
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        left, size, _ = np.linalg.svd(columns, full_matrices=False)
+        bases.append(left[:, size > 1e-9 * size[0]])
+    return tuple(bases)
+
+
+def beside(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """The values (S, …) off a joint's free functions; columns that these swallow are zero."""
+    left = values - basis @ (basis.T @ values)
+    kept = np.linalg.norm(left, axis=0) > LEFT_OF_SWALLOWED * np.linalg.norm(values, axis=0)
+    return np.asarray(np.where(kept, left, 0.0), dtype=np.float64)
