@@ -300,7 +300,7 @@ def _evidence(
         None,
         regressor,
         white + SMALLEST_WEIGHT * scale + 1e-12,
-        np.full(frequency.size, NOISE_FREEDOM),
+        np.full(torque.shape, NOISE_FREEDOM),
         False,
         used=used,
         restore=partial(_to_time, blocks=tuple(blocks), row_time=time - signals.time[0], time=offset),

@@ -17,6 +17,7 @@ from scipy.stats import f as fisher
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.noise import NEIGHBOURS_OF_LINE_ZERO
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -190,7 +191,10 @@ class Contrasts:
         total = float(lines.sum())
         if total <= 0.0:
             return 1.0
-        per_line = np.concatenate([self.evidence.noise_freedom[:1], self.evidence.noise_freedom[1::2]])
+        # Line 0 is measured by its neighbours here: a change widens its own scatter, and what that says beyond theirs
+        # is in the dispersion. All joints have the same periods and lines.
+        others = self.evidence.noise_freedom[1::2, 0]
+        per_line = np.concatenate([NEIGHBOURS_OF_LINE_ZERO * others[:1], others])
         return float(1.0 / ((lines / total) ** 2 / per_line[:, None]).sum())
 
 

@@ -45,16 +45,15 @@ def band_power(problem: Problem, residual: FloatArray | None = None) -> BandPowe
     Each band's freedom is its number of rows less what the basis takes from it.
     """
     values = problem.residual if residual is None else residual
-    joints, rows, bands = problem.n, problem.rows, problem.bands
+    joints, rows = problem.n, problem.rows
     power = _sum_bands(problem, (values**2).reshape(joints, rows))
     taken = _sum_bands(problem, np.einsum("ij,ij->i", problem.basis, problem.basis).reshape(joints, rows))
     counted = _sum_bands(problem, (problem.weight > 0.0).astype(np.float64))
     freedom = np.maximum(counted - taken, 0.0)
     # Neighbouring lines share one estimate of the noise: the freedom of a band is that of its rows' mean, not sum.
-    mean_freedom = np.array(
-        [problem.freedom[problem.band == band].mean() if np.any(problem.band == band) else 1.0 for band in range(bands)]
-    )
-    noise_freedom = np.maximum(np.tile(mean_freedom, (joints, 1)), freedom * 0.5)
+    size = np.bincount(problem.band, minlength=problem.bands)
+    mean_freedom = np.where(size > 0, _sum_bands(problem, problem.freedom) / np.maximum(size, 1), 1.0)
+    noise_freedom = np.maximum(mean_freedom, freedom * 0.5)
     tested = freedom > LEAST_FREEDOM
     ratio = np.where(tested, power / np.where(tested, freedom, 1.0), 1.0)
     probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), noise_freedom), 1.0)

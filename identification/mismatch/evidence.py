@@ -51,7 +51,7 @@ class Evidence:
     torque column. frequency: (R,) Hz of each row (line 0, then cosine and sine of each line). torque: (R, n) rows of
     the measured mean. period_torque: (K, R, n) rows of each period, None without periods. nominal: (R, n, p) rows of
     the base regressor's columns. noise: (R, n) Nm, standard deviation of the noise in `torque`'s rows.
-    noise_freedom: (R,) real degrees of freedom behind each entry of `noise`. used: (R, n) rows that count.
+    noise_freedom: (R, n) real degrees of freedom behind each entry of `noise`. used: (R, n) rows that count.
     noise_is_measured: whether the noise comes from period differences; False where it had to be taken from the high
     band, which is weaker evidence. restore: rows (R, …) back to (S, …), nan where no row tells; None for the lines of
     a period. counted: samples behind the rows where those are not all of the motion's. white_noise:
@@ -339,4 +339,4 @@ def _noise_of_high_band(torque: FloatArray, lines: int) -> tuple[FloatArray, Flo
     rows = to_lines(torque, available)
     high = rows[2 * lines + 1 :] if available > 1.2 * lines else rows[int(1.6 * available) :]
     level = np.sqrt(np.maximum(np.median(high**2, axis=0) / 0.4549, 1e-18))
-    return np.tile(level, (2 * lines + 1, 1)), np.full(2 * lines + 1, float(high.shape[0]))
+    return np.tile(level, (2 * lines + 1, 1)), np.full((2 * lines + 1, level.size), float(high.shape[0]))

@@ -138,7 +138,7 @@ def uncertainties(
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     inverse = (vectors / np.maximum(values, OPEN**2 * values[-1])) @ vectors.T / np.outer(scale, scale)
     freedom = np.maximum(nominal.freedom, FEWEST_FREEDOM)
-    inflated = columns * np.tile(np.sqrt(2.0 / (freedom - 2.0)), nominal.n)[:, None]
+    inflated = columns * np.sqrt(2.0 / (freedom - 2.0)).ravel()[:, None]
     covariance = inverse + inverse @ (inflated.T @ inflated) @ inverse
     if coloured:
         sandwich = inverse @ _block_products(nominal, columns, residual) @ inverse

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtr, chdtri
+from scipy.special import chdtr, chdtri, fdtrc
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -16,16 +16,21 @@ TRIMMED_SHARE = 0.25
 FEWEST_TO_TRIM = 5
 # Lines of line 0's neighbours that say how large noise at rest may be at least.
 NEIGHBOURS_OF_LINE_ZERO = 3
+# Chance of line 0's own estimate over theirs below which it contradicts them, and stands alone.
+CONTRADICTION = 0.05
+# Trimming costs this share of the freedom where many numbers are averaged first, and where there is one.
+FREEDOM_KEPT, FREEDOM_KEPT_OF_ONE = 0.8, 0.6
 
 
 def noise_of_mean(period_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Standard deviation of the noise in the mean over periods (R, n), and its real degrees of freedom (R,).
+    """Standard deviation of the noise in the mean over periods, and its real degrees of freedom, both (R, n).
 
     period_rows: (K ≥ 2, R, n) Nm, rows of each period: line 0, then cosine and sine of each line. The variance is half
     the mean square difference of successive periods (von Neumann: blind to slow drift), the largest quarter of the
     differences left out and the bias of that undone, smoothed over ± max(3, 10 %) lines; less where lines are so low
-    that a coloured noise is steep. Line 0 is never taken below its neighbours, since it has one number per difference;
-    their median is taken off, as a sensor that drifts steadily shifts all of them alike.
+    that a coloured noise is steep. Line 0 has one number per difference. So it is never taken below its neighbours, and
+    their freedom stands behind it unless its own estimate contradicts them. Its median difference is taken off, as a
+    sensor that drifts steadily shifts all of them alike.
     """
     periods, rows, joints = period_rows.shape
     difference = np.diff(period_rows, axis=0)
@@ -38,18 +43,22 @@ def noise_of_mean(period_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     total = np.concatenate([np.zeros((periods - 1, 1, joints)), np.cumsum(power, axis=1)], axis=1)
     count = (high - low).astype(np.float64)
     smooth = (total[:, high] - total[:, low]) / count[None, :, None]
-    # von Neumann's estimate has variance (3K − 4) σ⁴ / (K − 1)²; trimming costs about a fifth of the freedom.
+    # von Neumann's estimate has variance (3K − 4) σ⁴ / (K − 1)².
     trimmed = periods - 1 >= FEWEST_TO_TRIM
-    per_number = 2.0 * (periods - 1) ** 2 / (3.0 * periods - 4.0) * (0.8 if trimmed else 1.0)
+    of_one = per_number = 2.0 * (periods - 1) ** 2 / (3.0 * periods - 4.0)
+    if trimmed:
+        per_number, of_one = FREEDOM_KEPT * per_number, FREEDOM_KEPT_OF_ONE * of_one
     variance = np.empty((rows, joints))
-    freedom = np.empty(rows)
+    freedom = np.empty((rows, joints))
     line_variance = _trimmed_mean(smooth, 2.0 * count)
     variance[1::2] = variance[2::2] = line_variance
-    freedom[1::2] = freedom[2::2] = 2.0 * count * per_number
+    freedom[1::2] = freedom[2::2] = 2.0 * count[:, None] * per_number
     near = min(NEIGHBOURS_OF_LINE_ZERO, lines)
     neighbours = _trimmed_mean(power[:, :near].mean(axis=1)[:, None], np.array([2.0 * near]))[0]
-    variance[0] = np.maximum(_trimmed_mean(zero[:, None], np.ones(1))[0], neighbours)
-    freedom[0] = 2.0 * near * per_number
+    own, behind = _trimmed_mean(zero[:, None], np.ones(1))[0], 2.0 * near * per_number
+    variance[0] = np.maximum(own, neighbours)
+    chance = fdtrc(of_one, behind, own / np.maximum(neighbours, 1e-300))
+    freedom[0] = np.where(chance < CONTRADICTION, of_one, behind)
     floor = 1e-12 * np.maximum(variance.max(axis=0), 1e-24)
     return np.sqrt(np.maximum(variance, floor) / periods), freedom
 

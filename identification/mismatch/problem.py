@@ -32,7 +32,7 @@ class Problem:
     """Rows of the diagnosis, (n · R,) flattened joint by joint.
 
     weight: (n, R) 1/Nm, one over the noise times the factor of `background`; 0 for rows that do not count. noise:
-    (n, R) Nm. freedom: (R,) degrees of freedom of the noise. band: (R,) index of the band. evidence: (R,) which
+    (n, R) Nm. freedom: (n, R) degrees of freedom of the noise. band: (R,) index of the band. evidence: (R,) which
     evidence. frequency: (R,) Hz. torque: (n R,) whitened. nominal: (n, R, p) Nm
     per unit, base parameters first, then nuisances. basis: (n R, p') orthonormal basis of the nominal columns,
     whitened. residual: (n R,) torque off the basis. noise_is_measured: in every evidence; else nothing proves that
@@ -90,7 +90,7 @@ def build_problem(
         n=n,
         weight=weight,
         noise=noise,
-        freedom=np.concatenate([item.noise_freedom for item in evidences]),
+        freedom=np.concatenate([item.noise_freedom for item in evidences]).T,
         band=np.searchsorted(BAND_EDGES_HZ, frequency, side="left").astype(np.int64),
         evidence=np.concatenate([np.full(item.frequency.size, index) for index, item in enumerate(evidences)]),
         frequency=frequency,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import f as fisher
 
 from identification.mismatch.noise import noise_of_mean
 from identification.signals.periodic import to_lines
@@ -66,4 +67,19 @@ def test_freedom_grows_with_periods_and_with_the_lines_averaged() -> None:
     _, many = noise_of_mean(rows_of(values, 300))
     _, few = noise_of_mean(rows_of(values[:4], 300))
     assert np.all(many > few)
-    assert many[-1] > 5.0 * many[1]
+    assert np.all(many[-1] > 5.0 * many[1])
+
+
+@pytest.mark.parametrize("excess", [1.0, 100.0])
+def test_line_zero_is_judged_by_the_freedom_that_stands_behind_it(excess: float) -> None:
+    """A sensor's zero wanders more than its lines scatter: sixteen numbers, not those of the neighbours, say by how
+    much.
+    """
+    rows = np.random.default_rng(7).normal(size=(16, 41, 20000))
+    rows[:, 0] *= np.sqrt(excess)
+    std, freedom = noise_of_mean(rows)
+    square = (rows.mean(axis=0)[0] / std[0]) ** 2
+    for chance in (0.05, 0.01, 1e-3):
+        assert np.mean(fisher.sf(square, 1.0, freedom[0]) < chance) < chance + 3.0 * np.sqrt(chance / square.size)
+    alone = np.mean(freedom[0] < 0.5 * freedom[1])
+    assert alone < 0.07 if excess == 1.0 else alone > 0.95
