@@ -6,7 +6,7 @@ from enum import IntEnum
 
 from fri_client.handover import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 
 __all__ = ["event_name", "event_sentence", "phase_name"]
 

@@ -42,7 +42,8 @@ from fri_client.handover import HandoverRing
 from fri_client.loop import FriLoop
 from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionPhase, MotionProgram
+from fri_client.motion import MotionProgram
+from fri_client.motion_phase import MotionPhase
 from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for

@@ -55,7 +55,7 @@ from daemon.times import now_text
 from daemon.worker_start import start_worker
 from fri_client.handover import EventCode, HandoverRing
 from fri_client.messages import SessionState
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 
 __all__ = ["run_acquisition"]
 

@@ -14,7 +14,7 @@ from daemon.api import RunRequest
 from daemon.loop_process import load_table, motion_of
 from daemon.workspace import load_surroundings
 from fri_client.errors import FriError
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 from fri_client.start_gate import StartGate, StartQuestion
 from safety.errors import SafetyError
 from safety.limits import limits_for

@@ -12,7 +12,8 @@ from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.link_memory import LinkMemory
 from fri_client.link_statistics import LinkStatistics
 from fri_client.loop_result import PhaseTicks
-from fri_client.motion import MotionPhase, MotionProgram, StopKind
+from fri_client.motion import MotionProgram, StopKind
+from fri_client.motion_phase import MotionPhase
 from fri_client.session import DropReason, Session
 
 __all__ = ["Journal"]

@@ -14,7 +14,7 @@ from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import ConnectionInfo, IpoData, MonitorData
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 
 __all__ = ["AFTERWARDS_S", "LAST_SAMPLES_S", "LastSamples", "read_last_samples"]
 

@@ -38,7 +38,8 @@ from fri_client.messages import (
     MonitoringMessage,
     SessionState,
 )
-from fri_client.motion import MotionPhase, MotionProgram, StopReason
+from fri_client.motion import MotionProgram, StopReason
+from fri_client.motion_phase import MotionPhase
 from fri_client.pilot import Pilot
 from fri_client.session import Session
 from fri_client.stop_watch import RecorderPatience, StopWatch

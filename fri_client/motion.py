@@ -1,16 +1,12 @@
 """The motion of one acquisition as a state machine that is driven by ticks and knows neither sockets nor clocks.
 
-Here: the order of the phases, the label of each sample, the stop from any tick, and when the arm counts as standing
-still. Not here: the shape of ramps and stops and the judgement of commands (`safety`), the session (`session`), who
-calls (`loop`).
+Here: the order of the phases, the label of each sample, a stop from any tick, and when the arm counts as standing
+still. Not here: which stop it is (`motion_stop`), the shape of ramps and stops and the judgement of commands
+(`safety`), the session (`session`), who calls (`loop`).
 
     WAITING -> START_RAMP -> LEAD_IN -> EXCITATION x periods -> STOP_RAMP -> HOLD -> DONE
                    any stop reason at any tick ------------------> STOP_RAMP
                    a drop of the session at any tick ------------> LATCHED
-
-A stop keeps to the verified path where it can: on the table, with a reason that leaves the table above suspicion, and
-with room for it in the limits. Else each joint stops on its own: on the start ramp, after a verdict on the table's own
-command, after an internal error.
 
 One call of `tick` is one command: the path advances by one step per answered fresh message and never by more, so a lost
 or late message delays the path and cannot make a step larger than planned. After a pause that the robot cannot bridge
@@ -22,7 +18,6 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -30,36 +25,23 @@ from numpy.typing import NDArray
 
 from fri_client.handover import EventCode
 from fri_client.motion_path import MotionPath
+from fri_client.motion_phase import MotionPhase
+from fri_client.motion_stop import MotionStop
 from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
 from fri_client.re_entry import ReEntry, plan_re_entry, re_entry_steps
 from fri_client.standstill import Standstill
 from fri_client.stop_reason import StopKind, StopReason, too_much_torque
-from safety.errors import RampError
 from safety.guard import CommandGuard, MotionState
 from safety.limits import JointLimits
-from safety.path_stop import PathStop, PathStops
+from safety.path_stop import PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
-__all__ = ["Foreseen", "MotionError", "MotionPhase", "MotionProgram", "StopKind", "StopReason", "command_stride"]
+__all__ = ["Foreseen", "MotionError", "MotionProgram", "StopKind", "StopReason", "command_stride"]
 
 FloatArray = NDArray[np.float64]
 
 _ROWS_BEFORE_PATH_STOP = 3
 """Commands on the table before a stop may keep to it: its first differences reach back so far."""
-
-
-class MotionPhase(IntEnum):
-    """Where the motion is; the value labels every sample in the log."""
-
-    WAITING = 0
-    START_RAMP = 1
-    LEAD_IN = 2
-    EXCITATION = 3
-    STOP_RAMP = 4
-    HOLD = 5
-    LATCHED = 6
-    DONE = 7
-
 
 _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
 
@@ -115,8 +97,8 @@ class MotionProgram:
         self._start_state = state_of_row(table, first, table_period_s)
         self._stride = stride
         self._path_stops = PathStops(table, table_period_s, stride, limits)
-        self._path_stop_tried = False
-        self._end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
+        end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
+        self._stop = MotionStop(limits, self._guard, self._path_stops, end_ramp, command_period_s)
         self._first = first // stride
         self._motion_path = MotionPath(self._path_stops, len(self._path), self._first, stride, command_period_s)
         self._step = 0  # steps done within the current phase
@@ -124,24 +106,17 @@ class MotionProgram:
         self._start_ramp: Ramp | None = None
         self._start_position: tuple[float, ...] = ()
         self._start_ticks = 0
-        self._stop_ramp: Ramp | PathStop | None = None
         self._last: Sequence[float] = ()
         self._foreseen_state: MotionState | None = None
         self._start_done = 0
         self._on_path = 0
-        self._stop_steps = 0
-        self._stop_done = False
         self._re_entry: ReEntry | None = None
         self._re_entry_step = 0
         self._re_entries: list[tuple[float, int, int]] = []  # start, ticks, how many of them went out
         self._straight_from = 0  # commands on the table that were no part of the last re-entry begin here
-        self._stop_asked: StopReason | None = None
         self.phase = _WAITING
         self.period = -1
         self.sample_in_period = -1
-        self.stop_reason: StopReason | None = None
-        self.stop_kind: StopKind | None = None
-        self.overruled = 0
         self.standstill = Standstill(command_period_s / samples_per_command)
 
     @property
@@ -163,6 +138,31 @@ class MotionProgram:
     def moving(self) -> bool:
         """True while the commands move the arm."""
         return _START_RAMP <= self.phase <= _STOP_RAMP
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the motion was stopped, None where it was not, or came to its end."""
+        return self._stop.reason
+
+    @property
+    def stop_kind(self) -> StopKind | None:
+        """How the arm was brought to rest, None where no stop was planned."""
+        return self._stop.kind
+
+    @property
+    def stop_duration_s(self) -> float:
+        """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
+        return self._stop.duration_s
+
+    @property
+    def stop_rows(self) -> float:
+        """Rows of the table a stop on the path goes on for; 0 for any other."""
+        return self._stop.rows
+
+    @property
+    def overruled(self) -> int:
+        """Commands of the stop that the guard objected to."""
+        return self._stop.overruled
 
     def prepare(self, ipo_position: tuple[float, ...]) -> None:
         """Plan the start ramp from the IPO position (rad) ahead of time; cheap where it is planned already.
@@ -193,8 +193,8 @@ class MotionProgram:
 
     def stop(self, reason: StopReason) -> None:
         """Ask for a stop ramp at the next tick; the first reason counts, and none does once the arm is stopping."""
-        if self._stop_asked is None and self.phase < _STOP_RAMP:
-            self._stop_asked = self.stop_reason = reason
+        if self._stop.asked is None and self.phase < _STOP_RAMP:
+            self._stop.ask(reason)
             if self.phase == _WAITING:
                 self.phase = _DONE
 
@@ -208,12 +208,12 @@ class MotionProgram:
         phase = self.phase
         if phase < _STOP_RAMP:
             limits = self._external_torque_limit
-            if limits is not None and external_torque is not None and self._stop_asked is None:
+            if limits is not None and external_torque is not None and self._stop.asked is None:
                 for joint, value in enumerate(external_torque):
                     if not -limits[joint] <= value <= limits[joint]:
                         self.stop(too_much_torque(joint + 1, value, limits[joint]))
                         break
-            if self._stop_asked is None:
+            if self._stop.asked is None:
                 command = self._next_on_path()
                 if command is not None:
                     verdict = self._guard.judge(command, measured_position)
@@ -230,7 +230,7 @@ class MotionProgram:
 
         None: nothing moves along a path, a stop was asked for, or the guard would refuse. Nothing is changed by it.
         """
-        if self._stop_asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
+        if self._stop.asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
             return None
         command = self._upcoming()
         state = None if command is None else self._guard.foresee(command)
@@ -260,7 +260,7 @@ class MotionProgram:
         under way is over.
         """
         if self.phase in (_STOP_RAMP, _LATCHED):
-            self._stop_ramp = None
+            self._stop.abandon()
         if not _START_RAMP <= self.phase < _STOP_RAMP or not self._start_done:
             return
         start = float(self._start_done + self._on_path - 1)
@@ -297,12 +297,10 @@ class MotionProgram:
         at_rest: the robot has held the last command for so long (silence) that its velocity is gone.
         """
         if self.phase in (_START_RAMP, _LEAD_IN, _EXCITATION):
-            self._stop_ramp = None
             if not at_rest:
                 self._plan_stop()
-            self._step = 0
         elif self.phase == _STOP_RAMP and at_rest:
-            self._stop_ramp = None
+            self._stop.abandon()
         self.phase = _LATCHED
         self.period = self.sample_in_period = -1
         self.standstill.reset()
@@ -320,12 +318,8 @@ class MotionProgram:
         entries = list(self._re_entries)
         if self._re_entry is not None:
             entries.append((self._re_entry.start, len(self._re_entry.positions), self._re_entry_step))
-        stop: list[Sequence[float]] = []
-        if self._stop_ramp is not None:
-            period = self.command_period_s
-            stop = [self._stop_ramp.position_at((k + 1) * period) for k in range(self._stop_steps)]
         done = self._start_done + self._on_path
-        return self._motion_path.stretches(self._start_position, entries, done, stop)
+        return self._motion_path.stretches(self._start_position, entries, done, self._stop.commands())
 
     # The path.
 
@@ -386,75 +380,26 @@ class MotionProgram:
 
     # The stop.
 
-    @property
-    def stop_duration_s(self) -> float:
-        """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
-        return 0.0 if self._stop_ramp is None else self._stop_ramp.duration_s
-
-    @property
-    def stop_rows(self) -> float:
-        """Rows of the table a stop on the path goes on for; 0 for any other."""
-        return self._stop_ramp.rows if isinstance(self._stop_ramp, PathStop) else 0.0
-
     def _begin_stop(self) -> None:
         self._plan_stop()
         self.phase = _STOP_RAMP
         self.period = self.sample_in_period = -1
-        self._step = 0
 
     def _plan_stop(self) -> None:
         if self._re_entry is not None and not self._re_entry_step:
             return  # the arm stands
-        reason = self._stop_asked
-        self._stop_ramp = self._plan_stop_on_path()
-        self.stop_kind = "path" if self._stop_ramp is not None else "joint_space"
-        if self._stop_ramp is not None:
-            return
-        if reason is None and self.phase == _EXCITATION and self._on_path == self._lead_in + self._total:
-            self._stop_ramp = self._end_ramp
-            return
-        guard = self._guard
-        try:
-            self._stop_ramp = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, self._limits)
-        except RampError as error:
-            # Better late than not at all: the firmest stop there is; without one, the last accepted command is held.
-            self._stop_ramp = error.firmest
-            if self.stop_reason is None:
-                self.stop_reason = StopReason(
-                    EventCode.RAMP_ERROR, str(error), error.joint or 0, error.value, error.limit
-                )
-
-    def _plan_stop_on_path(self) -> PathStop | None:
-        """The stop that keeps to the table's path, or None; tried once: a fault in it costs a tick and not the stop."""
-        reason = self._stop_asked
         straight = 0 if self._re_entry is not None else self._on_path - self._straight_from
-        if self._path_stop_tried or straight < _ROWS_BEFORE_PATH_STOP or (reason and not reason.path_is_good):
-            return None
-        self._path_stop_tried = True
-        return self._path_stops.plan((self._first + self._on_path - 1) * self._stride)
+        last = (self._first + self._on_path - 1) * self._stride
+        self._stop.plan(
+            last if straight >= _ROWS_BEFORE_PATH_STOP else None,
+            table_is_done=self.phase == _EXCITATION and self._on_path == self._lead_in + self._total,
+        )
 
     def _next_of_stop(self, measured_position: Sequence[float]) -> Sequence[float]:
-        ramp = self._stop_ramp
-        if ramp is None:
-            if self.phase == _STOP_RAMP:
-                self._hold()
-            return self._last
-        if self.phase in (_STOP_RAMP, _LATCHED) and not self._stop_done:
-            self._step += 1
-            self._stop_steps = self._step
-            time = self._step * self.command_period_s
-            command = ramp.position_at(time)
-            # The ramp was checked against every limit when it was planned. What the guard can still say against it is
-            # that the arm does not follow; stopping remains the best answer to that, so it is counted and overruled.
-            if self._guard.judge(command, measured_position, stopping=True) is not None:
-                self.overruled += 1
+        command = self._stop.advance(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None
+        if command is not None:
             self._last = command
-            if time >= ramp.duration_s:
-                self._stop_done = True
         elif self.phase == _STOP_RAMP:
-            self._hold()
+            self.phase = _HOLD
+            self.standstill.reset()
         return self._last
-
-    def _hold(self) -> None:
-        self.phase = _HOLD
-        self.standstill.reset()

@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 from fri_client.errors import FriError
 from fri_client.loop_result import LoopSettings
 from fri_client.messages import MonitoringMessage, SessionState
-from fri_client.motion import Foreseen, MotionPhase, MotionProgram
+from fri_client.motion import Foreseen, MotionProgram
+from fri_client.motion_phase import MotionPhase
 from fri_client.re_entry import BRIDGED_S
 from fri_client.session import Session
 from fri_client.start_gate import StartGate

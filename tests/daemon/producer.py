@@ -22,7 +22,7 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 
 SAMPLES_PER_PERIOD = 100
 

@@ -21,7 +21,7 @@ from daemon.json_files import read_json, write_json
 from fri_client.codec import Codec
 from fri_client.handover import HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionPhase
+from fri_client.motion_phase import MotionPhase
 from safety.limits import IIWA14_R820
 
 ROWS = 500

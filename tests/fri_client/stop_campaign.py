@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fri_client.handover import EventCode
-from fri_client.motion import MotionPhase, MotionProgram, StopReason
+from fri_client.motion import MotionProgram, StopReason
+from fri_client.motion_phase import MotionPhase
 from fri_client.motion_table import MotionError
 from safety.errors import RampError
 from safety.guard import GuardVerdict
@@ -100,6 +101,8 @@ def _stopped(running: MotionProgram, reason: str, last: tuple[float, ...]) -> tu
     """How a copy of the motion stops, and its commands until some after the end."""
     program = copy.copy(running)
     program._guard = copy.copy(running._guard)  # accepting replaces its lists, so the running guard is not touched
+    program._stop = copy.copy(running._stop)
+    program._stop._guard = program._guard
     program.standstill = copy.copy(running.standstill)
     program._external_torque_limit = (60.0,) * 7
     commands: list[tuple[float, ...]] = []

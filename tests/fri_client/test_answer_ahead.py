@@ -44,7 +44,8 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionPhase, MotionProgram
+from fri_client.motion import MotionProgram
+from fri_client.motion_phase import MotionPhase
 from safety.limits import IIWA14_R820
 
 REST = (0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05)
@@ -304,9 +305,10 @@ class AnyWeather(RuleBasedStateMachine):
     @rule()
     def foreign(self) -> None:
         self.good(3)
-        self.bench.counter += 1
+        counter = self.bench.counter
+        self.bench.counter = counter + 1 & 0xFFFFFFFF
         datagram = self.bench.codec.encode_monitoring(self.bench.message())
-        self.bench.counter -= 1
+        self.bench.counter = counter
         self.bench.deliver(datagram, sender=self.bench.stranger)
         self.bench.stranger.setblocking(False)
         with pytest.raises(BlockingIOError):

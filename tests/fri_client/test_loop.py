@@ -30,7 +30,8 @@ from fri_client.messages import (
     QuaternionTransformation,
     RobotInfo,
 )
-from fri_client.motion import MotionPhase, MotionProgram
+from fri_client.motion import MotionProgram
+from fri_client.motion_phase import MotionPhase
 from safety.limits import IIWA14_R820
 
 REST = (0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05)

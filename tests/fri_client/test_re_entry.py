@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from fri_client.handover import EventCode
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionPhase, MotionProgram, StopReason
+from fri_client.motion import MotionProgram, StopReason
+from fri_client.motion_phase import MotionPhase
 from fri_client.re_entry import re_entry_steps
 from safety.limits import IIWA14_R820
 from tests.fri_client.test_answer_ahead import Bench

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fri_client.handover import EventCode
-from fri_client.motion import MotionPhase, StopReason
+from fri_client.motion import StopReason
+from fri_client.motion_phase import MotionPhase
 from safety.guard import GuardVerdict
 from tests.fri_client.stop_campaign import REASONS, run_campaign
 from tests.fri_client.test_motion import Drive, program, sine_table
@@ -74,7 +75,7 @@ def test_an_error_while_a_path_stop_is_planned_costs_one_tick_and_not_the_stop()
         def plan(self, row: int) -> None:
             raise ZeroDivisionError(row)
 
-    drive.motion._path_stops = Broken()  # type: ignore[assignment]
+    drive.motion._stop._path_stops = Broken()  # type: ignore[assignment]
     drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
     try:
         drive.tick()

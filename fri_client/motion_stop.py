@@ -1,0 +1,123 @@
+"""The stop of one motion: why it was asked for, which one it is, and its commands one by one.
+
+Here: the choice between a stop along the table's path and one of each joint on its own, and its progress. Not here:
+when a motion stops and what its phases are called (`motion`), the shapes of stops (`safety`). `MotionProgram` owns one.
+
+A stop keeps to the verified path where it can: on the table, with a reason that leaves the table above suspicion, and
+with room for it in the limits. Else each joint stops on its own: on the start ramp, after a verdict on the table's own
+command, after an internal error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fri_client.handover import EventCode
+from fri_client.stop_reason import StopKind, StopReason
+from safety.errors import RampError
+from safety.guard import CommandGuard
+from safety.limits import JointLimits
+from safety.path_stop import PathStop, PathStops
+from safety.ramps import Ramp, plan_stop_ramp
+
+
+class MotionStop:
+    """`ask`, then `plan` at the last command that moved along the path, then `advance` once per command.
+
+    asked: the reason the stop was asked for, None where the motion is to go on or came to its end. reason: the same,
+    or why no stop inside the limits was found. kind: how the arm stops, None before `plan`. overruled: commands of the
+    stop that the guard objected to.
+    """
+
+    def __init__(
+        self,
+        limits: JointLimits,
+        guard: CommandGuard,
+        path_stops: PathStops,
+        end_ramp: Ramp,
+        command_period_s: float,
+    ) -> None:
+        """end_ramp: the stop from the last row of the last period, planned ahead."""
+        self._limits = limits
+        self._guard = guard
+        self._path_stops = path_stops
+        self._end_ramp = end_ramp
+        self._command_period_s = command_period_s
+        self._ramp: Ramp | PathStop | None = None
+        self._path_tried = False
+        self._steps = 0
+        self._is_over = False
+        self.asked: StopReason | None = None
+        self.reason: StopReason | None = None
+        self.kind: StopKind | None = None
+        self.overruled = 0
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
+        return 0.0 if self._ramp is None else self._ramp.duration_s
+
+    @property
+    def rows(self) -> float:
+        """Rows of the table a stop on the path goes on for; 0 for any other."""
+        return self._ramp.rows if isinstance(self._ramp, PathStop) else 0.0
+
+    def ask(self, reason: StopReason) -> None:
+        """Ask for a stop; the first reason counts."""
+        if self.asked is None:
+            self.asked = self.reason = reason
+
+    def plan(self, row: int | None, *, table_is_done: bool) -> None:
+        """Choose the stop from the guard's state.
+
+        row: row of the table that the last command was, None where it was none or its predecessors were not: then
+        there is no stop on the path. table_is_done: it was the last row of the last period.
+        """
+        self._steps = 0
+        self._ramp = None if row is None else self._on_path(row)
+        self.kind = "joint_space" if self._ramp is None else "path"
+        if self._ramp is not None:
+            return
+        if self.asked is None and table_is_done:
+            self._ramp = self._end_ramp
+            return
+        guard = self._guard
+        try:
+            self._ramp = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, self._limits)
+        except RampError as error:
+            # Better late than not at all: the firmest stop there is; without one, the last accepted command is held.
+            self._ramp = error.firmest
+            if self.reason is None:
+                self.reason = StopReason(EventCode.RAMP_ERROR, str(error), error.joint or 0, error.value, error.limit)
+
+    def abandon(self) -> None:
+        """The arm stands already: nothing of the stop follows."""
+        self._is_over = True
+
+    def advance(self, measured_position: Sequence[float]) -> Sequence[float] | None:
+        """The next command of the stop, 7 positions in rad; None where there is none (any more)."""
+        ramp = self._ramp
+        if ramp is None or self._is_over:
+            return None
+        self._steps += 1
+        time = self._steps * self._command_period_s
+        command = ramp.position_at(time)
+        # The ramp was checked against every limit when it was planned. What the guard can still say against it is
+        # that the arm does not follow; stopping remains the best answer to that, so it is counted and overruled.
+        if self._guard.judge(command, measured_position, stopping=True) is not None:
+            self.overruled += 1
+        self._is_over = time >= ramp.duration_s
+        return command
+
+    def commands(self) -> list[Sequence[float]]:
+        """All commands of the stop so far, rebuilt from the plan, not stored."""
+        if self._ramp is None:
+            return []
+        return [self._ramp.position_at((step + 1) * self._command_period_s) for step in range(self._steps)]
+
+    def _on_path(self, row: int) -> PathStop | None:
+        """The stop that keeps to the table's path, or None; tried once: a fault in it costs a tick and not the stop."""
+        if self._path_tried or (self.asked is not None and not self.asked.path_is_good):
+            return None
+        self._path_tried = True
+        return self._path_stops.plan(row)
