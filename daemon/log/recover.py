@@ -25,10 +25,9 @@ from daemon.log.cdr import command_index, event_index, state_counters
 from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
+from fri_client.robot_counter import Order, RobotCounter
 
 __all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
-
-_COUNTER_MODULUS = 2**32
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +110,7 @@ class _Counts:
     missing: int = 0
     missing_in_handover: int = 0
     next_index: int | None = None
+    order: RobotCounter = field(default_factory=RobotCounter)
 
     def add(self, topic: str, data: bytes) -> None:
         self.messages[topic] = self.messages.get(topic, 0) + 1
@@ -127,13 +127,12 @@ class _Counts:
         self._follow_index(index)
         if self.first_counter is None:
             self.first_counter = counter
-        if self.last_counter is None:
-            self.last_counter = counter
-        else:
-            ahead = (counter - self.last_counter) % _COUNTER_MODULUS
-            if 0 < ahead < _COUNTER_MODULUS // 2:
-                self.missing += ahead - 1
-                self.last_counter = counter
+        order = self.order.judge(counter)
+        if order == Order.NEXT:
+            self.missing += self.order.gap
+        elif order == Order.BELATED and self.missing:
+            self.missing -= 1
+        self.last_counter = self.order.last
 
     def _follow_index(self, index: int) -> None:
         if self.next_index is None:

@@ -165,6 +165,23 @@ def test_what_is_missing_is_said_by_the_counters(log: bytes, chunk_ends: list[tu
     assert report.recovered.name == "recording.recovered.mcap"
 
 
+def test_a_restarted_controller_is_no_gap_of_two_thousand_million_messages(tmp_path: Path) -> None:
+    ring = HandoverRing.create(1024)
+    producer = Producer(ring)
+    producer.push(150)
+    producer.push(150, skip=(1 << 31) - 500)
+    ring.finish()
+    job = make_job(tmp_path)
+    assert Recorder(job, HandoverRing.attach(ring.fd), [].append).run() == 0
+    ring.close()
+    file = Path(job.path)
+    file.write_bytes(file.read_bytes()[:-8])  # not whole any more
+    report = recover_log(file)
+    assert report.samples == 300
+    assert report.missing == 0
+    assert report.last_counter == counters(report.recovered)[-1]
+
+
 def test_attachments_and_metadata_survive(log: bytes, chunk_ends: list[tuple[int, int]], tmp_path: Path) -> None:
     file = tmp_path / "recording.mcap"
     file.write_bytes(log[: chunk_ends[-2][0]])
