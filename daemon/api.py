@@ -259,7 +259,10 @@ class RunEvent(Message, frozen=True, kw_only=True):
 
 
 class WorkerStatus(Message, frozen=True, kw_only=True):
-    """State of a fit job as it stands in its status file."""
+    """State of a fit job as it stands in its status file.
+
+    diagnosis_error: why the diagnosis after a fit that succeeded gave nothing; the job is "done" all the same.
+    """
 
     job_id: str
     phase: WorkerPhase
@@ -270,6 +273,7 @@ class WorkerStatus(Message, frozen=True, kw_only=True):
     updated_at: str = ""
     model_file: str | None = None
     exit_code: int | None = None
+    diagnosis_error: str | None = None
 
 
 # ---- over ZeroMQ -----------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from daemon.json_files import write_bytes_atomically
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model, read_model, write_model
 from identification.recordings import Recording
 from identification.recordings.reader import robot_of
@@ -44,12 +45,14 @@ def diagnose_recordings(
     *,
     robot: str | None = None,
     baseline: Path | None = None,
+    settings: DiagnosisSettings | None = None,
     model_name: str = "model.json",
     progress: Progress | None = None,
 ) -> DiagnosisFiles:
     """Diagnose recordings and write the results into the folder `out`, which is made if it is not there.
 
-    robot: None takes the recordings' own. baseline: the model to diagnose against, None for a nominal fit.
+    robot: None takes the recordings' own. baseline: the model to diagnose against, None for a nominal fit. settings:
+    None for the defaults.
     model_name: of the extended model. Raises the errors of the recordings, of the diagnosis, and OSError.
     """
     report = progress if progress is not None else _silent
@@ -58,6 +61,7 @@ def diagnose_recordings(
         recordings,
         arm,
         heldout=heldout,
+        settings=settings,
         model=_baseline(baseline),
         progress=lambda phase, share: report(f"diagnosis: {phase}", _SHARE_OF_DIAGNOSIS * share),
     )

@@ -197,6 +197,8 @@ def _launch(job: Job) -> int:
         model_file=str(folder / "model.json"),
         status_file=str(folder / "worker_status.json"),
         pipeline=request.fit_pipeline,
+        diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
+        heldout=request.heldout,
     )
     pid = launch(work, folder / "worker_job.json")
     # Another motion may be under way: the loop comes first.

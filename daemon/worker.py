@@ -5,7 +5,9 @@ who started it (`worker_start`). The process belongs to nobody: it has its own s
 how far it is in a file that is rewritten in one step.
 
     queued -> loading -> averaging -> fitting -> validating -> writing (-> diagnosing) -> done
-                          any phase -> failed (with the sentence and the exit code of the error)
+             any phase before it -> failed (with the sentence and the exit code of the error)
+
+A model that stands is a success: a diagnosis that fails after it ends in "done", and `diagnosis_error` says why.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ import contextlib
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import zmq
@@ -32,6 +34,9 @@ from daemon.api import (
 from daemon.errors import DaemonError, MissingInputError
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
+
+if TYPE_CHECKING:
+    from identification.recordings import Recording
 
 __all__ = ["main", "run_job"]
 
@@ -53,7 +58,13 @@ class StatusFile:
         self._started_at = now_text()
 
     def write(
-        self, phase: WorkerPhase, sentence: str, fraction: float, *, exit_code: int | None = None
+        self,
+        phase: WorkerPhase,
+        sentence: str,
+        fraction: float,
+        *,
+        exit_code: int | None = None,
+        diagnosis_error: str | None = None,
     ) -> WorkerStatus:
         """Publish one state. A disk that refuses is not a reason to stop computing."""
         status = WorkerStatus(
@@ -66,6 +77,7 @@ class StatusFile:
             updated_at=now_text(),
             model_file=self._job.model_file if phase == "done" else None,
             exit_code=exit_code,
+            diagnosis_error=diagnosis_error,
         )
         with contextlib.suppress(OSError):
             write_json(self._job.status_file, status)
@@ -83,9 +95,9 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         from identification.report import write_report
         from identification.robots import load_robot
 
-        for file in (*job.recordings, *job.heldout):
+        for file in job.recordings:
             if not Path(file).is_file():
-                raise MissingInputError(file, "a recording to fit or to check on")
+                raise MissingInputError(file, "a recording to fit")
         robot = load_robot(job.robot)
         recordings = [read_recording(file, robot=job.robot) for file in job.recordings]
         settings = FitSettings(pipeline=job.pipeline)
@@ -102,33 +114,49 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
         write_report(Path(job.model_file).with_name(REPORT_NAME), fit=result)
         sentence = f"The model is in {job.model_file}, {REPORT_NAME} beside it shows it."
+        trouble = None
         if job.diagnosis_folder is not None:
-            from daemon.diagnosis import diagnose_recordings
-
-            def diagnosing(text: str, share: float) -> None:
-                status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share)
-
-            found = diagnose_recordings(
-                recordings,
-                [read_recording(file, robot=job.robot) for file in job.heldout],
-                Path(job.diagnosis_folder),
-                robot=job.robot,
-                progress=diagnosing,
-            )
-            sentence += f" The diagnosis ({found.diagnosis.verdict}) is in {job.diagnosis_folder}."
-        status.write("done", sentence, 1.0, exit_code=0)
-    except OSError as error:
-        status.write("failed", f"{error.filename}: {error.strerror}.", 1.0, exit_code=74)
-        return 74
+            try:
+                sentence += f" The diagnosis ({_diagnose(job, recordings, status)}) is in {job.diagnosis_folder}."
+            except Exception as error:  # whatever it was, the model stands
+                trouble, _ = _said(error)
+                sentence += f" The diagnosis failed: {trouble}"
+        status.write("done", sentence, 1.0, exit_code=0, diagnosis_error=trouble)
     except Exception as error:
-        code = getattr(error, "exit_code", None)
-        if code is None:
-            # Nobody expected this one: its place belongs into worker.log.
-            traceback.print_exc()
-            code = DaemonError.exit_code
-        status.write("failed", str(error) or type(error).__name__, 1.0, exit_code=int(code))
-        return int(code)
+        text, code = _said(error)
+        status.write("failed", text, 1.0, exit_code=code)
+        return code
     return 0
+
+
+def _diagnose(job: WorkerJob, recordings: Sequence[Recording], status: StatusFile) -> str:
+    """Diagnose the fitted recordings into the job's folder; the verdict. Raises what reading or diagnosing raises."""
+    from daemon.diagnosis import diagnose_recordings
+    from identification.recordings import read_recording
+
+    def progress(text: str, share: float) -> None:
+        status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share)
+
+    assert job.diagnosis_folder is not None
+    found = diagnose_recordings(
+        recordings,
+        [read_recording(file, robot=job.robot) for file in job.heldout],
+        Path(job.diagnosis_folder),
+        robot=job.robot,
+        progress=progress,
+    )
+    return str(found.diagnosis.verdict)
+
+
+def _said(error: Exception) -> tuple[str, int]:
+    """What an error says to an operator, and its exit code; the place of one that nobody expected goes to the log."""
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}.", 74
+    code = getattr(error, "exit_code", None)
+    if code is None:
+        traceback.print_exc()
+        code = DaemonError.exit_code
+    return str(error) or type(error).__name__, int(code)
 
 
 def _json_bytes(model: dict[str, Any]) -> bytes:

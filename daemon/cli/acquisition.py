@@ -160,6 +160,13 @@ def run(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose", help="After the fit: name what the model leaves out, into diagnosis/.")
+    ] = False,
+    heldout: Annotated[
+        list[Path] | None,
+        typer.Option("--heldout", help="Recording of another motion that checks the names; may be given repeatedly."),
+    ] = None,
     no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
     start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
     seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
@@ -185,6 +192,11 @@ def run(
     from fri_client.messages import FriVersion
 
     host, port = parse_bind(bind)
+    if diagnose and no_fit:
+        raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
+    for file in heldout or ():
+        if not diagnose or not file.is_file():
+            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
     try:
         version = FriVersion.parse(fri_version).value
     except ValueError as error:
@@ -203,6 +215,8 @@ def run(
         "robot_host": robot_host,
         "fri_version": version,
         "fit": not no_fit,
+        "diagnose": diagnose,
+        "heldout": tuple(str(file.absolute()) for file in heldout or ()),
         "start_timeout_s": start_timeout,
         "seed": seed,
         "simulation": ipaddress.ip_address(host).is_loopback,
@@ -228,7 +242,7 @@ def run(
         data(f"Everything is in {outcome.out_dir}")
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)
-    if fit is not None and fit.phase == "failed":
+    if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
         raise typer.Exit(fit.exit_code or 1)
 
 

@@ -79,7 +79,7 @@ def demo(
     outcome = acquire(motion, "excitation", periods, unused.recordings, fit=True)
     assert outcome.worker_status_file is not None
     status = wait_for_worker(Path(outcome.worker_status_file))
-    if status.phase != "done":
+    if status.phase != "done" or status.diagnosis_error is not None:
         raise typer.Exit(status.exit_code or 1)
 
     folder = out / "excitation"

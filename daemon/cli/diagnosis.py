@@ -36,6 +36,14 @@ def diagnose(
         Path | None,
         typer.Option("--model", metavar="MODEL.json|FILE.urdf", help="Diagnose against this model, not a nominal fit."),
     ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option("--split", metavar="SPLIT", help="Without periods: rows held out, 'first:0.6' or 'blocks:0.5:3'."),
+    ] = None,
+    low_pass_hz: Annotated[
+        float | None,
+        typer.Option("--low-pass-hz", min=0.1, help="Without periods: band compared; default: as the motion asks."),
+    ] = None,
     robot: RobotOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
@@ -48,15 +56,22 @@ def diagnose(
     Example: iiwa-ident diagnose runs/first/recording.mcap --heldout runs/second/recording.mcap --out diagnosis
     """
     from daemon.diagnosis import diagnose_recordings
+    from identification.mismatch.settings import DiagnosisSettings
 
     recordings = load_recordings(logs, robot)
     unseen = load_recordings(heldout or [], robot)
+    periodic = [recording.is_periodic for recording in (*recordings, *unseen)]
+    if split is not None and (unseen or any(periodic)):
+        raise typer.BadParameter("--split is for recordings without periods, where no --heldout is given.")
+    if low_pass_hz is not None and all(periodic):
+        raise typer.BadParameter("--low-pass-hz is for recordings without periods; these have lines to choose from.")
     result = diagnose_recordings(
         recordings,
         unseen,
         out or logs[0].with_name("diagnosis"),
         robot=robot,
         baseline=model,
+        settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
         progress=lambda phase, share: message(f"[{100 * share:3.0f} %] {phase}"),
     )
     if json_file is not None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.api import RunRequest
 from daemon.batch import executor_of, run_batch
 from daemon.cli.app import main
 from daemon.errors import ConfigurationError
@@ -20,6 +21,7 @@ from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.prediction import torque_along, validate_with_effects
+from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import read_model
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
@@ -152,3 +154,41 @@ def test_batch_says_by_its_exit_code_that_one_failed(tmp_path: Path) -> None:
 def test_a_scheduler_that_is_not_there_is_a_bad_configuration() -> None:
     with pytest.raises(ConfigurationError, match=r"Dask|distributed"), executor_of("tcp://127.0.0.1:9", None):
         pass
+
+
+def test_split_and_low_pass_reach_a_diagnosis_without_periods_and_no_other(
+    logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with np.load(logs[0]) as whole:
+        np.savez(tmp_path / "plain.npz", t=whole["t"], q=whole["q"], tau=whole["tau"], robot="iiwa14")
+    asked: list[DiagnosisSettings] = []
+
+    def stop_here(*_: object, settings: DiagnosisSettings, **__: object) -> None:
+        asked.append(settings)
+        raise ConfigurationError("enough")
+
+    monkeypatch.setattr("daemon.diagnosis.diagnose_recordings", stop_here)
+    options = ("--split", "first:0.6", "--low-pass-hz", "12")
+    assert run("diagnose", str(tmp_path / "plain.npz"), *options) == ConfigurationError.exit_code
+    assert asked == [DiagnosisSettings(split="first:0.6", low_pass_hz=12.0)]
+    for pair in (options[:2], options[2:]):
+        assert run("diagnose", str(logs[0]), *pair) == 2
+    assert len(asked) == 1
+
+
+def test_run_hands_the_wish_for_a_diagnosis_to_the_acquisition(
+    logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[RunRequest] = []
+
+    def stop_here(request: RunRequest, **_: object) -> None:
+        asked.append(request)
+        raise ConfigurationError("enough")
+
+    monkeypatch.setattr("daemon.service.run_acquisition", stop_here)
+    words = ("run", "--out", str(tmp_path / "run"), "--heldout", str(logs[1]))
+    assert run(*words, "--diagnose") == ConfigurationError.exit_code
+    assert (asked[0].diagnose, asked[0].heldout) == (True, (str(logs[1]),))
+    assert run(*words) == 2
+    assert run("run", "--out", str(tmp_path / "run"), "--diagnose", "--no-fit") == 2
+    assert len(asked) == 1

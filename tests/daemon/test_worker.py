@@ -13,6 +13,8 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import psutil
 import pytest
 
@@ -20,6 +22,10 @@ from daemon.api import WorkerJob, WorkerStatus
 from daemon.json_files import read_json, write_json
 from daemon.worker import StatusFile, main, run_job
 from daemon.worker_start import launch
+from fixtures.physics import iiwa14_table_three
+from identification.estimators.physical import PhysicalParameters
+from identification.robots import load_robot
+from tests.identification.mismatch.plant import record
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -124,3 +130,25 @@ def test_the_status_file_tells_phases_in_order_and_is_never_half_written(tmp_pat
 def test_a_status_that_cannot_be_written_does_not_stop_the_fit(tmp_path: Path) -> None:
     job = make_job(tmp_path / "no such folder", "x")
     assert StatusFile(job, lambda _: None).write("fitting", "…", 0.5).phase == "fitting"
+
+
+def test_a_diagnosis_that_fails_leaves_the_job_done_and_its_model(tmp_path: Path) -> None:
+    links = iiwa14_table_three()
+    truth = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+    recording = record(load_robot("iiwa14"), truth, periods=2)
+    np.savez(
+        tmp_path / "log.npz", t=recording.time, q=recording.position, tau=recording.torque,
+        period_s=recording.period_s, robot="iiwa14",
+    )  # fmt: skip
+    job = msgspec.structs.replace(
+        make_job(tmp_path, str(tmp_path / "log.npz")),
+        diagnosis_folder=str(tmp_path / "diagnosis"),
+        heldout=(str(tmp_path / "absent.mcap"),),
+    )
+    assert run_job(job, StatusFile(job, lambda _: None)) == 0
+    status = read_json(job.status_file, WorkerStatus)
+    assert (status.phase, status.exit_code, status.model_file) == ("done", 0, job.model_file)
+    assert json.loads(Path(job.model_file).read_text())["base_parameters"]
+    assert status.diagnosis_error is not None
+    assert "absent.mcap" in status.diagnosis_error
+    assert status.diagnosis_error in status.sentence
