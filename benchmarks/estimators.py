@@ -1,11 +1,13 @@
 """Estimators against the Cramér–Rao bound, and whether 95 % intervals hold, by Monte Carlo on coloured noise.
 
-Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.estimators [--draws 500] [--seed 1] [--json FILE]
+Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.estimators [--draws 500] [--seed 1] [--cases default,outliers]
 Data: the shipped excitation, 16 periods of 10 s at 100 Hz, Table 2's parameters, torque noise of Table 4's size that is
 first-order autoregressive with another correlation time in each joint; then the same with 2 % of the samples fifteen
 times as large. The regressor is fixed, so a draw costs noise, averaging, weights and a 57 × 57 system: the functions
 are those of the fit. Without periods: 40 s of the same motion as one stretch. Per parameter: standard deviation of
-the estimate over the draws, divided by the bound.
+the estimate over the draws, divided by the bound. The worst of 57 such ratios lies 2.3 of their Monte Carlo errors
+above the truth; so the columns "paired" divide by the standard deviation, over the same draws without outliers, of the
+estimator that knows the noise's spectrum. That estimator reaches the bound, and scatter common to both cancels.
 
 Two bounds: of the spectral lines that the fit looks at (up to 10 Hz), and of all lines up to 50 Hz. The fit leaves the
 upper lines out on purpose: there the friction of a real joint is no sign function and biases FS by several σ.
@@ -76,14 +78,24 @@ class Experiment:
 
     def bound(self, lines: int) -> FloatArray:
         """(p,) standard deviations of the Cramér–Rao bound from lines 0 … lines with the noise known."""
+        information, _ = self._information(lines)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
+
+    def informed(self) -> FloatArray:
+        """(p, R, 7) the estimator that knows the noise, as a factor of the rows of the lines that the fit looks at."""
+        information, weighted = self._information(self.lines)
+        return np.asarray(np.einsum("pq,rjq->prj", np.linalg.inv(information), weighted))
+
+    def _information(self, lines: int) -> tuple[FloatArray, FloatArray]:
+        """Information matrix (p, p), and the rows' columns (R, 7, p) over the true variance of each row."""
         rows = to_lines(self.columns, lines)
         angle = 2.0 * np.pi * np.arange(lines + 1) / SAMPLES
         power = (1.0 - self.correlation**2) / (
             1.0 - 2.0 * self.correlation * np.cos(angle)[:, None] + self.correlation**2
         )
         variance = np.concatenate([power[:1], np.repeat(power[1:], 2, axis=0)]) * self.deviation**2 / PERIODS
-        information = np.einsum("rjp,rj,rjq->pq", rows, 1.0 / variance, rows, optimize=True)
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
+        weighted = rows / variance[..., None]
+        return np.einsum("rjp,rjq->pq", rows, weighted, optimize=True), weighted
 
     def periodic_block(self, noise: FloatArray, *, bound_outliers: bool = False) -> Block:
         """The block of one draw: the columns stay, torque and noise are the draw's."""
@@ -138,13 +150,21 @@ class Experiment:
         )
 
 
-def campaign(experiment: Experiment, cases: dict[str, Any], draws: int, seed: int) -> dict[str, dict[str, FloatArray]]:
-    """Errors, stated σ and σ of eq. (15), each (draws, p), of every case on the same noise."""
+def campaign(
+    experiment: Experiment, cases: dict[str, Any], draws: int, seed: int
+) -> tuple[dict[str, dict[str, FloatArray]], FloatArray]:
+    """Errors, stated σ and σ of eq. (15), each (draws, p), of every case on the same noise; last the errors of the
+    estimator that knows the noise.
+    """
     generator = np.random.default_rng(seed)
+    informed = experiment.informed()
+    reference = []
     kept: dict[str, dict[str, list[FloatArray]]] = {name: {"error": [], "std": [], "paper": []} for name in cases}
     for _ in range(draws):
         noise = experiment.noise(generator)
         wild = np.where(generator.random(noise.shape) < OUTLIER_SHARE, OUTLIER_SIZE * noise, noise)
+        mean = noise.reshape(PERIODS, SAMPLES, 7).mean(axis=0)
+        reference.append(np.einsum("prj,rj->p", informed, to_lines(mean, experiment.lines)))
         for name, (outliers, estimator) in cases.items():
             drawn = wild if outliers else noise
             if name.startswith("no periods"):
@@ -156,7 +176,8 @@ def campaign(experiment: Experiment, cases: dict[str, Any], draws: int, seed: in
             kept[name]["error"].append(result.least_squares.values - experiment.truth)
             kept[name]["std"].append(result.least_squares.std)
             kept[name]["paper"].append(result.ordinary.std)
-    return {name: {key: np.array(values) for key, values in case.items()} for name, case in kept.items()}
+    found = {name: {key: np.array(values) for key, values in case.items()} for name, case in kept.items()}
+    return found, np.array(reference)
 
 
 def main() -> int:
@@ -164,6 +185,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--draws", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--cases", default="", help="only those with one of these texts in their name: default,outliers"
+    )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     experiment = Experiment()
@@ -178,14 +202,19 @@ def main() -> int:
         "no periods: weighted": (False, "weighted"),
         "no periods: ols": (False, "ols"),
     }
+    wanted = arguments.cases.split(",")
+    cases = {name: case for name, case in cases.items() if any(text in name for text in wanted)}
     start = time.perf_counter()
-    results = campaign(experiment, cases, arguments.draws, arguments.seed)
+    results, reference = campaign(experiment, cases, arguments.draws, arguments.seed)
     took = time.perf_counter() - start
     print(f"{arguments.draws} draws, seed {arguments.seed}, {took:.0f} s; 57 parameters, 16 periods")
     print(f"OPENBLAS_NUM_THREADS=1 python -m benchmarks.estimators --draws {arguments.draws} --seed {arguments.seed}\n")
-    print(f"{'':<32s}{'sd / bound of the lines used':^30s}{'sd / bound of all':^22s}{'95 % intervals cover, %':^34s}")
     print(
-        f"{'estimator':<32s}{'median':>10s}{'worst':>10s}{'(name)':>10s}{'median':>11s}{'worst':>11s}"
+        f"{'':<32s}{'sd / bound of the lines used':^26s}{'paired':^24s}{'sd / bound of all':^18s}"
+        f"{'95 % intervals cover, %':^34s}"
+    )
+    print(
+        f"{'estimator':<32s}{'median':>8s}{'worst':>8s}{'(name)':>10s}{'median':>8s}{'worst':>8s}{'±':>8s}{'median':>9s}{'worst':>9s}"
         f"{'all':>9s}{'least':>8s}{'most':>8s}{'eq. (15)':>9s}"
     )
     summary: dict[str, dict[str, float]] = {}
@@ -193,12 +222,18 @@ def main() -> int:
         spread = np.sqrt(np.mean(case["error"] ** 2, axis=0))
         longer = np.sqrt(PERIODS / STRETCH_PERIODS) if name.startswith("no periods") else 1.0
         ratio, of_all = spread / in_band / longer, spread / everything / longer
+        own = np.sqrt(np.mean(reference**2, axis=0))
+        paired = spread / own / longer
+        alike = np.mean(case["error"] * reference, axis=0) / (spread * own)
+        scatter = float(np.max(paired * np.sqrt((1.0 - alike**2) / arguments.draws)))
         inside = 100.0 * np.mean(np.abs(case["error"]) < QUANTILE_95 * case["std"], axis=0)
         paper = 100.0 * np.mean(np.abs(case["error"]) < QUANTILE_95 * case["paper"])
         worst = int(np.argmax(ratio))
         summary[name] = {
             "median": float(np.median(ratio)),
             "worst": float(ratio[worst]),
+            "median_paired": float(np.median(paired)),
+            "worst_paired": float(paired.max()),
             "median_all": float(np.median(of_all)),
             "worst_all": float(of_all.max()),
             "coverage": float(inside.mean()),
@@ -207,8 +242,8 @@ def main() -> int:
             "equation_15": float(paper),
         }
         print(
-            f"{name:<32s}{np.median(ratio):10.3f}{ratio[worst]:10.3f}{experiment.base.names[worst]:>10s}"
-            f"{np.median(of_all):11.3f}{of_all.max():11.3f}{inside.mean():9.1f}{inside.min():8.1f}{inside.max():8.1f}"
+            f"{name:<32s}{np.median(ratio):8.3f}{ratio[worst]:8.3f}{experiment.base.names[worst]:>10s}"
+            f"{np.median(paired):8.3f}{paired.max():8.3f}{scatter:8.3f}{np.median(of_all):9.3f}{of_all.max():9.3f}{inside.mean():9.1f}{inside.min():8.1f}{inside.max():8.1f}"
             f"{paper:9.1f}"
         )
     error = 1.0 / np.sqrt(2.0 * arguments.draws)
@@ -219,9 +254,13 @@ def main() -> int:
     )
     if arguments.json:
         arguments.json.write_text(json.dumps(summary, indent=1) + "\n")
-    default, robust = summary["maximum_likelihood (default)"], summary["outliers: huber"]
-    met = default["median"] <= 1.03 and default["worst"] <= 1.10 and robust["median"] <= 1.08
-    return int(not (met and 93.0 <= default["coverage"] <= 97.0))
+    met = [
+        case["median_paired"] <= median and case["worst_paired"] <= worst and 93.0 <= case["coverage"] <= 97.0
+        for name, median, worst in (("maximum_likelihood (default)", 1.03, 1.10), ("outliers: huber", 1.08, 1.08))
+        for case in [summary.get(name)]
+        if case is not None
+    ]
+    return int(not all(met))
 
 
 def _numbers(name: str) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.recordings.recording import Recording
-from identification.signals.outliers import FEWEST_PERIODS, bound_outliers_across_periods
+from identification.signals.outliers import FEWEST_PERIODS, clean_across_periods
 from identification.signals.periods import PeriodAverage, average_periods, period_table
 from identification.signals.processed import ProcessedSignals, unchanged
 
@@ -55,8 +55,8 @@ def process_periodic(
     table = period_table(recording)
     bounded: dict[str, Any] = {}
     if bound_outliers and len(table.periods) >= FEWEST_PERIODS:
-        table, beyond = bound_outliers_across_periods(table)
-        bounded = {"share_beyond_bound": beyond.round(5).tolist()}
+        table, beyond, replaced = clean_across_periods(table)
+        bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
     samples = average.position.shape[0]
     harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
