@@ -251,8 +251,11 @@ def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -
     contribution[:, :, list(joints)] = rows @ fit.coefficients
     mean_columns = np.zeros((lines, n, rows.shape[-1]))
     mean_columns[:, list(joints)] = rows.mean(axis=0)
-    added = shape_covariance(contrasts, candidate.effect, candidate.place, candidate.shape, fit.coefficients)
-    covariance = fit.covariance + candidate.dispersion * added
+    added = candidate.added_covariance
+    if added is None:
+        shapes = shape_covariance(contrasts, candidate.effect, candidate.place, candidate.shape, fit.coefficients)
+        added = candidate.dispersion * shapes
+    covariance = fit.covariance + added
     return Change(
         evidence=number,
         effect=candidate.effect,

@@ -9,12 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from identification.mismatch.contrasts import Contrasts, Fit
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
+
+FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +27,7 @@ class Candidate:
 
     dispersion: how much noisier than its estimate the noise is beside the candidate; fit is already reduced by it.
     span_s: first and last time (s from the first sample) it acts on, for contacts; None for what lasts.
+    added_covariance: what nonlinear parameters add to the coefficients'; None: as `shape_covariance` tells.
     """
 
     effect: EnvelopedEffect
@@ -35,6 +39,7 @@ class Candidate:
     shape_std: Mapping[str, float]
     dispersion: float = 1.0
     span_s: tuple[float, float] | None = None
+    added_covariance: FloatArray | None = None
 
 
 def fit_of(

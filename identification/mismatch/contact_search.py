@@ -1,4 +1,4 @@
-"""The search for pushes: short smooth torques in one period, their window first, then link, point and force.
+"""The search for pushes: short smooth torques in one period; the window is found here, the rest in `contact_force`.
 
 Here too: single samples that stand out, which look like very short pushes and are faults of the data. Called by
 `between_periods`, which decides what is claimed.
@@ -6,30 +6,21 @@ Here too: single samples that stand out, which look like very short pushes and a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import Bounds, minimize, minimize_scalar
 
-from identification.mismatch.change_candidates import Candidate, dispersion_of, fit_of, hopeless, inflated, spread_of
-from identification.mismatch.contrasts import Contrasts, solve
-from identification.mismatch.effects.base import Place
-from identification.mismatch.effects.external_contact import ExternalContact, unit_forces
+from identification.mismatch.change_candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
+from identification.mismatch.contact_force import locate_push, refine_window, window_gain
+from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.effects.external_contact import ExternalContact
+from identification.mismatch.push_fit import WINDOW
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]
 
-WINDOW = ("start_s", "duration_s", "sharpness", "skew")
 CONTACT_DURATIONS_S = (0.15, 0.3, 0.6, 1.2, 2.4)
-SHORTEST_S = 0.03
-LONGEST_SHARE = 0.4
-"""Longest contact, as a share of the period."""
-POINT_MARGIN = 14.0
-"""A contact at a free point of another link must gain this much more than one on the last link's axis."""
-LARGEST_ARM_M = 0.5
-PROFILE_STARTS = (1.0, 0.2)
 OUTLIER_GAIN = 30.0
 OUTLIER_PASSES = 8
 
@@ -42,29 +33,76 @@ def find_contact(
     if scan is None:
         return None
     start, duration, tests, dispersion = scan
-    shape = _refine_window(contrasts, effect, start, duration)
+    ground = PeriodGround(contrasts, start, duration)
+    shape = refine_window(ground, start, duration)
     # A force on a link gains no more than free torques do; its chance has its own and the window's parameters.
-    free = float(_free_gains(contrasts, effect.envelope(contrasts.motion, shape)).sum())
-    if hopeless(free / dispersion, 3 + len(WINDOW), tests):
+    if hopeless(window_gain(ground, shape) / dispersion, 3 + len(WINDOW), tests):
         return None
-    best: tuple[float, Place, dict[str, float]] | None = None
-    for place in reversed(effect.places(contrasts.motion)):
-        gain, point = _best_point(contrasts, effect, place, shape)
-        margin = POINT_MARGIN + 0.02 * gain if best is not None and best[1].link == contrasts.motion.n else 3.0
-        if best is None or gain > best[0] + margin:
-            best = (gain, place, point)
-    assert best is not None
-    _, place, point = best
-    shape = _polish(contrasts, effect, place, shape | point)
-    fit = fit_of(contrasts, effect, place, shape)
-    chance = fit.log10_chance(tests, len(WINDOW), dispersion)
-    std = {
-        name: value
-        for key in ("start_s", "duration_s")
-        for name, value in spread_of(contrasts, effect, place, shape, key, fit.gain).items()
-    }
-    span = (shape["start_s"], shape["start_s"] + shape["duration_s"])
-    return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion, span)
+    push = locate_push(ground, effect, shape, dispersion)
+    fit = fit_of(contrasts, effect, push.place, push.shape)
+    directions = min(len(push.joints), 6)
+    chance = fit.log10_chance(tests, len(WINDOW) + max(0, directions - fit.rank), dispersion)
+    span = (push.shape["start_s"], push.shape["start_s"] + push.shape["duration_s"])
+    return Candidate(
+        effect,
+        push.place,
+        push.shape,
+        inflated(fit, dispersion),
+        chance,
+        tests,
+        push.shape_std,
+        dispersion,
+        span,
+        added_covariance=dispersion * (push.covariance - fit.covariance),
+    )
+
+
+class PeriodGround:
+    """The contrasts of those periods that a push may reach; see `Ground`.
+
+    A push in P of K periods stands in the mean too: its contrasts have the squares of the periods, by I − 11ᵀ/K.
+    """
+
+    def __init__(self, contrasts: Contrasts, start: float, duration: float) -> None:
+        motion = contrasts.motion
+        self.motion = motion
+        length = motion.samples * motion.sampling_period_s
+        first, last = start - duration, start + 2.0 * duration
+        self._periods = np.flatnonzero((motion.start_s + length > first) & (motion.start_s < last))
+        self._contrasts = contrasts
+        count, share = self._periods.size, self._periods.size / contrasts.periods
+        left = np.sqrt(max(1.0 - share, 1e-6))
+        self._root = np.eye(count) - (1.0 - left) / count
+        self._back = np.eye(count) + (1.0 / left - 1.0) / count
+        self._target = np.einsum("pk,krj->prj", self._back, contrasts.z[self._periods])
+
+    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """(P, S)."""
+        return np.stack([factor_of(self.motion.start_s[k] + self.motion.time) for k in self._periods])
+
+    def rows(self, values: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(P R J, m)."""
+        evidence = self._contrasts.evidence
+        parts = np.zeros((len(values), evidence.frequency.size, *values.shape[2:]))
+        for place, part in enumerate(values):
+            if part.any():
+                parts[place] = self._contrasts.whiten_repeated(evidence.project(part), joints)
+        parts = np.einsum("pk,krjm->prjm", self._root, parts) if len(parts) > 1 else parts * self._root[0, 0]
+        return np.asarray(parts.reshape(-1, values.shape[-1]), dtype=np.float64)
+
+    def target(self, joints: Sequence[int]) -> FloatArray:
+        """(P R J,)."""
+        return np.ascontiguousarray(self._target[:, :, list(joints)]).reshape(-1)
+
+    def free(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Diagonal, as the joints' noises are independent."""
+        evidence = self._contrasts.evidence
+        rows = np.zeros((len(factors), *self._target.shape[1:]))
+        for place in np.flatnonzero(factors.any(axis=1)):
+            plain = np.broadcast_to(evidence.project(factors[place][:, None])[..., None], (*rows.shape[1:], 1))
+            rows[place] = self._contrasts.whiten_repeated(plain, range(evidence.n))[..., 0]
+        rows = np.einsum("pk,krj->prj", self._root, rows)
+        return np.diag((rows**2).sum(axis=(0, 1))), (rows * self._target).sum(axis=(0, 1))
 
 
 def _scan_windows(
@@ -88,9 +126,9 @@ def _scan_windows(
             continue
         bump = np.where(motion.time < duration, np.sin(np.pi * motion.time / duration), 0.0)
         rows = contrasts.weight * to_lines(bump[:, None], lines)
-        turned = _turned(rows[None], contrasts.ramp[None], grid)[0]
-        norm = np.maximum((rows**2).sum(axis=0) - turned**2, 1e-300) * keep
-        sizes = _turned(rows[None], contrasts.z, grid) / np.sqrt(norm)
+        ramps = turned(rows[None], contrasts.ramp[None], grid)[0]
+        norm = np.maximum((rows**2).sum(axis=0) - ramps**2, 1e-300) * keep
+        sizes = turned(rows[None], contrasts.z, grid) / np.sqrt(norm)
         gains = sizes**2
         by_link = np.cumsum(gains, axis=2)
         freedom = np.arange(1, evidence.n + 1)
@@ -126,7 +164,7 @@ def _neighbours(place: int, width: float, grid: int) -> list[int]:
     return [round(place + shift * width) % grid for shift in (-1, 0, 1)]
 
 
-def _turned(rows: FloatArray, z: FloatArray, grid: int) -> FloatArray:
+def turned(rows: FloatArray, z: FloatArray, grid: int) -> FloatArray:
     """Products of z (K, R, n) with rows (1, R, n) of a window at each of `grid` positions: (K, grid, n)."""
     window = rows[:, 1::2] + 1j * rows[:, 2::2]
     data = z[:, 1::2] + 1j * z[:, 2::2]
@@ -151,13 +189,13 @@ def without_outliers(contrasts: Contrasts) -> FloatArray:
     jerk, window = (contrasts.weight * to_lines(shape[:, None], lines) for shape in (single, push))
     angle = 2.0 * np.pi / grid * np.arange(1, lines + 1)
     for _ in range(OUTLIER_PASSES):
-        gains = _turned(jerk[None], z, grid) / (jerk**2).sum(axis=0)
+        gains = turned(jerk[None], z, grid) / (jerk**2).sum(axis=0)
         power = gains**2 * (jerk**2).sum(axis=0)
         at = power.argmax(axis=1)
         periods, joints = np.nonzero(power.max(axis=1) > OUTLIER_GAIN)
         if not periods.size:
             break
-        pushed = _turned(window[None], z, grid) ** 2 / (window**2).sum(axis=0)
+        pushed = turned(window[None], z, grid) ** 2 / (window**2).sum(axis=0)
         found = False
         for k, j in zip(periods, joints, strict=True):
             place = int(at[k, j])
@@ -172,126 +210,3 @@ def without_outliers(contrasts: Contrasts) -> FloatArray:
         if not found:
             break
     return np.asarray(z - z.mean(axis=0), dtype=np.float64)
-
-
-def _refine_window(contrasts: Contrasts, effect: ExternalContact, start: float, duration: float) -> dict[str, float]:
-    """Window and profile with free torques on every joint: only the profile has to be projected."""
-
-    def gain_of(shape: Mapping[str, float]) -> float:
-        return float(_free_gains(contrasts, effect.envelope(contrasts.motion, shape)).sum())
-
-    window = {"start_s": start, "duration_s": duration, "skew": 1.0}
-    found = [
-        _search(gain_of, {**window, "sharpness": sharpness}, _longest(contrasts), 100) for sharpness in PROFILE_STARTS
-    ]
-    return max(found, key=gain_of)
-
-
-def _free_gains(contrasts: Contrasts, factors: FloatArray) -> FloatArray:
-    """(n,) what a torque of its own on each joint gains under one profile, factors (K, S) of its course."""
-    touched = np.flatnonzero(factors.any(axis=1))
-    if not touched.size:
-        return np.zeros(contrasts.evidence.n)
-    n = contrasts.evidence.n
-    rows = [
-        np.broadcast_to(contrasts.evidence.project(factors[k][:, None]), (len(contrasts.weight), n)) for k in touched
-    ]
-    white = np.stack([contrasts.whiten_repeated(row[..., None], range(n))[..., 0] for row in rows])
-    norm = (white**2).sum(axis=(0, 1)) - (white.sum(axis=0) ** 2).sum(axis=0) / contrasts.periods
-    seen = np.einsum("krj,krj->j", white, contrasts.z[touched])
-    return np.asarray(seen**2 / np.maximum(norm, 1e-300), dtype=np.float64)
-
-
-def _polish(contrasts: Contrasts, effect: ExternalContact, place: Place, shape: dict[str, float]) -> dict[str, float]:
-    """Window and profile once more, now with the force itself."""
-    free = {name: shape[name] for name in WINDOW}
-    fixed = {name: value for name, value in shape.items() if name not in free}
-    found = _search(
-        lambda trial: fit_of(contrasts, effect, place, {**fixed, **trial}).gain,
-        free,
-        _longest(contrasts),
-        60,
-        step=0.03,
-    )
-    return {**fixed, **found}
-
-
-def _longest(contrasts: Contrasts) -> float:
-    return LONGEST_SHARE * contrasts.motion.samples * contrasts.motion.sampling_period_s
-
-
-def _search(
-    gain_of: Callable[[Mapping[str, float]], float],
-    shape: dict[str, float],
-    longest_s: float,
-    evaluations: int,
-    step: float = 0.15,
-) -> dict[str, float]:
-    """Simplex search over window centre, and the logarithms of duration, sharpness and skew."""
-    middle = shape["start_s"] + 0.5 * shape["duration_s"]
-    stretch = np.log(np.array([SHORTEST_S, longest_s]) / shape["duration_s"])
-
-    def unpack(x: FloatArray) -> dict[str, float]:
-        duration = shape["duration_s"] * float(np.exp(np.clip(x[1], *stretch)))
-        return {
-            "start_s": middle + float(x[0]) * shape["duration_s"] - 0.5 * duration,
-            "duration_s": duration,
-            "sharpness": float(np.clip(shape["sharpness"] * np.exp(3.0 * x[2]), 0.05, 4.0)),
-            "skew": float(np.clip(shape["skew"] * np.exp(x[3]), 0.3, 3.0)),
-        }
-
-    simplex = np.vstack([np.zeros(4), step * np.eye(4)])
-    options: Any = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2}
-    result = minimize(  # type: ignore[call-overload]  # the stubs lose the array type of the lambda
-        lambda x: -gain_of(unpack(x)),
-        np.zeros(4),
-        method="Nelder-Mead",
-        options=options,
-    )
-    return unpack(result.x) if -result.fun > gain_of(shape) else shape
-
-
-def _best_point(
-    contrasts: Contrasts, effect: ExternalContact, place: Place, shape: Mapping[str, float]
-) -> tuple[float, dict[str, float]]:
-    """Gain of a force on a link at its best point: on the axis of the last link, anywhere near on the others.
-
-    The torque is bilinear in force and point; with the twelve products' normal equations made once, each point is a
-    three-parameter problem.
-    """
-    motion = contrasts.motion
-    assert place.link is not None
-    upstream = motion.robot.kinematics.upstream(place.link - 1)
-    factors = effect.envelope(motion, shape)
-    rows = np.zeros((contrasts.periods, len(contrasts.evidence.frequency), len(upstream), 12))
-    for period, factor in enumerate(factors):
-        touched = factor > 0.0
-        if touched.any():
-            values = np.zeros((motion.samples, len(upstream), 12))
-            forces = unit_forces(motion, motion.position[touched], place.link)[:, list(upstream)]
-            values[touched] = factor[touched, None, None] * forces.reshape(*forces.shape[:2], 12)
-            rows[period] = contrasts.evidence.project(values)
-    white = contrasts.whiten(rows, upstream).reshape(-1, 12)
-    right = white.T @ np.ascontiguousarray(contrasts.z[:, :, list(upstream)]).reshape(-1)
-    gram = white.T @ white
-
-    def gain_at(point: FloatArray) -> float:
-        expand = np.kron(np.eye(3), np.concatenate([[1.0], point])[:, None])
-        projected = expand.T @ right
-        return float(projected @ solve(expand.T @ gram @ expand, projected)[0])
-
-    if place.link == motion.n:
-        axis = motion.robot.kinematics.axis[place.link - 1]
-        result = minimize_scalar(
-            lambda reach: -gain_at(reach * axis), bounds=(-LARGEST_ARM_M, LARGEST_ARM_M), method="bounded"
-        )
-        point, gain = float(result.x) * axis, -float(result.fun)
-    else:
-        best = minimize(  # type: ignore[call-overload]
-            lambda p: -gain_at(p),
-            np.array([0.05, 0.05, 0.05]),
-            method="L-BFGS-B",
-            bounds=Bounds(np.full(3, -LARGEST_ARM_M), np.full(3, LARGEST_ARM_M)),
-        )
-        point, gain = np.asarray(best.x), -float(best.fun)
-    return gain, {f"point_{axis}_m": float(point[i]) for i, axis in enumerate("xyz")}

@@ -28,6 +28,7 @@ from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
+from identification.mismatch.repeated_contact import explains_better, find_repeated_contact
 from identification.mismatch.search import search
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
@@ -93,6 +94,12 @@ def diagnose(
         fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
         problem = _problem(fitted)
     result = search(problem, library, renewed, settings)
+    contact = find_repeated_contact(problem, fitted.evidences, result, settings)
+    if contact is not None:
+        beside = _with_change(fitted, contact)
+        other = search(_problem(beside), library, renewed, settings)
+        if explains_better(contact, other, result, settings):
+            fitted, problem, result = beside, _problem(beside), other
     report("held-out check", 0.8)
     unseen = None
     if heldout or split is not None:
@@ -148,6 +155,12 @@ def _prepare(
     for change in changes:
         torque[change.evidence] -= change.contribution.mean(axis=0)
     return Prepared(tuple(evidences), changes, tuple(torque))
+
+
+def _with_change(prepared: Prepared, change: Change) -> Prepared:
+    torque = list(prepared.torque)
+    torque[change.evidence] = torque[change.evidence] - change.contribution.mean(axis=0)
+    return replace(prepared, changes=(*prepared.changes, change), torque=tuple(torque))
 
 
 def _problem(prepared: Prepared) -> Problem:

@@ -9,29 +9,36 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
 
 FloatArray = npt.NDArray[np.float64]
 
-EQUATION = "J_l(q)^T F p((t - t0)/D), p(u) = sin(pi u^a)^s"
+BEYOND_LINK_M = 0.13
+"""How far a link's surface may be from the line between the origins of its joints."""
+TOOL_M = 0.3
+"""How far what the last link carries may reach."""
 
 
 class ExternalContact(EnvelopedEffect):
     """A force F of fixed direction in the base frame on link l during a window: J_l(q)ᵀ F · p((t − t₀)/D).
 
     Parameters: F (3) in N; start t₀ and duration D in s; the profile p(u) = sin(π u^a)^s, of height 1, runs from a
-    plateau (s → 0) over half a sine (1) to a bell (3), its peak early (a < 1) or late. The force acts at the next
+    plateau (s → 0) over half a sine (1) to a bell (3), its peak early (a < 1) or late; bend_0, bend_1 … bend it further
+    (logarithm of a factor at BENDS, lines between, the largest value 1 again). The force acts at the next
     joint's origin unless point_x_m, point_y_m, point_z_m (link frame) say otherwise. Seen: joints up to l, not beyond.
-    A contact that comes back in further periods has further shape parameters start_2_s, start_3_s … Looks like:
-    payload_change if it lasts to the end. Source: τ = Jᵀ F; De Luca, Mattone, ICRA 2005 (isolation by zero pattern).
+    A contact that comes back in further periods has further shape parameters start_2_s, start_3_s …; one that comes
+    with every period has period_s, start_s being counted from the start of the period. largest_link: where the torque
+    does not tell on which link it is, the last one possible. Looks like: payload_change if it lasts to the end; in
+    every period cable_spring, position_dependent_torque. Source: τ = Jᵀ F; De Luca, Mattone, ICRA 2005 (isolation by
+    zero pattern).
     """
 
     name: ClassVar[str] = "external_contact"
     code: ClassVar[str] = "contact"
-    equation: ClassVar[str] = EQUATION
+    equation: ClassVar[str] = "J_l(q)^T F p((t - t0)/D), p(u) = sin(pi u^a)^s"
     source: ClassVar[str] = "De Luca & Mattone, ICRA 2005"
     units: ClassVar[tuple[str, ...]] = ("N", "N", "N")
     plausible: ClassVar[str] = "2 to 50 N for 0.1 to 3 s"
@@ -43,14 +50,20 @@ class ExternalContact(EnvelopedEffect):
         return tuple(Place(link=link + 1) for link in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """Window and profile."""
-        del place
+        """Window, profile and point."""
+        assert place.link is not None
         last = float(motion.start_s[-1] + motion.time[-1])
         longest = 0.4 * float(motion.time[-1])
+        usual = point_weights(motion, place.link, {})[1:]
+        lower, upper = reach_of(motion, place.link)
         return (
             ShapeParameter("start_s", "s", tuple(motion.start_s), 0.0, last, logarithmic=False),
             ShapeParameter("duration_s", "s", (0.2, 0.5, 1.2), 0.05, longest),
             *PROFILE,
+            *(
+                ShapeParameter(f"point_{axis}_m", "m", (float(at),), float(low), float(high), logarithmic=False)
+                for axis, at, low, high in zip("xyz", usual, lower, upper, strict=True)
+            ),
         )
 
     def repeated_columns(
@@ -65,6 +78,8 @@ class ExternalContact(EnvelopedEffect):
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """The profile at every start."""
         time = record_time(motion)
+        if "period_s" in shape:
+            return profile((time - shape["start_s"]) % shape["period_s"], 0.0, shape)
         starts = [value for name, value in shape.items() if name.startswith("start_")]
         return np.asarray(sum(profile(time, start, shape) for start in starts), dtype=np.float64)
 
@@ -74,70 +89,19 @@ class ExternalContact(EnvelopedEffect):
 
     def sentence(self, estimate: Estimate) -> str:
         """One sentence for the operator."""
-        starts = sorted(value for name, value in estimate.shape.items() if name.startswith("start_"))
+        shape, link = estimate.shape, estimate.place.link
         force = float(np.linalg.norm(estimate.coefficients))
-        where = ", ".join(f"{start:.4g}" for start in starts)
-        return (
-            f"Something pushes against link {estimate.place.link} with up to {force:.3g} N for "
-            f"{estimate.shape['duration_s']:.3g} s at {where} s."
-        )
-
-
-class RepeatedContact(Effect):
-    """The same contact in every period: it repeats with the motion and stands in the mean of the periods.
-
-    As `ExternalContact`, with start_s counted from the start of the period.
-    """
-
-    name: ClassVar[str] = "external_contact"
-    code: ClassVar[str] = "contact"
-    equation: ClassVar[str] = EQUATION
-    source: ClassVar[str] = ExternalContact.source
-    units: ClassVar[tuple[str, ...]] = ExternalContact.units
-    plausible: ClassVar[str] = ExternalContact.plausible
-    look_alikes: ClassVar[tuple[str, ...]] = ("cable_spring", "position_dependent_torque")
-    separating_experiment: ClassVar[str] = ExternalContact.separating_experiment
-
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """Every link."""
-        return tuple(Place(link=link + 1) for link in range(motion.n))
-
-    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """Window and profile within the period."""
-        del place
-        last = float(motion.time[-1])
-        grid = tuple(float(value) for value in np.arange(0.0, last, 0.25))
-        return (
-            ShapeParameter("start_s", "s", grid, 0.0, last, logarithmic=False),
-            ShapeParameter("duration_s", "s", (0.2, 0.5, 1.2), 0.05, 0.4 * last),
-            *PROFILE,
-        )
-
-    def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """Torque of unit forces times the profile; a periodic window wraps around."""
-        assert place.link is not None
-        upstream = motion.robot.kinematics.upstream(place.link - 1)
-        since = motion.time - shape["start_s"]
-        if motion.periodic:
-            since = since % (motion.samples * motion.sampling_period_s)
-        factor = profile(since, 0.0, shape)
-        touched = factor > 0.0
-        values = np.zeros((motion.samples, len(upstream), 3))
-        forces = unit_forces(motion, motion.position[touched], place.link) @ point_weights(motion, place.link, shape)
-        values[touched] = factor[touched, None, None] * forces[:, list(upstream)]
-        return Columns(upstream, values)
-
-    def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Force and window."""
-        return force_parameters(estimate)
-
-    def sentence(self, estimate: Estimate) -> str:
-        """One sentence for the operator."""
-        return (
-            f"In every period something pushes against link {estimate.place.link} with up to "
-            f"{float(np.linalg.norm(estimate.coefficients)):.3g} N for {estimate.shape['duration_s']:.3g} s, "
-            f"{estimate.shape['start_s']:.3g} s after the period begins."
-        )
+        where = f"link {link}"
+        if "largest_link" in shape:
+            where += f" (or one beyond it, up to link {shape['largest_link']:.0f}: the torque does not tell)"
+        what = f"omething pushes against {where} with up to {force:.3g} N for {shape['duration_s']:.3g} s"
+        if "period_s" in shape:
+            return (
+                f"In every period s{what}, {shape['start_s']:.3g} s after the period begins. A held-out recording has "
+                "its own contacts and cannot confirm this one."
+            )
+        starts = sorted(value for name, value in shape.items() if name.startswith("start_"))
+        return f"S{what} at " + ", ".join(f"{start:.4g}" for start in starts) + " s."
 
 
 PROFILE = (
@@ -146,13 +110,26 @@ PROFILE = (
 )
 
 
+BENDS = (0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0)
+"""Shares of the window at which a profile may be bent."""
+
+
 def profile(time: FloatArray, start_s: float, shape: Mapping[str, float]) -> FloatArray:
-    """sin(π u^a)^s of u = (t − start)/duration, 0 outside the window. Same shape as time."""
+    """sin(π u^a)^s of u = (t − start)/duration, bent where the shape says so, 0 outside the window; shape of time."""
     u = (time - start_s) / shape["duration_s"]
     inside = (u > 0.0) & (u < 1.0)
     result = np.zeros_like(u)
-    result[inside] = np.sin(np.pi * u[inside] ** shape.get("skew", 1.0)) ** shape.get("sharpness", 1.0)
-    return result
+    bends = [shape[f"bend_{number}"] for number in range(len(BENDS)) if f"bend_{number}" in shape]
+
+    def bent(share: FloatArray) -> FloatArray:
+        plain = np.sin(np.pi * share ** shape.get("skew", 1.0)) ** shape.get("sharpness", 1.0)
+        return plain if not bends else plain * np.exp(np.interp(share, BENDS, bends))
+
+    result[inside] = bent(u[inside])
+    return result if not bends else result / float(bent(_SHARES).max())
+
+
+_SHARES = np.linspace(0.002, 0.998, 499)
 
 
 def unit_forces(motion: Motion, position: FloatArray, link: int) -> FloatArray:
@@ -179,6 +156,15 @@ def point_weights(motion: Motion, link: int, shape: Mapping[str, float]) -> Floa
     usual = np.zeros(3) if child is None else kinematics.translation[child]
     names = ("point_x_m", "point_y_m", "point_z_m")
     return np.array([1.0, *(shape.get(name, float(usual[i])) for i, name in enumerate(names))])
+
+
+def reach_of(motion: Motion, link: int) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper bound (3,) m, in the link's frame, of the points at which something may push against a link."""
+    kinematics = motion.robot.kinematics
+    children = [joint for joint in range(motion.n) if kinematics.parent[joint] == link - 1]
+    origins = np.array([np.zeros(3), *(kinematics.translation[joint] for joint in children)])
+    beyond = BEYOND_LINK_M if children else TOOL_M
+    return origins.min(axis=0) - beyond, origins.max(axis=0) + beyond
 
 
 def force_parameters(estimate: Estimate) -> tuple[Parameter, ...]:

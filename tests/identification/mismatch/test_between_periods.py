@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.between_periods import Change, find_between_periods
-from identification.mismatch.effects.external_contact import ExternalContact, RepeatedContact
+from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
@@ -236,18 +236,15 @@ def test_subtracting_a_change_gives_the_mean_back(record) -> None:
 
 def test_unit_forces_are_minus_the_transposed_jacobian(iiwa14: RobotModel, record) -> None:
     evidence = record()[1]
-    effect = RepeatedContact()
+    effect = ExternalContact()
     place = effect.places(evidence.motion)[4]
     shape = {
-        "start_s": 2.0,
-        "duration_s": 1.0,
-        "sharpness": 0.05,
         "point_x_m": 0.1,
         "point_y_m": -0.2,
         "point_z_m": 0.3,
     }
-    columns = effect.columns(evidence.motion, place, shape)
-    assert columns is not None
+    found = effect.repeated_columns(evidence.motion, place, shape)
+    assert found is not None
     row = int(np.argmin(np.abs(evidence.motion.time - 2.5)))
     model = iiwa14.pinocchio_model
     data = model.createData()
@@ -255,4 +252,4 @@ def test_unit_forces_are_minus_the_transposed_jacobian(iiwa14: RobotModel, recor
     jacobian = pinocchio.getJointJacobian(model, data, 5, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     lever = data.oMi[5].rotation @ np.array([0.1, -0.2, 0.3])
     expected = [-jacobian.T @ np.concatenate([unit, np.cross(lever, unit)]) for unit in np.eye(3)]
-    assert columns.values[row] == pytest.approx(np.array(expected).T[:5], abs=1e-4)
+    assert found[1][row] == pytest.approx(np.array(expected).T[:5], abs=1e-4)

@@ -1,0 +1,201 @@
+"""Force, point, window and profile of one push on one link, fitted together, and the rows that any push is compared on.
+
+Called by `contact_force`, which decides on the link. Rows are those of one period or of the mean: a `Ground`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.external_contact import profile, reach_of, unit_forces
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+WINDOW = ("start_s", "duration_s", "sharpness", "skew")
+POINT = ("point_x_m", "point_y_m", "point_z_m")
+SHORTEST_S = 0.03
+LONGEST_SHARE = 0.4
+"""Longest contact, as a share of the period."""
+SHOWN = 0.03
+"""Share of the best shown direction of the force that each well shown one has, in squares."""
+BENT_BY = 1.0
+"""Deviation of the logarithm by which a profile may be bent, before data."""
+SLOPE = 1e-4
+
+
+class Ground(Protocol):
+    """Rows in which a push is looked for, whitened and without all that is fitted beside it."""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion of one period."""
+
+    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """(P, S) of a function of the time (S,) of the recording, in each period that is looked at."""
+
+    def rows(self, values: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(P, S, J, m) torque on some joints → (rows, m)."""
+
+    def target(self, joints: Sequence[int]) -> FloatArray:
+        """(rows,) what is to be explained; the same rows."""
+
+    def free(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Normal equations, (n, n) and (n,), of a torque of its own on each joint under one course (P, S)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Push:
+    """A push at its best. joints: from 0, that it reaches. gain: drop of the whitened squares.
+
+    force: (3,) N with covariance (3, 3), which knows that point, window, and link are estimated too. shape_std: σ of
+    point and window. tangent: (P, S, J, m) torque per unit of each parameter.
+    """
+
+    place: Place
+    shape: Mapping[str, float]
+    joints: tuple[int, ...]
+    gain: float
+    force: FloatArray
+    covariance: FloatArray
+    shape_std: Mapping[str, float]
+    tangent: FloatArray
+
+
+def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
+    """Force, point and window together, and the profile's bends if the shape has them, by Gauss and Newton."""
+    motion = ground.motion
+    upstream = motion.robot.kinematics.upstream(link - 1)
+    lower, upper = reach_of(motion, link)
+    around = {**shape, "start_s": shape["start_s"] - 0.5 * shape["duration_s"], "duration_s": 2.0 * shape["duration_s"]}
+    unit = unit_torque(ground, link, course_of(ground, around))
+    target = ground.target(upstream)
+    bends = [name for name in shape if name.startswith("bend_")]
+    size = 10 + len(bends)
+
+    def shape_of(x: FloatArray) -> dict[str, float]:
+        duration = float(np.exp(x[7]))
+        window = {
+            "start_s": float(x[6]) - 0.5 * duration,
+            "duration_s": duration,
+            "sharpness": float(np.exp(x[8])),
+            "skew": float(np.exp(x[9])),
+        }
+        points = {name: float(x[3 + i]) for i, name in enumerate(POINT)}
+        return {**shape, **window, **points, **{name: float(x[10 + i]) for i, name in enumerate(bends)}}
+
+    def tangent_at(x: FloatArray) -> FloatArray:
+        """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
+        factors = course_of(ground, shape_of(x))
+        force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
+        by_force = unit @ arm
+        torque = by_force @ force
+        parts = [factors[..., None, None] * by_force]
+        parts.append(factors[..., None, None] * np.einsum("sjda,d->sja", unit[..., 1:], force))
+        for number in range(6, size):
+            step = np.zeros(size)
+            step[number] = SLOPE
+            slope = (course_of(ground, shape_of(x + step)) - course_of(ground, shape_of(x - step))) / (2.0 * SLOPE)
+            parts.append((slope[..., None] * torque)[..., None])
+        parts.append((factors[..., None] * torque)[..., None])
+        return np.concatenate(parts, axis=-1)
+
+    known: dict[bytes, FloatArray] = {}
+
+    def rows_at(x: FloatArray) -> FloatArray:
+        if x.tobytes() not in known:
+            known.clear()
+            known[x.tobytes()] = ground.rows(tangent_at(x), upstream)
+        return known[x.tobytes()]
+
+    first, low, high = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
+    first[3:6] = [shape[name] for name in POINT]
+    first[6] = shape["start_s"] + 0.5 * shape["duration_s"]
+    first[7:10] = np.log([shape[name] for name in WINDOW[1:]])
+    first[10:] = [shape[name] for name in bends]
+    low[3:6], high[3:6] = lower, upper
+    low[6], high[6] = first[6] - 0.4 * shape["duration_s"], first[6] + 0.4 * shape["duration_s"]
+    low[7:10], high[7:10] = np.log([SHORTEST_S, 0.05, 0.3]), np.log([longest_s(ground), 4.0, 3.0])
+    inside = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
+    first = np.clip(first, low + inside, high - inside)
+    rows = rows_at(first)[:, :3]
+    gram, right = rows.T @ rows, rows.T @ target
+    usual = size_of_force(gram, right)
+    first[:3] = np.linalg.solve(gram + np.eye(3) / usual**2, right)
+    # What is known before: sizes of force and bends, points within the link's reach.
+    centre, known_to = np.zeros(size), np.zeros(size)
+    centre[3:6], known_to[3:6] = 0.5 * (lower + upper), np.sqrt(12.0) / (upper - lower)
+    known_to[:3], known_to[10:] = 1.0 / usual, 1.0 / BENT_BY
+
+    def residual(x: FloatArray) -> FloatArray:
+        return np.concatenate([rows_at(x)[:, size] - target, known_to * (x - centre)])
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        return np.concatenate([rows_at(x)[:, :size], np.diag(known_to)])
+
+    result = least_squares(
+        residual,
+        first,
+        jac=jacobian,
+        bounds=(low, high),
+        x_scale="jac",
+        max_nfev=25,
+        ftol=1e-6,
+    )
+    x = np.asarray(result.x, dtype=np.float64)
+    slopes, left = rows_at(x)[:, :size], rows_at(x)[:, size] - target
+    # What the data leave open lies within its bounds.
+    known_to[6:10] = np.sqrt(12.0) / (high - low)[6:10]
+    covariance = np.asarray(np.linalg.inv(slopes.T @ slopes + np.diag(known_to**2)), dtype=np.float64)
+    deviation = np.sqrt(np.diag(covariance))
+    found = shape_of(x)
+    start = np.array([1.0, -0.5 * found["duration_s"]])
+    return Push(
+        place=Place(link=link),
+        shape=found,
+        joints=tuple(upstream),
+        gain=float(target @ target - left @ left),
+        force=x[:3].copy(),
+        covariance=covariance[:3, :3],
+        shape_std={
+            **{name: float(deviation[3 + i]) for i, name in enumerate(POINT)},
+            "start_s": float(np.sqrt(start @ covariance[6:8, 6:8] @ start)),
+            "duration_s": float(deviation[7] * found["duration_s"]),
+        },
+        tangent=tangent_at(x)[..., :size],
+    )
+
+
+def course_of(ground: Ground, shape: Mapping[str, float]) -> FloatArray:
+    """(P, S) the profile of a shape in each period that is looked at."""
+    return ground.course(lambda time: profile(time, shape["start_s"], shape))
+
+
+def longest_s(ground: Ground) -> float:
+    """Longest push that is looked for, s."""
+    return LONGEST_SHARE * ground.motion.samples * ground.motion.sampling_period_s
+
+
+def unit_torque(ground: Ground, link: int, factors: FloatArray) -> FloatArray:
+    """(S, J, 3, 4) torque of unit forces on a link wherever the push may act, 0 elsewhere."""
+    motion = ground.motion
+    upstream = list(motion.robot.kinematics.upstream(link - 1))
+    values = np.zeros((motion.samples, len(upstream), 3, 4))
+    touched = (factors != 0.0).any(axis=0)
+    if touched.any():
+        values[touched] = unit_forces(motion, motion.position[touched], link)[:, upstream]
+    return values
+
+
+def size_of_force(gram: FloatArray, right: FloatArray) -> float:
+    """N, of the force's components that torque shows well. Those that it does not show are taken to be no larger."""
+    values, vectors = np.linalg.eigh(gram)
+    shown = values > SHOWN * values[-1]
+    return max(float(np.linalg.norm(vectors[:, shown].T @ right / values[shown])), 1e-6)

@@ -1,0 +1,162 @@
+"""A push that comes with every period: it stands in the mean of the periods, beside the base parameters.
+
+A window free in time and a force free in direction describe much that is no push, so one is claimed only where it
+leaves nothing but noise and nothing of the library does so as well: see `diagnosis`, which asks. Not here: pushes in
+single periods (`contact_search`), and what is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from identification.mismatch.between_periods import Change
+from identification.mismatch.contact_force import locate_push, refine_window, seen_on, window_gain
+from identification.mismatch.contact_search import CONTACT_DURATIONS_S, turned
+from identification.mismatch.effects.base import Estimate
+from identification.mismatch.effects.external_contact import ExternalContact
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.motion import Motion
+from identification.mismatch.problem import Problem, off
+from identification.mismatch.push_fit import WINDOW
+from identification.mismatch.screening import COEFFICIENT_COST
+from identification.mismatch.search import SearchResult
+from identification.mismatch.settings import DiagnosisSettings
+from identification.signals.periodic import to_lines
+
+FloatArray = npt.NDArray[np.float64]
+
+SHARE_OF_NARROWEST = 0.125
+"""Distance of the windows that are tried, as a share of their duration."""
+FEWEST_JOINTS = 2
+REFINED = 1.2
+"""A refinement of the window adds a fifth to a scan's gain."""
+SEEN = 1e-4
+"""Chance of the torque on a joint below which the push is seen there; FEWEST_JOINTS have to see it."""
+
+
+def find_repeated_contact(
+    problem: Problem, evidences: Sequence[Evidence], result: SearchResult, settings: DiagnosisSettings
+) -> Change | None:
+    """The push in every period of one recording that explains most; None where it could not be claimed anyway.
+
+    result: what the search settled on without a push. Its score (half the drop of the whitened squares, less the cost
+    of the coefficients and of the choice of the window) must reach complete_score beyond what that explains, where that
+    leaves nothing but noise. A torque seen on one joint alone may be anything that sits at one angle: it is no push.
+    """
+    if not problem.noise_is_measured:
+        return None
+    known = 0.5 * (result.before.squares - result.trial.penalised) if result.trial.complete else 0.0
+    least = known + settings.complete_score
+    periodic = [number for number, evidence in enumerate(evidences) if evidence.motion.periodic]
+    found = [_on_recording(problem, number, evidences[number], least) for number in periodic]
+    return max((item for item in found if item is not None), key=lambda item: item.score, default=None)
+
+
+def explains_better(contact: Change, beside: SearchResult, without: SearchResult, settings: DiagnosisSettings) -> bool:
+    """Whether a push and what the search found beside it leave nothing but noise, as nothing without it does."""
+    if not beside.trial.complete:
+        return False
+    saved = without.trial.penalised - beside.trial.penalised - 2.0 * (0.5 * contact.gain - contact.score)
+    return not without.trial.complete or saved >= 2.0 * settings.complete_score
+
+
+def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score: float) -> Change | None:
+    ground = MeanGround(problem, number, evidence)
+    gain, start, duration, tests = _scan(ground)
+    cost = COEFFICIENT_COST * (len(WINDOW) + 2) + float(np.log(max(tests, 1.0)))
+    if 0.5 * REFINED * gain - cost < least_score:
+        return None
+    shape = refine_window(ground, start, duration)
+    seen = seen_on(ground, shape) > chi2.isf(SEEN, 1)
+    if 0.5 * window_gain(ground, shape) - cost < least_score or seen.sum() < FEWEST_JOINTS:
+        return None
+    effect = ExternalContact()
+    push = locate_push(ground, effect, shape)
+    score = 0.5 * push.gain - cost
+    if score < least_score:
+        return None
+    whole = {**push.shape, "start_s": push.shape["start_s"] % ground.period, "period_s": ground.period}
+    tangent = np.zeros((evidence.frequency.size, evidence.n, push.tangent.shape[-1]))
+    tangent[:, list(push.joints)] = evidence.project(push.tangent[0])
+    contribution = tangent[..., :3] @ push.force
+    chance = chi2.logsf(push.gain, len(WINDOW) + 6) / np.log(10.0) + np.log10(tests)
+    return Change(
+        evidence=number,
+        effect=effect,
+        estimate=Estimate(push.place, whole, push.force, push.covariance, push.shape_std),
+        gain=push.gain,
+        score=score,
+        log10_chance=float(min(0.0, chance)),
+        contribution=np.broadcast_to(contribution, (evidence.periods, *contribution.shape)),
+        mean_columns=tangent,
+    )
+
+
+class MeanGround:
+    """The mean of one recording beside the base parameters; see `Ground`. Times wrap around the period."""
+
+    def __init__(self, problem: Problem, number: int, evidence: Evidence) -> None:
+        self.problem, self.evidence = problem, evidence
+        self.motion: Motion = evidence.motion
+        self._rows = np.flatnonzero(problem.evidence == number)
+        self.weight: FloatArray = problem.weight[:, self._rows].T
+        self.residual: FloatArray = problem.residual.reshape(problem.n, problem.rows)[:, self._rows].T
+        basis = problem.basis.reshape(problem.n, problem.rows, -1)[:, self._rows]
+        self.basis: FloatArray = np.ascontiguousarray(basis.transpose(1, 0, 2))
+        self.period = self.motion.samples * self.motion.sampling_period_s
+
+    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """(1, S): what is asked of times before and after the period comes from the next and the one before."""
+        time = self.motion.time
+        parts = [factor_of(time + shift) for shift in (-self.period, 0.0, self.period)]
+        return np.asarray(np.sum(parts, axis=0)[None], dtype=np.float64)
+
+    def rows(self, values: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(n R, m), all joints of all recordings: the base parameters couple them."""
+        problem, chosen = self.problem, np.array(joints)
+        columns = np.zeros((problem.n, problem.rows, values.shape[-1]))
+        white = self.evidence.project(values[0]) * self.weight[:, chosen, None]
+        columns[np.ix_(chosen, self._rows)] = white.transpose(1, 0, 2)
+        return off(problem.basis, columns.reshape(-1, values.shape[-1]))
+
+    def target(self, joints: Sequence[int]) -> FloatArray:
+        """(n R,)."""
+        del joints
+        return self.problem.residual
+
+    def free(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Normal equations of free torques."""
+        white = self.weight * self.evidence.project(factors[0][:, None])
+        shadow = np.einsum("rj,rjp->pj", white, self.basis)
+        return np.diag((white**2).sum(axis=0)) - shadow.T @ shadow, (white * self.residual).sum(axis=0)
+
+
+def _scan(ground: MeanGround) -> tuple[float, float, float, float]:
+    """Gain, start and duration of the half-sine window in which free torques gain most, and the number of tests.
+
+    All positions of a window at once, by inverse Fourier transforms; see `contact_search`.
+    """
+    lines = (len(ground.weight) - 1) // 2
+    grid = 4 * lines
+    best, tests = (0.0, 0.0, 0.0), 0.0
+    for duration in CONTACT_DURATIONS_S:
+        if not 4.0 * ground.motion.sampling_period_s <= duration <= 0.3 * ground.period:
+            continue
+        bump = np.where(ground.motion.time < duration, np.sin(np.pi * ground.motion.time / duration), 0.0)
+        rows = ground.weight * to_lines(bump[:, None], lines)
+        step = max(1, int(SHARE_OF_NARROWEST * duration / ground.period * grid))
+        right = turned(rows[None], ground.residual[None], grid)[0, ::step]
+        shadow = turned(rows[None], ground.basis.transpose(2, 0, 1), grid)[:, ::step]
+        gram = np.einsum("pgi,pgj->gij", shadow, shadow)
+        gram = np.diag((rows**2).sum(axis=0)) * (1.0 + 1e-9) - gram
+        torque = np.linalg.solve(gram, right[..., None])[..., 0]
+        gains = (torque * right).sum(axis=1)
+        tests += 3.0 * ground.problem.n * ground.period / duration
+        at = int(np.argmax(gains))
+        if gains[at] > best[0]:
+            best = (float(gains[at]), at * step * ground.period / grid, duration)
+    return (*best, tests)
