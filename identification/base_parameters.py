@@ -147,16 +147,18 @@ class BaseRegressor:
         """
         inertial, spare = self._inertial_columns, len(self.options.symbols) + 1
         extras = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
+        joints_of: dict[tuple[int, str], list[int]] = {}
+        for own in extras:
+            for place, (_, symbol, joint) in enumerate(own, start=len(inertial)):
+                joints_of.setdefault((place, symbol), []).append(joint)
         firsts = np.searchsorted(self.kept[inertial] // self._stride, range(self.robot.n))
         positions = [
             np.concatenate([inertial[first:], [column for column, _, _ in own]]).astype(np.int64)
             for first, own in zip(firsts, extras, strict=True)
         ]
         for rows, packed in rigid_body_columns(self.robot, q, dq, ddq, self._wanted, spare=spare):
-            velocity, acceleration = dq[rows].T.copy().T, ddq[rows].T.copy().T  # read along the samples
-            for joint, own in enumerate(extras):
-                for place, (_, symbol, _) in enumerate(own, start=len(inertial)):
-                    packed[place, joint] = _extra_values(symbol, joint, velocity, acceleration)
+            for (place, symbol), joints in joints_of.items():
+                packed[place, joints] = np.transpose(_extra_values(symbol, joints, dq[rows], ddq[rows]))
             # A joint's torque depends on the links beyond it: the first columns are zero.
             yield (
                 rows,
@@ -216,8 +218,8 @@ def _plain(name: str) -> str:
     return re.sub(r"^(M|MX|MY|MZ|XX|XY|XZ|YY|YZ|ZZ|FV|FS|IA|OFF)R_", r"\1_", name)
 
 
-def _extra_values(symbol: str, joint: int, dq: FloatArray, ddq: FloatArray) -> FloatArray | float:
-    """The one non-zero entry per sample of a friction, drive or offset column."""
+def _extra_values(symbol: str, joint: int | list[int], dq: FloatArray, ddq: FloatArray) -> FloatArray | float:
+    """The one non-zero entry per sample of a friction, drive or offset column, of one joint or of several."""
     match symbol:
         case "FV":
             return dq[:, joint]

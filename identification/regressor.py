@@ -8,8 +8,8 @@ the tests hold the two together.
 How it works: the unit twist (z, u) of every joint upstream of link j is carried along the chain to the origin of link
 j's frame: z the axis, u the velocity it gives the origin (z = 0 and u the direction for a prismatic joint). The torque
 that a moment n and a force f at that origin cause at joint k is z_k·n + u_k·f (the transposed Jacobian), and n and f of
-a unit parameter are linear in ω ωᵀ, α and a: a constant table of 6 × 12 numbers per parameter. Link velocity and
-spatial acceleration are twists too, so one map carries everything (Featherstone 2008, sections 2.8–2.11 and 5.3).
+a unit parameter are linear in ω ωᵀ, α and a: a constant table of 6 × 18 numbers per parameter. Angular velocity and
+acceleration and the origin's acceleration are carried by the same rotation (recursion of Luh, Walker and Paul, 1980).
 """
 
 from __future__ import annotations
@@ -121,15 +121,15 @@ def _check_states(n: int, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> int
 
 
 def _unit_wrenches() -> FloatArray:
-    """Moment n and force f about a link's origin for unit parameters of eq. (3), as (10, 6, 12) times [ω ωᵀ, α, a].
+    """Moment n and force f about a link's origin for unit parameters of eq. (3), as (10, 6, 18) times [ω ωᵀ, ω, α, a].
 
     f = m a + α × h + ω × (ω × h) and n = I α + ω × I ω + h × a, with h = (MX, MY, MZ) and I of eq. (4) about the
-    origin; a is the origin's acceleration. The 12 numbers are the six products ω_i ω_j, i ≤ j, row by row, α and a.
+    origin; a is the origin's acceleration. ω ωᵀ are nine products, row by row; nothing depends on ω alone.
     """
     unit = np.eye(3)
     cross = np.array([[np.cross(unit[j], unit[k]) for k in range(3)] for j in range(3)]).transpose(2, 0, 1)
-    table = np.zeros((10, 6, 15))
-    products, alpha, linear = np.split(table, (9, 12), axis=2)
+    table = np.zeros((10, 6, 18))
+    products, _, alpha, linear = np.split(table, (9, 12, 15), axis=2)
     linear[0, 3:] = unit
     for i in range(3):
         h = unit[i]
@@ -141,10 +141,7 @@ def _unit_wrenches() -> FloatArray:
         tensor[i, j] = tensor[j, i] = 1.0
         alpha[parameter, :3] = tensor
         products[parameter, :3] = np.einsum("ijk,kl->ijl", cross, tensor).reshape(3, 9)
-    symmetric = products.reshape(10, 6, 3, 3) + products.reshape(10, 6, 3, 3).swapaxes(2, 3)
-    rows, columns = np.triu_indices(3)
-    symmetric = symmetric[..., rows, columns] * np.where(rows == columns, 0.5, 1.0)
-    return np.concatenate([symmetric, alpha, linear], axis=2)
+    return table
 
 
 _UNIT_WRENCHES = _unit_wrenches()
@@ -154,26 +151,29 @@ _UNIT_WRENCHES = _unit_wrenches()
 class _Link:
     """What is constant about one link and its joint.
 
-    turn: (9, 3) rotation from the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. blocks: which
-    entries of it, rows and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
-    offset + slide · q, moved its entries other than zero. axis: (3,) of the joint. own: components of a twist that the
-    joint moves. bracket: (6, 7) with V × S in the first six columns and S in the last, S the joint's unit twist.
-    with_force, without_force: rows of the table of unit wrenches for the mass and first moments (6 k, 12) and for the
-    tensor (3 m, 9), which causes no force. columns, joints: where its columns go, joints from the base outwards, its
-    own last; serial: whether these are the first ones.
+    turn: (9, 3) rotation from the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. fixed: its rows
+    with one entry that does not depend on q, as (row, column, entry). blocks: of the other rows, which entries, rows
+    and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
+    offset + slide · q, moved its entries other than zero. revolute, axis: (3,) of the joint. coriolis: (3, 4) what
+    (ω q̇, q̈) adds to the angular acceleration, prismatic: to the origin's. with_force, without_force: rows of the table
+    of unit wrenches for the mass and first moments (6 k, 18) and for the tensor (3 m, 15), which causes no force and
+    feels no a; own (k + m, 18): the power of all of them at the joint itself. columns, joints: where its columns go,
+    joints from the base outwards, its own last; serial: whether these are the first ones.
     """
 
     parent: int
     turn: FloatArray
+    fixed: tuple[tuple[int, int, float], ...]
     blocks: tuple[tuple[slice, slice], ...]
     offset: FloatArray
     slide: FloatArray
     moved: tuple[int, ...]
+    revolute: bool
     axis: FloatArray
-    own: slice
-    bracket: FloatArray
+    coriolis: FloatArray
     with_force: FloatArray
     without_force: FloatArray
+    own: FloatArray
     columns: slice
     joints: tuple[int, ...]
     serial: bool
@@ -181,31 +181,35 @@ class _Link:
     @classmethod
     def of(cls, kinematics: Kinematics, link: int, wanted: Sequence[int], first: int) -> _Link:
         axis, placement = kinematics.axis[link], kinematics.rotation[link]
-        along, zero, crossed = np.outer(axis, axis), np.zeros((3, 3)), -_skew(axis)
-        if kinematics.revolute[link]:
-            turn = np.stack([placement @ along, placement @ (np.eye(3) - along), placement @ -crossed], axis=-1)
-            own, slide = slice(0, 3), np.zeros(3)
-            bracket = np.block([[crossed, zero, axis[:, None]], [zero, crossed, zero[:, :1]]])
+        revolute = bool(kinematics.revolute[link])
+        along, crossed = np.outer(axis, axis), _skew(axis)
+        if revolute:
+            turn = np.stack([placement @ along, placement @ (np.eye(3) - along), placement @ crossed], axis=-1)
         else:
-            turn = np.stack([placement, zero, zero], axis=-1)
-            own, slide = slice(3, 6), placement @ axis
-            bracket = np.block([[zero, zero, zero[:, :1]], [crossed, zero, axis[:, None]]])
+            turn = np.stack([placement, np.zeros((3, 3)), np.zeros((3, 3))], axis=-1)
+        slide = np.zeros(3) if revolute else placement @ axis
         with_force = [parameter for parameter in wanted if parameter < _FIRST_WITHOUT_FORCE]
         without_force = list(wanted[len(with_force) :])
         turn = turn.transpose(1, 0, 2)
+        used = np.asarray(turn.any(axis=-1))
+        fixed = np.flatnonzero((used.sum(axis=1) == 1) & ~turn[..., 1:].any(axis=(1, 2)))
+        single = [(int(row), int(np.flatnonzero(used[row])[0])) for row in fixed]
         upstream = kinematics.upstream(link)
         return cls(
             parent=int(kinematics.parent[link]),
             turn=turn.reshape(9, 3),
-            blocks=_blocks(np.asarray(turn.any(axis=-1))),
+            fixed=tuple((row, column, float(turn[row, column, 0])) for row, column in single),
+            blocks=_blocks(used, [row for row in range(3) if row not in fixed]),
             offset=kinematics.translation[link],
             slide=slide,
             moved=tuple(np.flatnonzero((kinematics.translation[link] != 0.0) | (slide != 0.0)).tolist()),
+            revolute=revolute,
             axis=axis,
-            own=own,
-            bracket=bracket,
-            with_force=_UNIT_WRENCHES[with_force].reshape(-1, 12),
-            without_force=_UNIT_WRENCHES[without_force, :3, :9].reshape(-1, 9),
+            # The axis turns with ω; a slide moves along it in a turning frame besides, Coriolis' factor of two.
+            coriolis=np.column_stack([-crossed if revolute else -2.0 * crossed, axis]),
+            with_force=_UNIT_WRENCHES[with_force].reshape(-1, 18),
+            without_force=_UNIT_WRENCHES[without_force, :3, :15].reshape(-1, 15),
+            own=np.einsum("mct,c->mt", _UNIT_WRENCHES[list(wanted)].reshape(-1, 2, 3, 18)[:, int(not revolute)], axis),
             columns=slice(first, first + len(wanted)),
             joints=upstream,
             serial=upstream == tuple(range(len(upstream))),
@@ -221,24 +225,26 @@ def _links(kinematics: Kinematics, wanted: tuple[tuple[int, ...], ...]) -> tuple
 class _Chain:
     """The links of a robot with the arrays that one chunk needs, used again by the next: fresh memory costs time.
 
-    Per link a block of twists in its own frame, (2 + k, 2, 3, samples), angular before linear: velocity, spatial
-    acceleration, and the unit twist of each of the k upstream joints, the link's own last (constant in its own frame).
-    The components stand next to the samples, so that sums over them run in the innermost cache.
+    Per link the rows of one array (18 + 6 k, samples), in its own frame: ω ωᵀ (9), then the vectors that are carried
+    along the chain: ω, α, a, and for each of the k upstream joints z and u, the link's own joint last (constant in its
+    own frame). The components stand next to the samples, so that sums over them run in the innermost cache.
     """
 
     def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int, spare: int) -> None:
         self._links = _links(robot.kinematics, tuple(map(tuple, wanted)))
-        self._twists = [np.zeros((2 + len(link.joints), 2, 3, samples)) for link in self._links]
-        for link, twists in zip(self._links, self._twists, strict=True):
-            twists[-1, link.own.start // 3] = link.axis[:, None]
-        # A base accelerating upwards stands for gravity: linear accelerations are "minus gravity".
-        self._base = np.zeros((2, 2, 3, samples))
-        self._base[1, 1] = -robot.gravity[:, None]
+        self._turn = np.array([link.turn for link in self._links])
+        self._axes = np.array([link.axis for link in self._links])[:, :, None]
+        self._rows = [np.zeros((18 + 6 * len(link.joints), samples)) for link in self._links]
+        for link, rows in zip(self._links, self._rows, strict=True):
+            own = rows[-6:-3] if link.revolute else rows[-3:]
+            own[...] = link.axis[:, None]
+        # A base accelerating upwards stands for gravity: accelerations are "minus gravity".
+        self._base = np.zeros((18, samples))
+        self._base[15:18] = -robot.gravity[:, None]
         self._out = np.zeros((sum(map(len, wanted)) + spare, robot.n, samples))
         self._turns = np.ones((robot.n, 3, samples))
-        self._rotation = np.empty((9, samples))
-        self._joint = np.empty((7, samples))
-        self._motion = np.empty((12, samples))
+        self._rotations = np.empty((robot.n, 9, samples))
+        self._joint = np.empty((4, samples))
         self._wrench = np.empty((6 * max(map(len, wanted)), samples))
 
     def columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -251,69 +257,76 @@ class _Chain:
         ratio = 2.0 / (1.0 + half * half)
         np.subtract(ratio, 1.0, out=turns[:, 1])
         np.multiply(ratio, half, out=turns[:, 2])
+        rotations = np.matmul(self._turn, turns, out=self._rotations[..., :samples]).reshape(-1, 3, 3, samples)
+        spin = self._axes * dq[:, None]
         for index, link in enumerate(self._links):
-            parent = (self._twists[link.parent] if link.parent >= 0 else self._base)[..., :samples]
-            twists = self._twists[index][..., :samples]
-            self._carry(link, parent, turns[index], q[index], twists)
-            self._add_joint(link, twists, dq[index], ddq[index])
-            self._project(link, twists, out[link.columns])
+            parent = (self._rows[link.parent] if link.parent >= 0 else self._base)[:, :samples]
+            rows = self._rows[index][:, :samples]
+            self._carry(link, parent, rotations[index], q[index], rows)
+            self._add_joint(link, rows, spin[index], dq[index], ddq[index])
+            self._project(link, rows, out[link.columns])
         return out
 
-    def _carry(self, link: _Link, parent: FloatArray, turn: FloatArray, q: FloatArray, child: FloatArray) -> None:
-        """Express the parent's twists at the child's origin and in the child's frame."""
-        if len(link.moved):
-            parent = parent.copy()
-            angular, linear = parent[:, 0], parent[:, 1]
+    def _carry(self, link: _Link, parent: FloatArray, rotation: FloatArray, q: FloatArray, child: FloatArray) -> None:
+        """Express the parent's vectors at the child's origin and in the child's frame."""
+        products, vectors = parent[:9].reshape(3, 3, len(q)), parent[9:].reshape(-1, 3, len(q))
+        if link.moved:
+            vectors = vectors.copy()
+            angular, linear = vectors[1::2], vectors[2::2]  # α and a, and every pair z and u
             for k in link.moved:
+                i, j = (k + 1) % 3, (k + 2) % 3
                 arm = link.offset[k] + link.slide[k] * q if link.slide[k] else link.offset[k]
-                linear[:, (k + 1) % 3] += angular[:, (k + 2) % 3] * arm
-                linear[:, (k + 2) % 3] -= angular[:, (k + 1) % 3] * arm
-        rotation = np.matmul(link.turn, turn, out=self._rotation[:, : len(q)]).reshape(3, 3, len(q))
+                linear[:, i] += angular[:, j] * arm
+                linear[:, j] -= angular[:, i] * arm
+                # ω × (ω × arm), of the acceleration alone
+                linear[0, i] += products[i, k] * arm
+                linear[0, j] += products[j, k] * arm
+                linear[0, k] -= (products[i, i] + products[j, j]) * arm
+        carried = child[9 : 9 + 3 * len(vectors)].reshape(len(vectors), 3, len(q))
+        for child_row, parent_row, factor in link.fixed:
+            np.multiply(vectors[:, parent_row], factor, out=carried[:, child_row])
         for rows, columns in link.blocks:
-            np.einsum("jis,mgis->mgjs", rotation[rows, columns], parent[:, :, columns], out=child[:-1, :, rows])
+            np.einsum("jis,vis->vjs", rotation[rows, columns], vectors[:, columns], out=carried[:, rows])
 
-    def _add_joint(self, link: _Link, twists: FloatArray, dq: FloatArray, ddq: FloatArray) -> None:
-        """The joint's own motion: A += S q̈ + V × S q̇, then V += S q̇."""
+    def _add_joint(self, link: _Link, rows: FloatArray, spin: FloatArray, dq: FloatArray, ddq: FloatArray) -> None:
+        """The joint's own motion, spin its axis times q̇; then the products ω ωᵀ."""
+        omega = rows[9:12]
         joint = self._joint[:, : len(dq)]
-        np.multiply(twists[0], dq, out=joint[:6].reshape(2, 3, len(dq)))
-        joint[6] = ddq
-        twists[1] += (link.bracket @ joint).reshape(2, 3, len(dq))
-        twists[0, link.own.start // 3] += link.axis[:, None] * dq
+        np.multiply(omega, dq, out=joint[:3])
+        joint[3] = ddq
+        if link.revolute:
+            rows[12:15] += link.coriolis @ joint
+            omega += spin
+        else:
+            rows[15:18] += link.coriolis @ joint
+        np.multiply(omega[:, None], omega, out=rows[:9].reshape(3, 3, len(dq)))
 
-    def _project(self, link: _Link, twists: FloatArray, out: FloatArray) -> None:
+    def _project(self, link: _Link, rows: FloatArray, out: FloatArray) -> None:
         """Power of each unit twist on the wrench of each wanted parameter; out is (wanted, n, samples)."""
-        samples = twists.shape[-1]
-        motion = self._motion[:, :samples]
-        omega, velocity = twists[0]
-        np.multiply(omega[0], omega, out=motion[:3])
-        np.multiply(omega[1], omega[1:], out=motion[3:5])
-        np.multiply(omega[2], omega[2], out=motion[5])
-        motion[6:].reshape(2, 3, samples)[...] = twists[1]
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # acceleration of the origin = spatial + ω × v
-            motion[9 + i] += omega[j] * velocity[k]
-            motion[9 + i] -= omega[k] * velocity[j]
+        samples = rows.shape[1]
         upstream, last = len(link.joints) - 1, link.joints[-1]
-        axes = twists[2:-1].reshape(upstream, 6, samples)
+        np.matmul(link.own, rows[:18], out=out[:, last])
+        if upstream == 0:
+            return
+        axes = rows[18:-6].reshape(upstream, 6, samples)
         place = slice(0, 0)
         for table, components in ((link.with_force, 6), (link.without_force, 3)):
             count = len(table) // components
             place = slice(place.stop, place.stop + count)
             if count == 0:
                 continue
-            wrench = np.matmul(table, motion[: table.shape[1]], out=self._wrench[: len(table), :samples])
+            wrench = np.matmul(table, rows[: table.shape[1]], out=self._wrench[: len(table), :samples])
             wrench = wrench.reshape(count, components, samples)
-            if link.own.stop <= components:
-                np.einsum("mcs,c->ms", wrench[:, link.own], link.axis, out=out[place, last])
             if link.serial:
                 np.einsum("mcs,kcs->mks", wrench, axes[:, :components], out=out[place, :upstream])
             else:  # a branch of a tree: its upstream joints are not the first ones
                 out[place, list(link.joints[:-1])] = np.einsum("mcs,kcs->mks", wrench, axes[:, :components])
 
 
-def _blocks(used: npt.NDArray[np.bool_]) -> tuple[tuple[slice, slice], ...]:
-    """Rectangles (rows, columns) that hold all entries in use of a (3, 3) matrix; each row is in one of them."""
+def _blocks(used: npt.NDArray[np.bool_], rows: Sequence[int]) -> tuple[tuple[slice, slice], ...]:
+    """Rectangles (rows, columns) that hold all entries in use of some rows of a (3, 3) matrix, each row in one."""
     rows_of: dict[tuple[int, ...], list[int]] = {}
-    for row in range(3):
+    for row in rows:
         rows_of.setdefault(tuple(np.flatnonzero(used[row])), []).append(row)
     return tuple((_slice(rows), _slice(columns)) for columns, rows in rows_of.items())
 
