@@ -17,18 +17,20 @@ from identification.mismatch.extension import Extension, extend
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem
-from identification.mismatch.pruning import removal_scores
+from identification.mismatch.pruning import removal_score, removal_scores
 from identification.mismatch.refinement import Member
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
-from identification.mismatch.verdict import contrast, explains_enough, has_its_form, joints_of, rivals
+from identification.mismatch.verdict import contains, contrast, explains_enough, has_its_form, joints_of, rivals
 
 FloatArray = npt.NDArray[np.float64]
 
 # Held-out excess energy in its own deviations beyond which other names of a member are tried.
 PLAIN_EXCESS = 6.0
+# Deviations below what a true effect gains in log-likelihood on held-out data at which these speak against it.
+REFUTED = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +122,8 @@ def _generalising(exam: Examination, trial: Trial, before: Check) -> Trial:
     Tried where held-out misfit is plain on a member's joints: the fitted motion was too small to tell the names apart.
     """
     for index in range(len(trial.members) if before.heldout_after is not None else 0):
+        if trial.complete:
+            trial = _likeliest(exam, trial, index)
         now = exam.check(trial.members)
         rows = torque_of(trial.members[index], now.extension.coefficients[index], trial.problem.n)
         joints = joints_of(trial.members[index], rows)
@@ -130,6 +134,35 @@ def _generalising(exam: Examination, trial: Trial, before: Check) -> Trial:
         if other is not None and _left_on(exam.check(other.members), other, index) < 0.5 * _left_on(now, trial, index):
             trial = other
     return trial
+
+
+def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
+    """One member under the name that fitted and held-out recordings together find likeliest.
+
+    Of the names that the fitted recordings leave open, each with the parameters that they give it. What contains
+    another as a special case must explain clearly more: a spring of which only the constant shows is an offset.
+    """
+    problem, settings, member = exam.problem, exam.settings, trial.members[index]
+    screen = build_screen(problem, exam.result.candidates)
+    rest = fitted(problem, without(trial.members, index), settings, trial).problem
+    best = trial
+    most = removal_score(problem, trial, index, settings) + _held_out_likelihood(exam.check(trial.members))
+    for score, rival in rivals(problem, trial, index, screen, exam.rows.library, settings):
+        members = [rival if place == index else item for place, item in enumerate(trial.members)]
+        evidence = score + _held_out_likelihood(exam.check(members))
+        if contains(rest, member, rival):
+            evidence += settings.margin_of_simplicity
+        elif contains(rest, rival, member):
+            evidence -= settings.margin_of_simplicity
+        if evidence > most:
+            other = fitted(problem, members, settings, trial)
+            if other.complete:
+                best, most = other, evidence
+    return best
+
+
+def _held_out_likelihood(model: Check) -> float:
+    return 0.0 if model.heldout_after is None else model.heldout_after.log_likelihood
 
 
 def _choices(before: Trial, after: Trial) -> list[str]:
@@ -190,6 +223,13 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
     other = rest.heldout_after
     if other is None:
         return True
+    if complete:
+        there = now.heldout_after.log_likelihood - other.log_likelihood
+        if removal_score(exam.problem, trial, index, settings) + there < settings.complete_score:
+            return False
+        # A true effect gains a²/2 there, with a deviation of a.
+        expected = now.heldout_after.squared_distance(other)
+        return there >= min(0.0, 0.5 * expected - REFUTED * float(np.sqrt(expected)))
     gain = float((other.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
     variance = (other.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
     return gain > -2.0 * float(np.sqrt(variance))

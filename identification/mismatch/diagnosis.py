@@ -66,6 +66,8 @@ def diagnose(
     be used, ModelFileError or RobotError for such a model.
     """
     settings = settings if settings is not None else DiagnosisSettings()
+    if not heldout:
+        settings = replace(settings, provisional_score=settings.complete_score)
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")

@@ -29,6 +29,7 @@ class Residuals:
     """Rows of what a model leaves on a set of evidences. rows, noise: (n, R) Nm; noise holds the model's scatter too.
 
     samples: (n,) samples S behind the rows, so that Σ rows² / S is the mean square over time. sensor_noise: (n, R) Nm.
+    scatter: (n, R, k) Nm per unit of k independent deviations of the model's parameters.
     """
 
     rows: FloatArray
@@ -36,6 +37,7 @@ class Residuals:
     sensor_noise: FloatArray
     used: npt.NDArray[np.bool_]
     samples: int
+    scatter: FloatArray
 
     @property
     def rms_nm(self) -> FloatArray:
@@ -54,14 +56,40 @@ class Residuals:
 
     @property
     def excess_deviation(self) -> FloatArray:
-        """(n,) Nm², standard deviation of `excess_energy`."""
+        """(n,) Nm², standard deviation of `excess_energy`: the scatter of few parameters moves many rows together."""
         misfit = np.maximum(self.rows**2 - self.noise**2, 0.0)
-        return np.asarray(np.sqrt(self._sum(2.0 * self.noise**4 + 4.0 * self.noise**2 * misfit)) / self.samples)
+        independent = self.noise**4 - (self.scatter**2).sum(axis=2) ** 2
+        together = np.array([float(np.sum((joint.T @ joint) ** 2)) for joint in self.scatter])
+        variance = self._sum(2.0 * independent + 4.0 * self.noise**2 * misfit) + 2.0 * together
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / self.samples)
 
     @property
     def excess_nm(self) -> FloatArray:
         """(n,) square root of the excess energy, zero where that is negative."""
         return np.asarray(np.sqrt(np.maximum(self.excess_energy, 0.0)), dtype=np.float64)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the rows under noise and scatter, but for a constant that all models of these recordings share."""
+        scatter, values = self._whitened()
+        inner = np.eye(scatter.shape[1]) + scatter.T @ scatter
+        return -0.5 * (self._length(values) + float(np.linalg.slogdet(inner)[1]))
+
+    def squared_distance(self, other: Residuals) -> float:
+        """How far another model's prediction lies from this one's, squared, in units of noise and scatter."""
+        return self._length(self._whitened()[1] - other._whitened()[1])
+
+    def _length(self, values: FloatArray) -> float:
+        """Squared length of whitened values where the scatter of the parameters costs nothing beyond its own size."""
+        scatter = self._whitened()[0]
+        shadow = scatter.T @ values
+        inner = np.eye(scatter.shape[1]) + scatter.T @ scatter
+        return float(values @ values - shadow @ np.linalg.solve(inner, shadow))
+
+    def _whitened(self) -> tuple[FloatArray, FloatArray]:
+        """Scatter (n R, k) and rows (n R,) over the sensors' noise, zero where they do not count."""
+        weight = np.where(self.used, 1.0 / self.sensor_noise, 0.0)
+        return (self.scatter * weight[..., None]).reshape(weight.size, -1), (self.rows * weight).ravel()
 
     def _sum(self, values: FloatArray) -> FloatArray:
         return np.asarray(np.where(self.used, values, 0.0).sum(axis=1), dtype=np.float64)
@@ -84,14 +112,16 @@ def residuals(
     rows = off(free, whitened.ravel()).reshape(whitened.shape) * noise
     closed = directions[:, free.shape[1] :] * scale[free.shape[1] :]
     moved = off(free, (effects * weight[..., None]).reshape(size, -1))
-    scatter = (closed**2).sum(axis=1) + (moved**2).sum(axis=1) - (free**2).sum(axis=1)
-    scatter = np.maximum(scatter, -1.0).reshape(whitened.shape) * noise**2
+    scatter = np.concatenate([closed, moved], axis=1)
+    spread = (scatter**2).sum(axis=1) - (free**2).sum(axis=1)
+    spread = np.maximum(spread, -1.0).reshape(whitened.shape) * noise**2
     return Residuals(
         rows=rows,
-        noise=np.sqrt(np.maximum(noise**2 + scatter, 0.0)),
+        noise=np.sqrt(np.maximum(noise**2 + spread, 0.0)),
         sensor_noise=noise,
         used=used,
         samples=sum(item.samples for item in evidences),
+        scatter=scatter.reshape(*whitened.shape, -1) * noise[..., None],
     )
 
 

@@ -32,7 +32,7 @@ def required_score(nominal: Problem, trial: Trial, member: Member, settings: Dia
 
     Beside others on its joints it must also be more than what their form may lack: a share of all that is explained.
     """
-    least = settings.complete_score if trial.complete else settings.background_score
+    least = settings.provisional_score if trial.complete else settings.background_score
     if len(trial.members) == 1 or not nominal.noise_is_measured:
         return least
     rows = [nominal.rows * joint + np.arange(nominal.rows) for joint in member.rows.joints]
@@ -42,13 +42,14 @@ def required_score(nominal: Problem, trial: Trial, member: Member, settings: Dia
 
 
 def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
-    """What is lost when each member is left out and the others are fitted again, in the regime that holds."""
-    result = []
-    for index, member in enumerate(trial.members):
-        others = [other for position, other in enumerate(trial.members) if position != index]
-        rest = fitted(nominal, others, settings, trial)
-        if trial.complete:
-            result.append(score_of(rest.problem, member))
-        else:
-            result.append(trial.likelihood - rest.likelihood)
-    return tuple(result)
+    """`removal_score` of every member."""
+    return tuple(removal_score(nominal, trial, index, settings) for index in range(len(trial.members)))
+
+
+def removal_score(nominal: Problem, trial: Trial, index: int, settings: DiagnosisSettings) -> float:
+    """What is lost when a member is left out and the others are fitted again, in the regime that holds."""
+    others = [other for position, other in enumerate(trial.members) if position != index]
+    rest = fitted(nominal, others, settings, trial)
+    if trial.complete:
+        return score_of(rest.problem, trial.members[index])
+    return trial.likelihood - rest.likelihood

@@ -95,8 +95,12 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
     parameters = member.effect.shape_parameters(motion, member.place)
     if not parameters:
         return member
-    if all(parameter.tied for parameter in parameters):
-        return _followed(problem, library, member, parameters)
+    tied = [parameter for parameter in parameters if parameter.tied]
+    if tied:
+        member = _followed(problem, library, member, tied)
+    parameters = tuple(parameter for parameter in parameters if not parameter.tied)
+    if not parameters:
+        return member
     best, best_score = member, score_of(problem, member)
     for _ in range(rounds if len(parameters) > 1 else 1):
         before = best_score
@@ -107,7 +111,8 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
                 best, best_score = moved, score
         if best_score - before < WORTH_IT:
             break
-    return _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
+    best = _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
+    return _followed(problem, library, best, tied) if tied else best
 
 
 def _followed(problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]) -> Member:

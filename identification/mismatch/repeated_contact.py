@@ -44,13 +44,13 @@ def find_repeated_contact(
     """The push in every period of one recording that explains most; None where it could not be claimed anyway.
 
     result: what the search settled on without a push. Its score (half the drop of the whitened squares, less the cost
-    of the coefficients and of the choice of the window) must reach complete_score beyond what that explains, where that
+    of the coefficients and of the choice of the window) must reach push_score beyond what that explains, where that
     leaves nothing but noise. A torque seen on one joint alone may be anything that sits at one angle: it is no push.
     """
     if not problem.noise_is_measured:
         return None
     known = 0.5 * (result.before.squares - result.trial.penalised) if result.trial.complete else 0.0
-    least = known + settings.complete_score
+    least = known + settings.push_score
     periodic = [number for number, evidence in enumerate(evidences) if evidence.motion.periodic]
     found = [_on_recording(problem, number, evidences[number], least) for number in periodic]
     return max((item for item in found if item is not None), key=lambda item: item.score, default=None)

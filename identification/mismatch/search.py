@@ -179,7 +179,7 @@ def _step(
     if not trial.complete:
         shortlist = _merged(shortlist, _shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
     scored = [(score_of(trial.problem, member), member) for member in shortlist]
-    scored = [item for item in scored if item[0] >= settings.complete_score]
+    scored = [item for item in scored if item[0] >= settings.provisional_score]
     if not scored:
         return None
     trials = [fitted(nominal, [*trial.members, member], settings, trial) for _, member in scored]

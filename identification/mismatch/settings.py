@@ -17,13 +17,16 @@ class DiagnosisSettings:
     """Thresholds and bandwidths of one diagnosis.
 
     Scores are log-likelihood units (half a χ²), penalties included. complete_score: what an effect must gain where the
-    accepted ones explain the data down to the noise; background_score: where unknown model error remains;
+    accepted ones explain the data down to the noise, on the fitted and the held-out recordings together;
+    provisional_score: on the fitted ones alone, for the held-out ones to be asked; push_score: of a push that comes
+    with every period, whose window is free in time; background_score: where unknown model error remains;
     between_score: for changes between periods. consistency_probability: smallest probability, over joints and bands, at
     which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
-    stay this close are named as alternatives. share_removed, heldout_share_removed: share of the excess misfit energy
-    on the joints of a finding that must be removed on the fitted and on the held-out recordings for a name to be given.
-    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints
-    than any other joint keeps unexplained, where something does stay.
+    stay this close are named as alternatives. margin_of_simplicity: what a name must bring beyond one that it holds as
+    a special case, on fitted and held-out recordings together. share_removed, heldout_share_removed: share of the
+    excess misfit energy on the joints of a finding that must be removed on the fitted and on the held-out recordings
+    for a name to be given. contrast_to_background: how many times more misfit, in squares of the noise, an effect must
+    remove on its joints than any other joint keeps unexplained, where something does stay.
     share_of_form: share of what is explained on a joint that the exact form of the strongest effect may be wrong by; a
     weaker one on the same joint must explain more.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
@@ -32,11 +35,14 @@ class DiagnosisSettings:
     other recording is; None = every third of fifteen blocks of time.
     """
 
-    complete_score: float = 20.0
+    complete_score: float = 14.0
+    provisional_score: float = 10.0
+    push_score: float = 20.0
     background_score: float = 100.0
     between_score: float = 30.0
     consistency_probability: float = 1e-4
     margin_of_indistinguishable: float = 10.0
+    margin_of_simplicity: float = 5.0
     share_removed: float = 0.7
     heldout_share_removed: float = 0.5
     contrast_to_background: float = 4.0

@@ -73,7 +73,7 @@ def alternatives(
     return tuple(
         Alternative(rival.effect.name, rival.place.joint, score)
         for score, rival in rivals(nominal, trial, index, screen, library, settings)
-        if not _contains(rest, rival, trial.members[index])
+        if not contains(rest, rival, trial.members[index])
     )
 
 
@@ -90,7 +90,7 @@ def _own_score(
     return fitted(nominal, [*others, member], settings, trial).likelihood - rest.likelihood
 
 
-def _contains(problem: Problem, larger: Member, smaller: Member) -> bool:
+def contains(problem: Problem, larger: Member, smaller: Member) -> bool:
     """Whether the smaller member is a special case of the larger one with all its columns, off all that is fitted.
 
     Not where the columns that are used are the same space: then the two are one torque under two names.

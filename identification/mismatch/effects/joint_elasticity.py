@@ -5,24 +5,34 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+import numpy.typing as npt
+
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
 from identification.mismatch.effects.dynamics import rigid_torque, torque_of_displacement
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
+FloatArray = npt.NDArray[np.float64]
+
+# Hardening torques of the search, as shares of the joint's largest torque: as good as linear, and plainly hardening.
+LINEAR, HARDENING = 10.0, 1.0
+
 
 class JointElasticity(Effect):
-    """ID(q − τ̂_j/K) − ID(q), with the velocity and the acceleration of the wind-up.
+    """ID(q − φ(τ̂_j)) − ID(q), with the velocity and the acceleration of the wind-up φ.
 
     Only where position is measured before the spring. A coefficient of zero says that the sensor sits at the link.
-    The wind-up is that of the rigid links' torque, which is smooth.
+    The wind-up is that of the rigid links' torque, which is smooth. Harmonic gears harden: τ = K φ + k₃ φ³, K their
+    stiffness without load, k₃ = K³/τ_h². Base parameters take up most of what a linear spring does, but not of what a
+    hardening one leaves beside it.
     """
 
     name = "joint_elasticity"
     code = "elastic"
-    equation = "τ = ID(q − e_j τ̂_j/K) − ID(q)"
-    source = "Spong, J. Dyn. Syst. Meas. Control 109, 1987; Madsen et al., flexible-joint cobots, 2020"
+    equation = "τ = ID(q − e_j φ) − ID(q), K φ + K³ φ³/τ_h² = τ̂_j"
+    source = "Spong, J. Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998"
     units = ("rad/Nm",)
     plausible = "K 5000 to 20000 Nm/rad"
     look_alikes = ("cable_spring", "joint_zero_offset", "backlash", "payload")
@@ -33,14 +43,20 @@ class JointElasticity(Effect):
         return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The compliance again: the torque is not linear in it."""
-        del motion, place
-        return (ShapeParameter("at_compliance", "rad/Nm", (0.0,), -5e-3, 5e-3, logarithmic=False, tied=True),)
+        """The compliance again, as the torque is not linear in it; the torque τ_h from which the spring is hard."""
+        largest = max(float(np.abs(rigid_torque(motion).torque[:, joint_index(place)]).max()), 1e-9)
+        return (
+            ShapeParameter("at_compliance", "rad/Nm", (0.0,), -5e-3, 5e-3, logarithmic=False, tied=True),
+            ShapeParameter(
+                "hardening_torque", "Nm", (HARDENING * largest, LINEAR * largest), 0.2 * largest, 100.0 * largest
+            ),
+        )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque on all joints per unit of compliance 1/K, chord up to the compliance of the shape."""
         joint = joint_index(place)
-        wind_up = -rigid_torque(motion).torque[:, joint]
+        load, hardening = rigid_torque(motion).torque[:, joint], shape.get("hardening_torque", math.inf)
+        wind_up = -(load if math.isinf(hardening) else hardening * _cubic_spring(load / hardening))
         values = torque_of_displacement(motion, joint, wind_up, shape.get("at_compliance", 0.0))
         return Columns(tuple(range(motion.n)), values[..., None]) if values.any() else None
 
@@ -59,3 +75,8 @@ class JointElasticity(Effect):
             f"{joint_name(estimate)} winds up under load between its position sensor and the link, stiffness "
             f"{size_of(stiffness)}: the measured position is that of the motor (joint elasticity)."
         )
+
+
+def _cubic_spring(load: FloatArray) -> FloatArray:
+    """The one real u of u + u³ = load."""
+    return np.asarray(2.0 / math.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * math.sqrt(3.0) * load) / 3.0))

@@ -36,11 +36,14 @@ class StribeckFriction(OwnJointEffect):
     )
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The Stribeck velocity v_s and the exponent a."""
+        """The Stribeck velocity v_s and the exponent a.
+
+        A smaller v_s would live in the samples around a reversal, which do not count, and seize on what they leave.
+        """
         del motion, place
-        grid = (0.005, 0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3)
+        grid = (0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3)
         return (
-            ShapeParameter("stribeck_velocity", "rad/s", grid, lower=0.003, upper=0.5),
+            ShapeParameter("stribeck_velocity", "rad/s", grid, lower=0.008, upper=0.5),
             ShapeParameter("exponent", "1", (2.0,), lower=0.4, upper=4.0),
         )
 

@@ -44,7 +44,9 @@ def test_contrast_is_what_goes_on_the_joint_over_what_stays_elsewhere() -> None:
     def of(squares: list[float]) -> Residuals:
         rows = np.sqrt(np.array(squares))[:, None] * np.ones((3, 100)) / 10.0
         one = np.ones((3, 100))
-        return Residuals(rows=rows, noise=one, sensor_noise=one, used=one > 0.0, samples=100)
+        return Residuals(
+            rows=rows, noise=one, sensor_noise=one, used=one > 0.0, samples=100, scatter=np.zeros((*rows.shape, 0))
+        )
 
     without, with_it = of([900.0, 200.0, 150.0]), of([100.0, 200.0, 150.0])
     assert contrast(without, with_it, [0]) == pytest.approx(800.0 / 100.0)
