@@ -75,6 +75,17 @@ def test_elasticity_is_the_torque_at_the_position_behind_the_spring(
     np.testing.assert_allclose(ours, truth, rtol=0.0, atol=2e-4 * np.abs(truth).max())
 
 
+def test_a_hardening_spring_winds_up_by_the_root_of_its_cubic_law(motion: Motion, links: PhysicalParameters) -> None:
+    model = pinocchio_model(motion.robot, links)
+    load = pinocchio_torque(model, motion.position, motion.velocity, motion.acceleration)[:, 3]
+    hard_from, stiffness = 0.5 * np.abs(load).max(), 1e6
+    roots = [np.roots([1.0 / hard_from**2, 0.0, 1.0, -value]) for value in load]
+    wind_up = np.array([float(root[np.abs(root.imag).argmin()].real) for root in roots]) / stiffness
+    truth = displaced(motion, links, 3, -wind_up) * stiffness
+    ours = torque(motion, "joint_elasticity", Place(joint=4), {"hardening_torque": hard_from})[..., 0]
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=2e-4 * np.abs(truth).max())
+
+
 @pytest.mark.parametrize("joint", [2, 3, 6, 7])
 def test_a_zero_offset_is_the_torque_at_the_other_angle(motion: Motion, links: PhysicalParameters, joint: int) -> None:
     truth = displaced(motion, links, joint - 1, np.full(motion.samples, 1e-5)) / 1e-5
