@@ -1,7 +1,9 @@
 """The rule of abstention: which members of a model may be named, and which stand under another name.
 
 A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
-recordings. Where the fitted motion cannot separate two names, held-out data choose. Called by the claims.
+recordings; if no torque that acts in one part of the joint's range only (a stop, a bump: nothing the library holds)
+explains more; and if held-out recordings do not contradict it. Where the fitted motion cannot separate two names,
+held-out data choose. Called by the claims.
 """
 
 from __future__ import annotations
@@ -14,11 +16,12 @@ import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, extend
+from identification.mismatch.form import best_local_score
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem
 from identification.mismatch.pruning import removal_score, removal_scores
-from identification.mismatch.refinement import Member
+from identification.mismatch.refinement import Member, score_of
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
@@ -210,6 +213,9 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
     if complete:
         loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
         if not has_its_form(trial.problem, exam.rows.evidences, loudest, rest.after, now.after, settings):
+            return False
+        beside = fitted(exam.problem, without(trial.members, index), settings, trial).problem
+        if best_local_score(beside, exam.rows.evidences, loudest) > score_of(beside, member):
             return False
     elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
         trial.problem.noise_is_measured and contrast(rest.after, now.after, joints) < settings.contrast_to_background

@@ -7,15 +7,20 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence, build_evidence
-from identification.mismatch.form import left_in_other_form
+from identification.mismatch.form import best_local_score, left_in_other_form
 from identification.mismatch.heldout import Residuals
+from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.refinement import Member, score_of
 from identification.mismatch.verdict import contrast
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 
 PROBABILITY = 1e-5
+CABLE = effect_named("cable_spring")
 
 
 def test_noise_has_no_form_on_any_joint(clean_evidence: Evidence) -> None:
@@ -38,6 +43,30 @@ def test_a_torque_at_one_place_of_the_range_is_seen_on_its_joint_at_its_size(
     strength = float(np.sum((whitened - problem.basis @ (problem.basis.T @ whitened)) ** 2))
     assert int(np.argmax(left)) == 4
     assert 0.5 * strength < left[4] < 1.5 * strength
+
+
+def test_a_stop_is_explained_best_by_what_acts_in_a_part_of_the_range_and_a_spring_is_not(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    def stop(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(6, 0.5 * np.maximum(q[:, 5] - np.quantile(q[:, 5], 0.7), 0.0) ** 3)
+
+    def spring(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(6, 0.05 * q[:, 5])
+
+    for hidden, is_local in ((stop, True), (spring, False)):
+        (evidence,) = build_evidence(record(iiwa14, table3, hidden), iiwa14, iiwa14_base)
+        problem = build_problem([evidence])
+        rows = Library((CABLE,), [evidence]).rows(CABLE, Place(joint=6), ())
+        assert rows is not None
+        named, local = score_of(problem, Member(rows, (0, 1))), best_local_score(problem, [evidence], 5)
+        assert named > 20.0
+        assert (local > named) == is_local
+
+
+def test_noise_alone_has_no_local_torque(clean_evidence: Evidence) -> None:
+    problem = build_problem([clean_evidence])
+    assert max(best_local_score(problem, [clean_evidence], joint) for joint in range(7)) < 8.0
 
 
 def test_contrast_is_what_goes_on_the_joint_over_what_stays_elsewhere() -> None:
