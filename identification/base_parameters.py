@@ -15,7 +15,7 @@ can tell from a link inertia (joint 1 of a robot on a fixed base) has no entry o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -23,7 +23,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns, torque_regressor
+from identification.regressor import (
+    INERTIAL_SYMBOLS,
+    fill_rigid_body_columns,
+    rigid_body_columns,
+    torque_regressor,
+)
 from identification.robots.model import RobotModel
 
 if TYPE_CHECKING:
@@ -94,6 +99,7 @@ class BaseRegressor:
         links, entries = kept // self._stride, kept % self._stride
         self._wanted = [entries[(links == link) & (entries < _INERTIAL_COUNT)].tolist() for link in range(robot.n)]
         self._inertial_columns = np.flatnonzero(entries < _INERTIAL_COUNT)
+        self._firsts = np.searchsorted(links, range(robot.n)).tolist()
         # (column, symbol, joint) of every parameter that is not inertial
         self._extra_columns = [
             (int(column), symbols[int(entries[column]) - _INERTIAL_COUNT], int(links[column]))
@@ -131,42 +137,29 @@ class BaseRegressor:
         """
         samples = len(q)
         columns = np.zeros((self.size, self.robot.n, samples))
-        for rows, chunk in rigid_body_columns(self.robot, q, dq, ddq, self._wanted):
-            columns[self._inertial_columns, :, rows] = chunk
+        fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, self._firsts, columns)
         for column, symbol, joint in self._extra_columns:
             columns[column, joint] = _extra_values(symbol, joint, dq, ddq)
         return columns.reshape(self.size, -1).T, np.repeat(np.arange(self.robot.n), samples)
 
-    def joint_columns(
-        self, q: FloatArray, dq: FloatArray, ddq: FloatArray
-    ) -> Iterator[tuple[slice, list[tuple[FloatArray, IntArray]]]]:
-        """Per chunk of samples and per joint the columns that can be other than zero, packed, with room for the torque.
+    def joint_columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> list[tuple[FloatArray, IntArray]]:
+        """Per joint the columns that can be other than zero: (array (m, S), positions (m,) among the base parameters).
 
-        Yields the slice of samples and for each joint (array (m + 1, samples), positions (m,) of its rows among the
-        base parameters). The last row is free. The arrays are views that the next chunk writes over.
+        A third of the memory of `stacked`, and nothing is written or looked through in vain: what a fit reads.
         """
-        inertial, spare = self._inertial_columns, len(self.options.symbols) + 1
-        extras = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
-        joints_of: dict[tuple[int, str], list[int]] = {}
-        for own in extras:
-            for place, (_, symbol, joint) in enumerate(own, start=len(inertial)):
-                joints_of.setdefault((place, symbol), []).append(joint)
-        firsts = np.searchsorted(self.kept[inertial] // self._stride, range(self.robot.n))
-        positions = [
-            np.concatenate([inertial[first:], [column for column, _, _ in own]]).astype(np.int64)
-            for first, own in zip(firsts, extras, strict=True)
-        ]
-        for rows, packed in rigid_body_columns(self.robot, q, dq, ddq, self._wanted, spare=spare):
-            for (place, symbol), joints in joints_of.items():
-                packed[place, joints] = np.transpose(_extra_values(symbol, joints, dq[rows], ddq[rows]))
-            # A joint's torque depends on the links beyond it: the first columns are zero.
-            yield (
-                rows,
-                [
-                    (packed[first : first + len(own) + 1, joint], own)
-                    for joint, (first, own) in enumerate(zip(firsts, positions, strict=True))
-                ],
-            )
+        inertial = self._inertial_columns
+        own = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
+        packed = np.empty((self.robot.n, len(inertial) + max(map(len, own)), len(q)))
+        # A joint's torque depends on the links beyond it: of its first columns nothing is written.
+        firsts = np.searchsorted(inertial, self._firsts).tolist()
+        fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, firsts, packed.transpose(1, 0, 2))
+        result = []
+        for joint, (first, extras) in enumerate(zip(firsts, own, strict=True)):
+            for place, (_, symbol, _) in enumerate(extras, start=len(inertial)):
+                packed[joint, place] = _extra_values(symbol, joint, dq, ddq)
+            positions = np.concatenate([inertial[first:], [column for column, _, _ in extras]])
+            result.append((packed[joint, first : len(inertial) + len(extras)], positions.astype(np.int64)))
+        return result
 
     def base_from_full(self, full: FloatArray) -> FloatArray:
         """π_b = K π, eq. (6) for the iiwa. full: (full,) in the order of full_names. Returns (p,)."""
@@ -218,8 +211,8 @@ def _plain(name: str) -> str:
     return re.sub(r"^(M|MX|MY|MZ|XX|XY|XZ|YY|YZ|ZZ|FV|FS|IA|OFF)R_", r"\1_", name)
 
 
-def _extra_values(symbol: str, joint: int | list[int], dq: FloatArray, ddq: FloatArray) -> FloatArray | float:
-    """The one non-zero entry per sample of a friction, drive or offset column, of one joint or of several."""
+def _extra_values(symbol: str, joint: int, dq: FloatArray, ddq: FloatArray) -> FloatArray | float:
+    """The one non-zero entry per sample of a friction, drive or offset column."""
     match symbol:
         case "FV":
             return dq[:, joint]

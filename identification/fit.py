@@ -25,7 +25,7 @@ from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
-from identification.fitting.blocks import Block, build_block, rms_over
+from identification.fitting.blocks import Block, Evaluation, build_block, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.drives import choose_drive_parameters
 from identification.fitting.estimate import (
@@ -266,7 +266,9 @@ def _noise_floor(blocks: list[Block]) -> FloatArray:
 
 def _rms_table(blocks: list[Block], sets: dict[str, FloatArray], noise_floor: FloatArray) -> RmsTable:
     parts = {"fit": [block.evaluation for block in blocks if block.fitted.any()]}
-    held_out = [block.evaluation_held_out for block in blocks if block.evaluation_held_out is not None]
+    held_out: list[Evaluation] = [
+        block.evaluation_held_out for block in blocks if block.evaluation_held_out is not None
+    ]
     if held_out:
         parts["held out"] = held_out
     return RmsTable(

@@ -56,19 +56,43 @@ def rigid_body_columns(
     dq: FloatArray,
     ddq: FloatArray,
     wanted: Sequence[Sequence[int]],
-    *,
-    spare: int = 0,
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Chosen columns of the rigid-body regressor, chunk by chunk: (slice of samples, array (columns, n, samples)).
 
-    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ), ascending. spare: columns more at the
-    end, zero at first, for the caller to fill. The array is reused by the next chunk: copy what is to be kept.
+    wanted: per link the positions of the parameters in eq. (3), 0 (M) to 9 (ZZ), ascending. The array is reused by the
+    next chunk: copy what is to be kept.
     """
     samples = _check_states(robot.n, q, dq, ddq)
-    chain = _Chain(robot, wanted, min(samples, CHUNK), spare)
+    columns = np.zeros((sum(map(len, wanted)), robot.n, min(samples, CHUNK)))
+    firsts = [0, *itertools.accumulate(map(len, wanted))][:-1]
+    chain = _Chain(robot, wanted, firsts, min(samples, CHUNK))
+    for rows in _chunks(samples):
+        chunk = columns[..., : rows.stop - rows.start]
+        chain.columns(q[rows], dq[rows], ddq[rows], chunk)
+        yield rows, chunk
+
+
+def fill_rigid_body_columns(
+    robot: RobotModel,
+    states: tuple[FloatArray, FloatArray, FloatArray],
+    wanted: Sequence[Sequence[int]],
+    firsts: Sequence[int],
+    out: FloatArray,
+) -> None:
+    """Chosen columns written where they are to be kept, out (columns, n, S); not where a joint feels nothing of a link.
+
+    states: q, q̇, q̈, each (S, n). wanted: as for `rigid_body_columns`. firsts: per link the place of its first column.
+    """
+    samples = _check_states(robot.n, *states)
+    chain = _Chain(robot, wanted, firsts, min(samples, CHUNK))
+    for rows in _chunks(samples):
+        q, dq, ddq = (state[rows] for state in states)
+        chain.columns(q, dq, ddq, out[..., rows])
+
+
+def _chunks(samples: int) -> Iterator[slice]:
     for start in range(0, samples, CHUNK):
-        rows = slice(start, min(start + CHUNK, samples))
-        yield rows, chain.columns(*(np.ascontiguousarray(state[rows].T, dtype=np.float64) for state in (q, dq, ddq)))
+        yield slice(start, min(start + CHUNK, samples))
 
 
 def viscous_columns(velocity: FloatArray) -> FloatArray:
@@ -217,9 +241,9 @@ class _Link:
 
 
 @lru_cache(maxsize=32)
-def _links(kinematics: Kinematics, wanted: tuple[tuple[int, ...], ...]) -> tuple[_Link, ...]:
-    first = [0, *itertools.accumulate(map(len, wanted))]
-    return tuple(_Link.of(kinematics, link, parameters, first[link]) for link, parameters in enumerate(wanted))
+def _links(kinematics: Kinematics, wanted: tuple[tuple[int, ...], ...], firsts: tuple[int, ...]) -> tuple[_Link, ...]:
+    places = zip(wanted, firsts, strict=True)
+    return tuple(_Link.of(kinematics, link, parameters, first) for link, (parameters, first) in enumerate(places))
 
 
 class _Chain:
@@ -230,8 +254,8 @@ class _Chain:
     own frame). The components stand next to the samples, so that sums over them run in the innermost cache.
     """
 
-    def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], samples: int, spare: int) -> None:
-        self._links = _links(robot.kinematics, tuple(map(tuple, wanted)))
+    def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], firsts: Sequence[int], samples: int) -> None:
+        self._links = _links(robot.kinematics, tuple(map(tuple, wanted)), tuple(firsts))
         self._turn = np.array([link.turn for link in self._links])
         self._axes = np.array([link.axis for link in self._links])[:, :, None]
         self._rows = [np.zeros((18 + 6 * len(link.joints), samples)) for link in self._links]
@@ -241,16 +265,15 @@ class _Chain:
         # A base accelerating upwards stands for gravity: accelerations are "minus gravity".
         self._base = np.zeros((18, samples))
         self._base[15:18] = -robot.gravity[:, None]
-        self._out = np.zeros((sum(map(len, wanted)) + spare, robot.n, samples))
         self._turns = np.ones((robot.n, 3, samples))
         self._rotations = np.empty((robot.n, 9, samples))
         self._joint = np.empty((4, samples))
         self._wrench = np.empty((6 * max(map(len, wanted)), samples))
 
-    def columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """The wanted columns (columns, n, samples) of states (n, samples), valid until the next call."""
+    def columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, out: FloatArray) -> None:
+        """Write the wanted columns of states (samples, n) into out (columns, n, samples)."""
+        q, dq, ddq = (np.ascontiguousarray(state.T, dtype=np.float64) for state in (q, dq, ddq))
         samples = q.shape[1]
-        out = self._out[..., :samples]
         turns = self._turns[..., :samples]
         # tan is vectorised by numpy where cos and sin are not, and cos² + sin² = 1 to rounding in any case.
         half = np.tan(0.5 * q)
@@ -265,7 +288,6 @@ class _Chain:
             self._carry(link, parent, rotations[index], q[index], rows)
             self._add_joint(link, rows, spin[index], dq[index], ddq[index])
             self._project(link, rows, out[link.columns])
-        return out
 
     def _carry(self, link: _Link, parent: FloatArray, rotation: FloatArray, q: FloatArray, child: FloatArray) -> None:
         """Express the parent's vectors at the child's origin and in the child's frame."""

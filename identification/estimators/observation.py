@@ -7,18 +7,14 @@ Not here: solving anything.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
 from identification.errors import EstimationError, UndeterminedParametersError
-
-if TYPE_CHECKING:
-    from identification.base_parameters import BaseRegressor
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -152,70 +148,38 @@ class CompressedObservation:
 
 
 def compress(observation: Observation) -> CompressedObservation:
-    """Read the tall matrix once and keep one block per joint.
+    """Read the tall matrix once and keep one block per joint, as `compress_joints` does."""
+    joints = []
+    for joint in range(observation.joints):
+        rows = _rows_of(observation.joint, joint)
+        matrix = observation.matrix[rows]
+        used = np.flatnonzero((matrix != 0.0).any(axis=0)).astype(np.int64)
+        joints.append((matrix[:, used].T, used, observation.torque[rows]))
+    return compress_joints(joints, observation.names)
+
+
+def compress_joints(
+    joints: Sequence[tuple[FloatArray, IntArray, FloatArray]], names: tuple[str, ...]
+) -> CompressedObservation:
+    """One block per joint, of its columns (m, rows), their positions (m,) among the parameters, and torque (rows,).
 
     The products [Y_b τ]ᵀ[Y_b τ] are formed first; they are kept where the columns (normalised) have a condition
     number below 1e5 and the residual is no rounding error. Otherwise every joint's block is factored by QR.
     """
-    size = len(observation.names)
-    joints = observation.joints
-    rows_of = [_rows_of(observation.joint, joint) for joint in range(joints)]
-    counts = np.bincount(observation.joint, minlength=joints).astype(np.int64)
-    blocks = np.zeros((joints, size + 1, size + 1))
-    for joint, rows in enumerate(rows_of):
-        augmented, columns = _augmented(observation, rows)
-        blocks[joint][np.ix_(columns, columns)] = augmented.T @ augmented
-    products = CompressedObservation(blocks, False, counts, observation.names)
+    size = len(names)
+    blocks = np.zeros((len(joints), size + 1, size + 1))
+    for block, (columns, used, torque) in zip(blocks, joints, strict=True):
+        block[np.ix_(used, used)] = columns @ columns.T
+        block[used, size] = block[size, used] = columns @ torque
+        block[size, size] = torque @ torque
+    counts = np.array([len(torque) for _, _, torque in joints], dtype=np.int64)
     if _normal_equations_are_safe(blocks.sum(axis=0)):
-        return products
+        return CompressedObservation(blocks, False, counts, names)
     blocks = np.zeros_like(blocks)
-    for joint, rows in enumerate(rows_of):
-        augmented, columns = _augmented(observation, rows)
-        triangle = np.linalg.qr(augmented, mode="r")
-        blocks[joint][: len(triangle), columns] = triangle
-    return CompressedObservation(blocks, True, counts, observation.names)
-
-
-def compress_motion(
-    regressor: BaseRegressor, q: FloatArray, dq: FloatArray, ddq: FloatArray, torque: FloatArray
-) -> CompressedObservation:
-    """`compress` of the observation of a motion, chunk by chunk: the tall matrix is never stored.
-
-    q, dq, ddq: (S, n) rad, rad/s, rad/s². torque: (S, n) Nm. Where the products do not do, the chunks are computed
-    again and factored. Raises EstimationError for too few samples or numbers that are not finite.
-    """
-    samples, joints = torque.shape
-    size = regressor.size
-    if torque.size <= size:
-        raise EstimationError(f"{torque.size} rows of data cannot determine {size} parameters; record a longer motion.")
-    for name, values in (("position", q), ("velocity", dq), ("acceleration", ddq), ("torque", torque)):
-        if not np.isfinite(values.sum()) and len(bad := np.argwhere(~np.isfinite(values))):
-            raise EstimationError(
-                f"{len(bad)} numbers of the {name} are not finite, the first in sample {bad[0, 0] + 1} "
-                f"(joint {bad[0, 1] + 1})."
-            )
-    counts = np.full(joints, samples, dtype=np.int64)
-    blocks = np.zeros((joints, size + 1, size + 1))
-    for joint, augmented, columns in _augmented_chunks(regressor, q, dq, ddq, torque):
-        blocks[joint][np.ix_(columns, columns)] += augmented @ augmented.T
-    if _normal_equations_are_safe(blocks.sum(axis=0)):
-        return CompressedObservation(blocks, False, counts, regressor.names)
-    blocks = np.zeros_like(blocks)
-    for joint, augmented, columns in _augmented_chunks(regressor, q, dq, ddq, torque):
-        so_far = blocks[joint][: len(columns), columns]
-        triangle = np.linalg.qr(np.vstack([so_far, augmented.T]), mode="r")
-        blocks[joint][: len(triangle), columns] = triangle
-    return CompressedObservation(blocks, True, counts, regressor.names)
-
-
-def _augmented_chunks(
-    regressor: BaseRegressor, q: FloatArray, dq: FloatArray, ddq: FloatArray, torque: FloatArray
-) -> Iterator[tuple[int, FloatArray, IntArray]]:
-    """[Y_b τ] of one joint and chunk, transposed, (m + 1, samples), and the positions (m + 1,) of its rows."""
-    for rows, joints in regressor.joint_columns(q, dq, ddq):
-        for joint, (augmented, positions) in enumerate(joints):
-            augmented[-1] = torque[rows, joint]
-            yield joint, augmented, np.append(positions, regressor.size)
+    for block, (columns, used, torque) in zip(blocks, joints, strict=True):
+        triangle = np.linalg.qr(np.vstack([columns, torque]).T, mode="r")
+        block[: len(triangle), np.append(used, size)] = triangle
+    return CompressedObservation(blocks, True, counts, names)
 
 
 def merge(parts: list[CompressedObservation]) -> CompressedObservation:
@@ -261,16 +225,6 @@ def _rows_of(joint_of_row: IntArray, joint: int) -> slice | IntArray:
         if rows[-1] - rows[0] == step * (len(rows) - 1) and np.all(np.diff(rows) == step):
             return slice(int(rows[0]), int(rows[-1]) + 1, step)
     return rows
-
-
-def _augmented(observation: Observation, rows: slice | IntArray) -> tuple[FloatArray, IntArray]:
-    """[Y_b τ] of some rows without the columns that are zero there, and the positions of the columns kept."""
-    matrix = observation.matrix[rows]
-    used = np.flatnonzero((matrix != 0.0).any(axis=0))
-    augmented = np.empty((len(matrix), len(used) + 1), order="F")
-    augmented[:, :-1] = matrix[:, used]
-    augmented[:, -1] = observation.torque[rows]
-    return augmented, np.append(used, matrix.shape[1]).astype(np.int64)
 
 
 def _normal_equations_are_safe(product: FloatArray) -> bool:

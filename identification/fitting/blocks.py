@@ -6,6 +6,7 @@ here: choosing pipelines or solving.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,33 @@ MISFIT_OVER_NOISE = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RowsOverTime:
+    """The rows of one stretch as they are, for RMS values: compressing them would take longer than asking them.
+
+    joints: per joint its columns (m, rows), their positions (m,) among the base parameters, and its torque (rows,) Nm.
+    """
+
+    joints: tuple[tuple[FloatArray, IntArray, FloatArray], ...]
+
+    @property
+    def counts(self) -> IntArray:
+        """(n,) rows per joint."""
+        return np.array([len(torque) for _, _, torque in self.joints], dtype=np.int64)
+
+    def residual_squares(self, base_values: FloatArray) -> FloatArray:
+        """(n,) sum of squared residuals of each joint, Nm², for base parameters (p,)."""
+        residuals = [torque - base_values[used] @ columns for columns, used, torque in self.joints]
+        return np.array([residual @ residual for residual in residuals])
+
+    def torque_squares(self) -> FloatArray:
+        """(n,) sum of squared torques of each joint, Nm²."""
+        return np.array([torque @ torque for _, _, torque in self.joints])
+
+
+Evaluation = CompressedObservation | RowsOverTime
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Block:
     """One processed stretch in the space of the fit.
 
@@ -39,7 +67,7 @@ class Block:
     fitted: BoolArray
     held_out: BoolArray
     scale: FloatArray
-    evaluation: CompressedObservation
+    evaluation: Evaluation
     evaluation_held_out: CompressedObservation | None
 
 
@@ -47,14 +75,11 @@ def build_block(
     signals: ProcessedSignals, regressor: BaseRegressor, split: Split | None, start_s: float, duration_s: float
 ) -> Block | None:
     """Project the regressor columns like the torque and sort the rows; None if no row is left to fit or to hold out."""
-    stacked, _ = regressor.stacked(signals.position, signals.velocity, signals.acceleration)
-    # (S, n, p) as a view whose columns lie in memory one after the other, as the operators read them.
-    time_columns = stacked.T.reshape(regressor.size, signals.n, -1).T
+    over_time = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
     torque = signals.project(signals.torque)
     columns = np.zeros((*torque.shape, regressor.size))
-    for joint in range(signals.n):  # joint by joint: the tall array is never copied whole
-        used = np.flatnonzero(time_columns[:, joint].any(axis=0))
-        columns[:, joint, used] = signals.project(time_columns[:, joint, used])
+    for joint, (packed, used) in enumerate(over_time):
+        columns[:, joint, used] = signals.project(packed.T)
     fitted = signals.used.copy()
     held_out = np.zeros_like(fitted)
     if split is not None and signals.row_time is not None:
@@ -68,10 +93,15 @@ def build_block(
     if not fitted.any() and not held_out.any():
         return None
     if signals.evaluate is signals.project:
-        evaluated, measured, inside = columns, torque, fitted
+        evaluation: Evaluation = _compressed(columns, torque, fitted, regressor.names)
     else:
         measured = signals.evaluate(signals.torque)
-        evaluated, inside = time_columns, signals.evaluated
+        joints = []
+        for joint, (packed, used) in enumerate(over_time):
+            inside = signals.evaluated[:, joint]
+            evaluated = signals.evaluate(packed.T).T
+            joints.append((evaluated if inside.all() else evaluated[:, inside], used, measured[inside, joint]))
+        evaluation = RowsOverTime(tuple(joints))
     return Block(
         signals=signals,
         columns=columns,
@@ -79,7 +109,7 @@ def build_block(
         fitted=fitted,
         held_out=held_out,
         scale=np.ones(torque.shape),
-        evaluation=_compressed(evaluated, measured, inside, regressor.names),
+        evaluation=evaluation,
         evaluation_held_out=_compressed(columns, torque, held_out, regressor.names) if held_out.any() else None,
     )
 
@@ -157,11 +187,11 @@ def to_rows(lines: FloatArray) -> FloatArray:
     return np.concatenate([lines[:1], np.repeat(lines[1:], 2, axis=0)])
 
 
-def rms_over(parts: list[CompressedObservation], values: FloatArray | None) -> FloatArray:
+def rms_over(parts: Sequence[Evaluation], values: FloatArray | None) -> FloatArray:
     """(n,) RMS of the residual of base parameters (p,), or of the torque for None; nan for a joint without rows."""
     squares = sum(
         (part.torque_squares() if values is None else part.residual_squares(values) for part in parts),
-        start=np.zeros(parts[0].blocks.shape[0]),
+        start=np.zeros(len(parts[0].counts)),
     )
     counts = np.sum([part.counts for part in parts], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):

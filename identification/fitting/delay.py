@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from identification.base_parameters import BaseRegressor
-from identification.fitting.blocks import Block
+from identification.fitting.blocks import Block, RowsOverTime
 from identification.fitting.estimate import estimate_parameters
 from identification.fitting.rms import json_numbers
 from identification.signals.paper_chain import wrapped_central_difference
@@ -110,18 +110,12 @@ def _solve(
         replace(
             block,
             columns=np.concatenate([block.columns, -_MILLISECOND * column], axis=2),
-            evaluation=_without_rows(block, names),
+            evaluation=RowsOverTime(()),  # RMS values are not asked for here
         )
         for block, column in zip(blocks, columns, strict=True)
     ]
     result = estimate_parameters(augmented, names, estimator).least_squares
     return _MILLISECOND * result.values[-count:], _MILLISECOND * result.std[-count:]
-
-
-def _without_rows(block: Block, names: tuple[str, ...]) -> Any:
-    """An evaluation of nothing: RMS values are not asked for here."""
-    zeros = np.zeros((block.torque.shape[1], 1, len(names) + 1))
-    return replace(block.evaluation, blocks=zeros, factored=True, counts=0 * block.evaluation.counts, names=names)
 
 
 def _torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import pytest
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, UndeterminedParametersError
 from identification.estimators import Observation, solve_least_squares
-from identification.estimators.observation import CompressedObservation, compress, compress_motion
+from identification.estimators.observation import CompressedObservation, compress, compress_joints
 from identification.robots import RobotModel, robot_from_arrays
 
 FloatArray = np.ndarray
@@ -29,8 +29,14 @@ def noisy_torque(base: BaseRegressor, motion: Motion, noise: float) -> FloatArra
     return torque + noise * generator.normal(size=torque.shape)
 
 
+def by_joints(base: BaseRegressor, motion: Motion, torque: FloatArray) -> CompressedObservation:
+    """The motion compressed as a fit does it, from the columns of each joint."""
+    joints = zip(base.joint_columns(*motion), torque.T, strict=True)
+    return compress_joints([(columns, used, measured) for (columns, used), measured in joints], base.names)
+
+
 @pytest.mark.parametrize("noise", [0.1, 0.0], ids=["products", "factors"])
-def test_a_motion_compressed_by_chunks_equals_its_tall_matrix_compressed(
+def test_a_motion_compressed_by_joints_equals_its_tall_matrix_compressed(
     iiwa14: RobotModel, rich_motion: Callable[..., Motion], noise: float
 ) -> None:
     base = BaseRegressor(iiwa14, RegressorOptions(rotor_inertia=True, offset=True))
@@ -38,20 +44,20 @@ def test_a_motion_compressed_by_chunks_equals_its_tall_matrix_compressed(
     torque = noisy_torque(base, motion, noise)
     matrix, joint = base.stacked(*motion)
     whole = compress(Observation(matrix, torque.T.ravel(), joint, base.names))
-    chunks = compress_motion(base, *motion, torque)
-    assert chunks.factored == whole.factored == (noise == 0.0)
-    np.testing.assert_array_equal(chunks.counts, whole.counts)
+    parts = by_joints(base, motion, torque)
+    assert parts.factored == whole.factored == (noise == 0.0)
+    np.testing.assert_array_equal(parts.counts, whole.counts)
     scale = np.abs(products(whole)).max()
-    np.testing.assert_allclose(products(chunks), products(whole), rtol=0.0, atol=1e-13 * scale)
+    np.testing.assert_allclose(products(parts), products(whole), rtol=0.0, atol=1e-13 * scale)
 
 
-def test_fit_by_chunks_equals_numpys_least_squares(
+def test_fit_by_joints_equals_numpys_least_squares(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, rich_motion: Callable[..., Motion]
 ) -> None:
     motion = rich_motion(iiwa14, 3000)
     torque = noisy_torque(iiwa14_base, motion, 0.3)
     expected = np.linalg.lstsq(iiwa14_base.matrix(*motion).reshape(-1, 57), torque.ravel(), rcond=None)[0]
-    fitted = solve_least_squares(compress_motion(iiwa14_base, *motion, torque), weighting="none")
+    fitted = solve_least_squares(by_joints(iiwa14_base, motion, torque), weighting="none")
     np.testing.assert_allclose(fitted.values, expected, rtol=0.0, atol=1e-9)
 
 
@@ -60,7 +66,7 @@ def test_an_ill_conditioned_motion_is_factored_and_fits_the_torque_that_the_tall
 ) -> None:
     q, dq, ddq = (0.002 * values for values in rich_motion(iiwa14, 3000))  # one posture, hardly left
     torque = noisy_torque(iiwa14_base, (q, dq, ddq), 1e-3)
-    compressed = compress_motion(iiwa14_base, q, dq, ddq, torque)
+    compressed = by_joints(iiwa14_base, (q, dq, ddq), torque)
     assert compressed.factored
     matrix = iiwa14_base.matrix(q, dq, ddq).reshape(-1, 57)
     scale = np.linalg.norm(matrix, axis=0)
@@ -78,23 +84,18 @@ def test_a_prismatic_robot_is_compressed_alike(rich_motion: Callable[..., Motion
     motion = rich_motion(robot, 2500)
     torque = noisy_torque(base, motion, 0.2)
     expected = np.linalg.lstsq(base.matrix(*motion).reshape(-1, base.size), torque.ravel(), rcond=None)[0]
-    fitted = compress_motion(base, *motion, torque).reduced().minimiser()
+    fitted = by_joints(base, motion, torque).reduced().minimiser()
     np.testing.assert_allclose(fitted, expected, rtol=0.0, atol=1e-9 * max(1.0, np.abs(expected).max()))
 
 
 def test_a_robot_at_rest_does_not_determine_its_parameters(iiwa14: RobotModel, iiwa14_base: BaseRegressor) -> None:
     still = np.zeros((100, 7))
     with pytest.raises(UndeterminedParametersError):
-        compress_motion(iiwa14_base, still + 0.3, still, still, still).reduced()
+        by_joints(iiwa14_base, (still + 0.3, still, still), still).reduced()
 
 
 def test_numbers_that_are_not_finite_are_named_with_their_place(iiwa14_base: BaseRegressor) -> None:
-    motion = np.zeros((4, 50, 7))
-    motion[1, 12, 3] = np.nan
-    with pytest.raises(EstimationError, match=r"velocity .* sample 13 \(joint 4\)"):
-        compress_motion(iiwa14_base, *motion)
-
-
-def test_too_few_samples_are_refused(iiwa14_base: BaseRegressor) -> None:
-    with pytest.raises(EstimationError, match="longer motion"):
-        compress_motion(iiwa14_base, *np.zeros((4, 8, 7)))
+    matrix, torque = np.ones((140, 57)), np.ones(140)
+    torque[73] = np.nan
+    with pytest.raises(EstimationError, match=r"not finite, .* row 74 \(joint 4\)"):
+        Observation(matrix, torque, np.repeat(np.arange(7), 20), iiwa14_base.names)
