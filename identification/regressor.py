@@ -30,7 +30,7 @@ INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""
 
 # Long enough that numpy's calls cost little, short enough that a link's arrays stay in a core's cache.
-CHUNK = 1250
+CHUNK = 2500
 _FIRST_WITHOUT_FORCE = 4
 _ALL_PARAMETERS = tuple(range(len(INERTIAL_SYMBOLS)))
 
@@ -177,8 +177,8 @@ class _Link:
 
     turn: (9, 3) rotation from the parent's frame as a factor of (1, cos q, sin q), Rodrigues' formula. fixed: its rows
     with one entry that does not depend on q, as (row, column, entry). blocks: of the other rows, which entries, rows
-    and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin,
-    offset + slide · q, moved its entries other than zero. revolute, axis: (3,) of the joint. coriolis: (3, 4) what
+    and columns, are not zero throughout. offset, slide: (3,) arm from the parent's origin, offset + slide · q; moved:
+    its entries other than zero. revolute, axis: (3,) of the joint; twist: (6, 1) its z and u. coriolis: (3, 4) what
     (ω q̇, q̈) adds to the angular acceleration, prismatic: to the origin's. with_force, without_force: rows of the table
     of unit wrenches for the mass and first moments (6 k, 18) and for the tensor (3 m, 15), which causes no force and
     feels no a; own (k + m, 18): the power of all of them at the joint itself. columns, joints: where its columns go,
@@ -194,6 +194,7 @@ class _Link:
     moved: tuple[int, ...]
     revolute: bool
     axis: FloatArray
+    twist: FloatArray
     coriolis: FloatArray
     with_force: FloatArray
     without_force: FloatArray
@@ -229,6 +230,7 @@ class _Link:
             moved=tuple(np.flatnonzero((kinematics.translation[link] != 0.0) | (slide != 0.0)).tolist()),
             revolute=revolute,
             axis=axis,
+            twist=np.concatenate([axis, np.zeros(3)] if revolute else [np.zeros(3), axis])[:, None],
             # The axis turns with ω; a slide moves along it in a turning frame besides, Coriolis' factor of two.
             coriolis=np.column_stack([-crossed if revolute else -2.0 * crossed, axis]),
             with_force=_UNIT_WRENCHES[with_force].reshape(-1, 18),
@@ -250,18 +252,21 @@ class _Chain:
     """The links of a robot with the arrays that one chunk needs, used again by the next: fresh memory costs time.
 
     Per link the rows of one array (18 + 6 k, samples), in its own frame: ω ωᵀ (9), then the vectors that are carried
-    along the chain: ω, α, a, and for each of the k upstream joints z and u, the link's own joint last (constant in its
-    own frame). The components stand next to the samples, so that sums over them run in the innermost cache.
+    along the chain: ω, α, a, and for each of the k upstream joints z and u, the link's own joint last. The components
+    stand next to the samples, so that sums over them run in the innermost cache.
     """
 
     def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], firsts: Sequence[int], samples: int) -> None:
         self._links = _links(robot.kinematics, tuple(map(tuple, wanted)), tuple(firsts))
         self._turn = np.array([link.turn for link in self._links])
         self._axes = np.array([link.axis for link in self._links])[:, :, None]
-        self._rows = [np.zeros((18 + 6 * len(link.joints), samples)) for link in self._links]
-        for link, rows in zip(self._links, self._rows, strict=True):
-            own = rows[-6:-3] if link.revolute else rows[-3:]
-            own[...] = link.axis[:, None]
+        # In a chain a link's rows are of no use once the next link has its own: two arrays in turn stay in the cache.
+        height = 18 + 6 * max(len(link.joints) for link in self._links)
+        in_turn = all(link.parent == index - 1 for index, link in enumerate(self._links))
+        arrays = [np.empty((height, samples)) for _ in range(2 if in_turn else len(self._links))]
+        self._rows = [
+            arrays[index % len(arrays)][: 18 + 6 * len(link.joints)] for index, link in enumerate(self._links)
+        ]
         # A base accelerating upwards stands for gravity: accelerations are "minus gravity".
         self._base = np.zeros((18, samples))
         self._base[15:18] = -robot.gravity[:, None]
@@ -312,6 +317,7 @@ class _Chain:
 
     def _add_joint(self, link: _Link, rows: FloatArray, spin: FloatArray, dq: FloatArray, ddq: FloatArray) -> None:
         """The joint's own motion, spin its axis times q̇; then the products ω ωᵀ."""
+        rows[-6:] = link.twist
         omega = rows[9:12]
         joint = self._joint[:, : len(dq)]
         np.multiply(omega, dq, out=joint[:3])

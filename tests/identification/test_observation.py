@@ -40,7 +40,7 @@ def test_a_motion_compressed_by_joints_equals_its_tall_matrix_compressed(
     iiwa14: RobotModel, rich_motion: Callable[..., Motion], noise: float
 ) -> None:
     base = BaseRegressor(iiwa14, RegressorOptions(rotor_inertia=True, offset=True))
-    motion = rich_motion(iiwa14, 4501)  # three chunks, the last one short
+    motion = rich_motion(iiwa14, 5501)  # three chunks, the last one short
     torque = noisy_torque(base, motion, noise)
     matrix, joint = base.stacked(*motion)
     whole = compress(Observation(matrix, torque.T.ravel(), joint, base.names))
