@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +37,7 @@ class Extension:
 
     covariance: (p + Σ used, ·) of base parameters and used coefficients, from the noise. loose: (p, p) factor L whose
     product L Lᵀ is the covariance of the base parameters alone, directions the motion leaves open with a huge one.
+    problem: the nominal one it was fitted to.
     """
 
     members: tuple[Member, ...]
@@ -43,29 +45,45 @@ class Extension:
     coefficients: tuple[FloatArray, ...]
     covariance: FloatArray
     loose: FloatArray
+    problem: Problem
 
 
 def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
     """Fit base parameters and members to the measured rows; directions the motion leaves open stay at zero."""
     size = nominal.nominal.shape[2]
-    plain = (nominal.nominal * nominal.weight[..., None]).reshape(-1, size)
-    added = [spread(nominal, member.rows.joints, member.used_rows()) for member in members]
-    columns = np.concatenate([plain, *added], axis=1)
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, singular, right = np.linalg.svd(columns / norms, full_matrices=False)
+    factor, triangle, scale, loose = nominal_factor(nominal)
+    added = np.zeros((nominal.torque.size, 0))
+    if members:
+        added = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
+    norms = np.concatenate([scale, np.maximum(np.linalg.norm(added, axis=0), 1e-300)])
+    # QR of all columns, that of the nominal ones given; its triangle has their singular values.
+    added = added / norms[size:]
+    shared = factor.T @ added
+    further, own = np.linalg.qr(off(factor, added))
+    corner = np.zeros((own.shape[0], size))
+    left, singular, right = np.linalg.svd(np.block([[triangle, shared], [corner, own]]))
     kept = singular > OPEN * singular[0]
     inverse = (right[kept].T / singular[kept]) / norms[:, None]
-    solution = inverse @ (left[:, kept].T @ nominal.torque)
+    target = np.concatenate([factor.T @ nominal.torque, further.T @ nominal.torque])
+    solution = inverse @ (left[:, kept].T @ target)
     coefficients, position = [], size
     for member in members:
         full = np.zeros(member.rows.coefficients)
         full[list(member.selection)] = solution[position : position + len(member.selection)]
         coefficients.append(full)
         position += len(member.selection)
-    norms = norms[:size]
-    _, singular, right = np.linalg.svd(np.linalg.qr(plain / norms, mode="r"))
+    return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T, loose, nominal)
+
+
+@lru_cache(maxsize=4)
+def nominal_factor(nominal: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Q, R and lengths of the whitened nominal columns, and `Extension.loose`; dozens of sets share one problem."""
+    plain = (nominal.nominal * nominal.weight[..., None]).reshape(nominal.torque.size, -1)
+    norms = np.maximum(np.linalg.norm(plain, axis=0), 1e-300)
+    factor, triangle = np.linalg.qr(plain / norms)
+    _, singular, right = np.linalg.svd(triangle)
     loose = right.T / np.maximum(singular, OPEN * singular[0]) / norms[:, None]
-    return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T, loose)
+    return factor, triangle, norms, loose
 
 
 def predicted(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
@@ -81,18 +99,17 @@ def predicted(extension: Extension, nominal: FloatArray, library: Library) -> Fl
     return result
 
 
-def prediction_scatter(extension: Extension, nominal: FloatArray, library: Library) -> tuple[FloatArray, FloatArray]:
-    """Torque per independent unit of scatter of the parameters: base parameters (n, R, p'), coefficients (n, R, m).
+def prediction_scatter(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:
+    """Torque (n, R, m) Nm per independent unit of scatter of the coefficients, with what they drag along of the base.
 
-    Squares summed over the last axes are the variance of `predicted` through the parameters. The first part is the
-    scatter at fixed coefficients, open directions of the fitted motion included; the second that of the coefficients
-    with what they drag along of the base parameters.
+    Squares summed over the last axis, and over that of `nominal @ loose`, which is the scatter of the base parameters
+    at fixed coefficients with the open directions of the fitted motion, are the variance of `predicted` through the
+    parameters.
     """
     joints, rows, size = nominal.shape
-    base = nominal @ extension.loose[:size]
     count = extension.covariance.shape[0] - extension.base.size
     if not count:
-        return base, np.zeros((joints, rows, 0))
+        return np.zeros((joints, rows, 0))
     columns = np.zeros((joints, rows, count))
     position = 0
     for member in extension.members:
@@ -107,7 +124,7 @@ def prediction_scatter(extension: Extension, nominal: FloatArray, library: Libra
     kept = values > 1e-12 * values[-1]
     root = vectors[:, kept] * np.sqrt(values[kept])
     drag = shared @ (vectors[:, kept] / np.sqrt(values[kept]))
-    return base, columns @ root + nominal @ drag
+    return np.asarray(columns @ root + nominal @ drag, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension, predicted, prediction_scatter
+from identification.mismatch.extension import Extension, nominal_factor, predicted, prediction_scatter
 from identification.mismatch.library import Library
-from identification.mismatch.problem import off
+from identification.mismatch.problem import Problem, off
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -99,19 +100,16 @@ def residuals(
     extension: Extension, evidences: Sequence[Evidence], library: Library, torque: Sequence[FloatArray] | None = None
 ) -> Residuals:
     """What an extended model leaves on evidences that were not fitted; library: the effects on those evidences."""
-    nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
+    nominal, weight, directions, scale = _base_scatter(extension.problem, tuple(evidences))
     measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
     noise = np.concatenate([item.noise for item in evidences]).T
     used = np.concatenate([item.used for item in evidences]).T
-    weight = np.where(used, 1.0 / noise, 0.0)
     whitened = (measured - predicted(extension, nominal, library)) * weight
-    base, effects = prediction_scatter(extension, nominal, library)
-    size = base.shape[0] * base.shape[1]
-    directions, scale, _ = np.linalg.svd((base * weight[..., None]).reshape(size, -1), full_matrices=False)
+    effects = prediction_scatter(extension, nominal, library)
     free = directions[:, scale > OPEN_BEYOND_NOISE]
     rows = off(free, whitened.ravel()).reshape(whitened.shape) * noise
     closed = directions[:, free.shape[1] :] * scale[free.shape[1] :]
-    moved = off(free, (effects * weight[..., None]).reshape(size, -1))
+    moved = off(free, (effects * weight[..., None]).reshape(whitened.size, -1))
     scatter = np.concatenate([closed, moved], axis=1)
     spread = (scatter**2).sum(axis=1) - (free**2).sum(axis=1)
     spread = np.maximum(spread, -1.0).reshape(whitened.shape) * noise**2
@@ -123,6 +121,21 @@ def residuals(
         samples=sum(item.samples for item in evidences),
         scatter=scatter.reshape(*whitened.shape, -1) * noise[..., None],
     )
+
+
+@lru_cache(maxsize=4)
+def _base_scatter(
+    fitted: Problem, evidences: tuple[Evidence, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Nominal rows (n, R, p) of evidences, their weight, and directions (n R, p) and sizes of the whitened torque that
+    scatters with the base parameters alone: the same for all sets of members of one problem.
+    """
+    nominal = np.ascontiguousarray(np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2))
+    used = np.concatenate([item.used for item in evidences]).T
+    weight = np.where(used, 1.0 / np.concatenate([item.noise for item in evidences]).T, 0.0)
+    base = nominal @ nominal_factor(fitted)[3][: nominal.shape[2]] * weight[..., None]
+    directions, scale, _ = np.linalg.svd(base.reshape(weight.size, -1), full_matrices=False)
+    return nominal, weight, directions, scale
 
 
 def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:
