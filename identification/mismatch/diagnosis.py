@@ -100,7 +100,7 @@ def diagnose(
     if contact is not None:
         beside = _with_change(fitted, contact)
         other = search(_problem(beside), library, renewed, settings)
-        if explains_better(contact, other, result, settings):
+        if explains_better(problem, contact, other, result, settings):
             fitted, problem, result = beside, _problem(beside), other
     report("held-out check", 0.8)
     unseen = None

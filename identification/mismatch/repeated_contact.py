@@ -25,6 +25,7 @@ from identification.mismatch.push_fit import WINDOW
 from identification.mismatch.screening import COEFFICIENT_COST
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import fitted
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]
@@ -32,6 +33,8 @@ FloatArray = npt.NDArray[np.float64]
 SHARE_OF_NARROWEST = 0.125
 """Distance of the windows that are tried, as a share of their duration."""
 FEWEST_JOINTS = 2
+LEAST_SHARE = 0.3
+"""Share of all misfit that a push makes at least: beside more than that of other kinds none is looked for."""
 REFINED = 1.2
 """A refinement of the window adds a fifth to a scan's gain."""
 SEEN = 1e-4
@@ -50,18 +53,27 @@ def find_repeated_contact(
     if not problem.noise_is_measured:
         return None
     known = 0.5 * (result.before.squares - result.trial.penalised) if result.trial.complete else 0.0
-    least = known + settings.push_score
+    expected = float((problem.weight > 0.0).sum() - problem.basis.shape[1])
+    least = max(known + settings.push_score, 0.5 * LEAST_SHARE * (result.before.squares - expected))
     periodic = [number for number, evidence in enumerate(evidences) if evidence.motion.periodic]
     found = [_on_recording(problem, number, evidences[number], least) for number in periodic]
     return max((item for item in found if item is not None), key=lambda item: item.score, default=None)
 
 
-def explains_better(contact: Change, beside: SearchResult, without: SearchResult, settings: DiagnosisSettings) -> bool:
-    """Whether a push and what the search found beside it leave nothing but noise, as nothing without it does."""
+def explains_better(
+    problem: Problem, contact: Change, beside: SearchResult, without: SearchResult, settings: DiagnosisSettings
+) -> bool:
+    """Whether a push and what the search found beside it leave nothing but noise, as nothing without it does.
+
+    What was found beside it must not do so alone either: a search that begins elsewhere may end elsewhere. problem: the
+    one without the push.
+    """
     if not beside.trial.complete:
         return False
-    saved = without.trial.penalised - beside.trial.penalised - 2.0 * (0.5 * contact.gain - contact.score)
-    return not without.trial.complete or saved >= 2.0 * settings.complete_score
+    cost = 0.5 * contact.gain - contact.score
+    alone = fitted(problem, beside.trial.members, settings)
+    known = min((trial.penalised for trial in (alone, without.trial) if trial.complete), default=np.inf)
+    return known - beside.trial.penalised - 2.0 * cost >= 2.0 * settings.push_score
 
 
 def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score: float) -> Change | None:

@@ -20,8 +20,8 @@ class DiagnosisSettings:
     Scores are log-likelihood units (half a χ²), penalties included. complete_score: what an effect must gain where the
     accepted ones explain the data down to the noise, on the fitted and the held-out recordings together;
     provisional_score: on the fitted ones alone, for the held-out ones to be asked; push_score: of a push that comes
-    with every period, whose window is free in time; background_score: where unknown model error remains;
-    between_score: for changes between periods. consistency_probability: smallest probability, over joints and bands, at
+    with every period, whose window is free in time; background_score: where unknown model error remains.
+    consistency_probability: smallest probability, over joints and bands, at
     which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
     stay this close are named as alternatives. margin_of_simplicity: what a name must bring beyond one that it holds as
     a special case, on fitted and held-out recordings together. share_removed, heldout_share_removed: share of the
@@ -41,7 +41,6 @@ class DiagnosisSettings:
     provisional_score: float = 10.0
     push_score: float = 20.0
     background_score: float = 100.0
-    between_score: float = 30.0
     consistency_probability: float = 1e-4
     margin_of_indistinguishable: float = 10.0
     margin_of_simplicity: float = 5.0
