@@ -28,11 +28,12 @@ from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
-from identification.mismatch.repeated_contact import explains_better, find_repeated_contact
+from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact
 from identification.mismatch.search import search
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
+from identification.mismatch.trial import fitted as fitted_again
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -98,10 +99,11 @@ def diagnose(
     result = search(problem, library, renewed, settings)
     contact = find_repeated_contact(problem, fitted.evidences, result, settings)
     if contact is not None:
-        beside = _with_change(fitted, contact)
-        other = search(_problem(beside), library, renewed, settings)
+        other = search(_problem(_with_change(fitted, contact)), library, renewed, settings)
         if explains_better(problem, contact, other, result, settings):
-            fitted, problem, result = beside, _problem(beside), other
+            fitted = _with_change(fitted, beside(problem, fitted.evidences, contact, other, settings))
+            problem = _problem(fitted)
+            result = replace(other, trial=fitted_again(problem, other.trial.members, settings))
     report("held-out check", 0.8)
     unseen = None
     if heldout or split is not None:

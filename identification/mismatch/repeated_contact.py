@@ -7,7 +7,7 @@ single periods (`contact_search`), and what is claimed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -86,22 +86,41 @@ def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score
     seen = seen_on(ground, shape) > chi2.isf(SEEN, 1)
     if 0.5 * window_gain(ground, shape) - cost < least_score or seen.sum() < FEWEST_JOINTS:
         return None
-    effect = ExternalContact()
-    push = locate_push(ground, effect, shape)
-    score = 0.5 * push.gain - cost
-    if score < least_score:
-        return None
+    change = _at(ground, number, shape, cost, tests)
+    return change if change.score >= least_score else None
+
+
+def beside(
+    problem: Problem, evidences: Sequence[Evidence], contact: Change, result: SearchResult, settings: DiagnosisSettings
+) -> Change:
+    """The push once more, with what was found beside it taken off: another effect's torque is no sign of a larger link.
+
+    problem: the one without the push.
+    """
+    if not result.trial.members:
+        return contact
+    ground = MeanGround(
+        fitted(problem, result.trial.members, settings).problem, contact.evidence, evidences[contact.evidence]
+    )
+    window = {name: contact.estimate.shape[name] for name in WINDOW}
+    cost = 0.5 * contact.gain - contact.score
+    return _at(ground, contact.evidence, window, cost, float(np.exp(cost)))
+
+
+def _at(ground: MeanGround, number: int, window: Mapping[str, float], cost: float, tests: float) -> Change:
+    effect, evidence = ExternalContact(), ground.evidence
+    push = locate_push(ground, effect, window)
     whole = {**push.shape, "start_s": push.shape["start_s"] % ground.period, "period_s": ground.period}
     tangent = np.zeros((evidence.frequency.size, evidence.n, push.tangent.shape[-1]))
     tangent[:, list(push.joints)] = evidence.project(push.tangent[0])
     contribution = tangent[..., :3] @ push.force
-    chance = chi2.logsf(push.gain, len(WINDOW) + 6) / np.log(10.0) + np.log10(tests)
+    chance = chi2.logsf(push.gain, len(WINDOW) + 6) / np.log(10.0) + np.log10(max(tests, 1.0))
     return Change(
         evidence=number,
         effect=effect,
         estimate=Estimate(push.place, whole, push.force, push.covariance, push.shape_std),
         gain=push.gain,
-        score=score,
+        score=0.5 * push.gain - cost,
         log10_chance=float(min(0.0, chance)),
         contribution=np.broadcast_to(contribution, (evidence.periods, *contribution.shape)),
         mean_columns=tangent,
