@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from multiprocessing.synchronize import Event
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,9 @@ _TRIALS = 8
 _SHRINKING = (0.9, 0.8, 0.7, 0.6, 0.5)
 _SHRUNK = 2
 """Where no motion found is accepted, the best two are tried at these amplitudes."""
+_SEARCHING_SHARE = 0.94
+"""Of the budget; the rest is for ranking and verification, 1 to 3 s and as much for a judge of collisions."""
+_LOOK_S = 0.25
 _RANKING_RATE_HZ = 40.0
 _RANKING_SIGN_WIDTH = 0.005
 
@@ -105,10 +109,10 @@ def design_excitation(
                 for start in order
             ]
 
-            def may_begin(share: float = stage.budget_share) -> bool:
+            def is_before(share: float) -> bool:
                 return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
 
-            for done, outcome in enumerate(run(tasks, may_begin), start=1):
+            for done, outcome in enumerate(run(tasks, stage.budget_share, is_before), start=1):
                 candidates[outcome.start] = (outcome.value, outcome.coefficients)
                 best = min(value for value, _ in candidates.values())
                 shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
@@ -138,7 +142,8 @@ class _Outcome:
     coefficients: FloatArray
 
 
-_Run = Callable[[Sequence[_Task], Callable[[], bool]], Iterator[_Outcome]]
+_Run = Callable[[Sequence[_Task], float, Callable[[float], bool]], Iterator[_Outcome]]
+"""Tasks, the share of the budget after which none begins, and whether it is before such a share."""
 
 
 def _problem(
@@ -176,11 +181,12 @@ def _problem(
 
 
 _worker_search: LocalSearch | None = None
+_time_is_up: Callable[[], bool] | None = None
 
 
-def _start_worker(problem: Problem) -> None:
-    global _worker_search
-    _worker_search = LocalSearch(problem)
+def _start_worker(problem: Problem, stop: Event) -> None:
+    global _worker_search, _time_is_up
+    _worker_search, _time_is_up = LocalSearch(problem), stop.is_set
 
 
 def _work(task: _Task, seed: int) -> _Outcome:
@@ -189,40 +195,47 @@ def _work(task: _Task, seed: int) -> _Outcome:
     coefficients = task.coefficients
     if coefficients is None:
         coefficients = search.random_start(np.random.default_rng([seed, task.start]))
-    value, found = search.improve(coefficients, task.iterations, task.fineness)
+    value, found = search.improve(coefficients, task.iterations, task.fineness, _time_is_up)
     return _Outcome(task.start, value, found)
 
 
 @contextmanager
 def _workers(problem: Problem) -> Iterator[_Run]:
-    """A function that runs tasks in fresh processes, one each, while it may begin more.
+    """A function that runs tasks in fresh processes, one each, while it may begin more, and breaks off late ones.
 
     Also with a single process: with one BLAS thread, results depend on seed and starts and on nothing else.
     """
     settings = problem.settings
+    # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
     with (
         _one_blas_thread_each(),
         ProcessPoolExecutor(
             settings.processes,
-            # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
-            mp_context=multiprocessing.get_context("spawn"),
+            mp_context=context,
             initializer=_start_worker,
-            initargs=(problem,),
+            initargs=(problem, stop),
         ) as executor,
     ):
 
-        def run_in_processes(tasks: Sequence[_Task], may_begin: Callable[[], bool]) -> Iterator[_Outcome]:
+        def run_in_processes(
+            tasks: Sequence[_Task], begin_before: float, is_before: Callable[[float], bool]
+        ) -> Iterator[_Outcome]:
             waiting = list(reversed(tasks))
             pending: set[Future[_Outcome]] = set()
             first = True
             while waiting or pending:
                 # The first of a stage always runs: there is then a result, however short the budget.
-                while waiting and len(pending) < settings.processes and (first or may_begin()):
+                while waiting and len(pending) < settings.processes and (first or is_before(begin_before)):
                     pending.add(executor.submit(_work, waiting.pop(), settings.seed))
                     first = False
                 if not pending:
                     return
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                # Searches under way are broken off in time for the ranking and the check at 1 kHz.
+                if not stop.is_set() and not is_before(_SEARCHING_SHARE):
+                    stop.set()
+                finished, pending = wait(pending, None if stop.is_set() else _LOOK_S, return_when=FIRST_COMPLETED)
                 for future in finished:
                     yield future.result()
 

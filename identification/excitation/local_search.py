@@ -9,6 +9,8 @@ What SLSQP leaves slightly outside is repaired exactly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -65,8 +67,8 @@ class DesignSettings:
 
     objective: "cond", "d", "a", "detectability" or a mix such as "cond:1,d:2". limits: "paper" = (14c-g), corrected;
     "true" = |q|, |q̇|, |q̈| along the path, and |τ| where a prior of the arm foresees it.
-    budget_s: no new local search begins after this time (needs a clock); without it all starts run, and the result
-    depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
+    budget_s: time for search, ranking and verification together (needs a clock); without it all starts run, and the
+    result depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
     offset_rad: centre of each joint's motion, zero by default. noise_nm: torque noise of each joint per sample at
     1 kHz, by which D, A and detectability weigh the rows; None weighs all alike. periods: of the run effects shall
     show in.
@@ -128,6 +130,10 @@ class Problem:
         return TrueConstraints(self.limits, self.offset, frequency, harmonics, 10 * harmonics)
 
 
+class _TimeIsUpError(Exception):
+    """Raised inside SLSQP, which knows no other way to be stopped."""
+
+
 class LocalSearch:
     """SLSQP from one start: `random_start` draws one, `improve` walks downhill; both return (n, 2 L) coefficients."""
 
@@ -166,22 +172,45 @@ class LocalSearch:
         start: FloatArray = coefficients * use[:, None]
         return start
 
-    def improve(self, coefficients: FloatArray, iterations: int, fineness: int = 1) -> tuple[float, FloatArray]:
-        """Value and coefficients after at most so many iterations, exactly inside the constraints."""
+    def improve(
+        self,
+        coefficients: FloatArray,
+        iterations: int,
+        fineness: int = 1,
+        time_is_up: Callable[[], bool] | None = None,
+    ) -> tuple[float, FloatArray]:
+        """Value and coefficients after at most so many iterations, exactly inside the constraints.
+
+        time_is_up: asked after each iteration; the search then ends with what it has, if that is better.
+        """
         self._objective = self._objectives[fineness]
         start = (coefficients / self._scale) @ self._basis
+        reached = start.ravel()
         inequality: Any = {"type": "ineq", "fun": self._inequalities, "jac": self._inequality_slopes}
-        found = minimize(
-            self._value,
-            start.ravel(),
-            jac=True,
-            method="SLSQP",
-            constraints=inequality,
-            options={"maxiter": iterations, "ftol": 1e-6},
-        )
-        inside = repaired(self._coefficients(found.x), self._constraints, self._basis)
-        value = float(self._objective(inside, self._offset)[0])
-        return value, inside
+
+        def look(point: FloatArray) -> None:
+            nonlocal reached
+            reached = point.copy()
+            if time_is_up is not None and time_is_up():
+                raise _TimeIsUpError
+
+        callback: Any = look  # SciPy's types know other callbacks only
+        with suppress(_TimeIsUpError):
+            reached = minimize(
+                self._value,
+                reached,
+                jac=True,
+                method="SLSQP",
+                constraints=inequality,
+                options={"maxiter": iterations, "ftol": 1e-6},
+                callback=callback,
+            ).x
+        ends = [repaired(self._coefficients(reached), self._constraints, self._basis)]
+        if time_is_up is not None and time_is_up():  # on the way an iterate may be worse than where it began
+            ends.append(coefficients)
+        values = [float(self._objective(end, self._offset)[0]) for end in ends]
+        best = int(np.argmin(values))
+        return values[best], ends[best]
 
     def _coefficients(self, point: FloatArray) -> FloatArray:
         coefficients: FloatArray = (point.reshape(self._shape) @ self._basis.T) * self._scale

@@ -24,6 +24,9 @@ from identification.excitation import (
     validation_trajectory,
     verify,
 )
+from identification.excitation.constraints import PaperConstraints
+from identification.excitation.local_search import LocalSearch, Problem
+from identification.excitation.objective import BaseMatrix
 from identification.robots import load_robot
 from safety.collision import Workspace
 from safety.geometry import load_geometry
@@ -102,6 +105,29 @@ def test_a_spent_budget_begins_no_further_search_but_still_answers() -> None:
     result = design_excitation(robot, limits_of_robot(robot), settings, clock=lambda: float(next(ticks)))
     assert [event.stage for event in result.history] == [1, 2]
     assert result.verified["within_paper_limits"]
+
+
+def test_a_search_whose_time_is_up_ends_with_the_better_of_what_it_has_and_what_it_began_with() -> None:
+    robot = load_robot("iiwa14")
+    search = LocalSearch(Problem(BaseMatrix(robot), limits_of_robot(robot), QUICK, np.zeros(7)))
+    start = search.random_start(np.random.default_rng(3))
+    asked: list[int] = []
+
+    def time_is_up_after(iterations: int) -> tuple[float, np.ndarray]:
+        asked.clear()
+
+        def time_is_up() -> bool:
+            asked.append(1)
+            return len(asked) >= iterations
+
+        return search.improve(start, 200, 1, time_is_up)
+
+    one, inside = time_is_up_after(1)
+    assert len(asked) == 2  # after the iteration, and when what it has is judged
+    ten, _ = time_is_up_after(10)
+    assert len(asked) == 11
+    assert ten < one
+    assert PaperConstraints(iiwa_limits("iiwa14"), np.zeros(7), 0.1, 5).excess(inside).max() <= 1.0 + 1e-12
 
 
 def test_true_limits_allow_a_better_condition_number_and_hold_at_every_millisecond() -> None:
