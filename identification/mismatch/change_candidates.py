@@ -5,7 +5,7 @@ Called by the searches of `changes` and `contact_search`; what is claimed is dec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,9 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 
 FloatArray = npt.NDArray[np.float64]
+
+MOMENTS = 31
+"""Moments of a step that are tried in one look."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +81,23 @@ def refined_shape(
     result = minimize_scalar(lambda x: -gain_at(float(x)), bounds=inner, method="bounded", options={"maxiter": 20})
     x = float(result.x) if -result.fun > gains[best] else float(grid[best])
     return {**shape, name: float(back(x))}
+
+
+def best_moment(gain_at: Callable[[float], float], start: float, width: float, last: float) -> float:
+    """The moment of a step with the largest gain, s: a grid about the best so far, then a bounded search.
+
+    Past the width of the compared band the gain is as rough as the noise itself: a search by halves alone would end on
+    one of its many tops. So the last grid is finer than the band's width.
+    """
+    low, high = max(0.0, start - width), min(last, start + width)
+    grid = np.linspace(low, high, MOMENTS)
+    gains = [gain_at(float(time)) for time in grid]
+    best = int(np.argmax(gains))
+    bounds = (grid[max(0, best - 1)], grid[min(MOMENTS - 1, best + 1)])
+    result = minimize_scalar(
+        lambda time: -gain_at(float(time)), bounds=bounds, method="bounded", options={"xatol": 1e-4}
+    )
+    return float(result.x if -result.fun > gains[best] else grid[best])
 
 
 def spread_of(

@@ -7,14 +7,15 @@ makes it. What to claim, to subtract and to merge is decided in `between_periods
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from identification.mismatch.change_candidates import (
     Candidate,
+    best_moment,
     dispersion_of,
     fit_of,
     hopeless,
@@ -63,8 +64,9 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
             )
         elif course == STEP:
             period = float(starts[1] - starts[0])
-            around = (max(0.0, shape["time_s"] - period), min(last, shape["time_s"] + period))
-            shape = refined_shape(contrasts, effect, place, shape, "time_s", around, points=21)
+            for width in (period, 0.1 * period, 0.01 * period):
+                moment = best_moment(partial(_step_gain, contrasts, effect, place), shape["time_s"], width, last)
+                shape = {"course": float(STEP), "time_s": moment}
         best[course] = (shape, fit_of(contrasts, effect, place, shape))
     chosen = max(best, key=lambda course: best[course][1].gain - (COURSE_MARGIN if course != LINEAR else 0.0))
     shape, fit = best[chosen]
@@ -77,6 +79,10 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
     chance = fit.log10_chance(tests, int(chosen != LINEAR), dispersion)
     std = {} if chosen == LINEAR else spread_of(contrasts, effect, place, shape, "time_s", fit.gain)
     return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)
+
+
+def _step_gain(contrasts: Contrasts, effect: TorqueSensorDrift, place: Place, moment: float) -> float:
+    return fit_of(contrasts, effect, place, {"course": float(STEP), "time_s": moment}).gain
 
 
 def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collection[int]) -> Candidate | None:
@@ -157,14 +163,7 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
                 patterns.append(contrasts.whiten_repeated(part[..., None], joints))
             return contrasts.fit_pieces(joints, np.array(weights), patterns).gain
 
-        grid = np.linspace(max(0.0, shape["time_s"] - width), min(last, shape["time_s"] + width), 31)
-        gains = [gain_at(float(time)) for time in grid]
-        best = int(np.argmax(gains))
-        bounds = (grid[max(0, best - 1)], grid[min(30, best + 1)])
-        result = minimize_scalar(
-            lambda time: -gain_at(float(time)), bounds=bounds, method="bounded", options={"xatol": 1e-4}
-        )
-        shape = {"time_s": float(result.x if -result.fun > gains[best] else grid[best])}
+        shape = {"time_s": best_moment(gain_at, shape["time_s"], width, last)}
     fit = fit_of(contrasts, effect, place, shape)
     chance = fit.log10_chance(tests, 1, dispersion)
     std = spread_of(contrasts, effect, place, shape, "time_s", fit.gain, smallest=motion.sampling_period_s)

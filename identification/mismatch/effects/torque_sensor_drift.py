@@ -61,7 +61,7 @@ class TorqueSensorDrift(EnvelopedEffect):
         return (place.joint - 1,), np.ones((motion.samples, 1, 1))
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        """The chosen course over the whole recording."""
+        """The chosen course over the whole recording; a step rises within one sample, so that it can be refined."""
         time = record_time(motion)
         match round(shape["course"]):
             case 0:
@@ -69,7 +69,7 @@ class TorqueSensorDrift(EnvelopedEffect):
             case 1:
                 return np.asarray(np.exp(-time / shape["time_s"]), dtype=np.float64)
             case _:
-                return np.asarray(time >= shape["time_s"], dtype=np.float64)
+                return np.clip((time - shape["time_s"]) / motion.sampling_period_s + 0.5, 0.0, 1.0)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Size, and the time that belongs to the course."""
