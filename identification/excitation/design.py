@@ -42,8 +42,8 @@ _TRIALS = 8
 _SHRINKING = (0.9, 0.8, 0.7, 0.6, 0.5)
 _SHRUNK = 2
 """Where no motion found is accepted, the best two are tried at these amplitudes."""
-_SEARCHING_SHARE = 0.94
-"""Of the budget; the rest is for ranking and verification, 1 to 3 s and as much for a judge of collisions."""
+_RESERVE_S = 2.5
+"""Kept of the budget, or half of a budget that is very short, for ranking and verification."""
 _LOOK_S = 0.25
 _RANKING_RATE_HZ = 40.0
 _RANKING_SIGN_WIDTH = 0.005
@@ -209,6 +209,7 @@ def _workers(problem: Problem) -> Iterator[_Run]:
     # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
+    searching_share = 1.0 if settings.budget_s is None else max(0.5, 1.0 - _RESERVE_S / settings.budget_s)
     with (
         _one_blas_thread_each(),
         ProcessPoolExecutor(
@@ -233,7 +234,7 @@ def _workers(problem: Problem) -> Iterator[_Run]:
                 if not pending:
                     return
                 # Searches under way are broken off in time for the ranking and the check at 1 kHz.
-                if not stop.is_set() and not is_before(_SEARCHING_SHARE):
+                if not stop.is_set() and not is_before(searching_share):
                     stop.set()
                 finished, pending = wait(pending, None if stop.is_set() else _LOOK_S, return_when=FIRST_COMPLETED)
                 for future in finished:
