@@ -83,7 +83,8 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
     while trial.members:
         now = exam.check(trial.members)
         failing = [index for index in range(len(trial.members)) if not _passes(exam, trial, index, before, now)]
-        if not failing:
+        undetermined = [] if failing else _undetermined(exam, trial, now)
+        if not failing and not undetermined:
             break
         loudest = sorted(failing, key=lambda index: -_left_on(now, trial, index))
         options = (_confirmed_rival(exam, trial, index, before) for index in loudest)
@@ -93,7 +94,7 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
             trial = better
             continue
         scores = removal_scores(exam.problem, trial, exam.settings)
-        worst = min(failing, key=lambda index: scores[index])
+        worst = min(failing or undetermined, key=lambda index: scores[index])
         member = trial.members[worst]
         named = name_of(member.effect.name, member.place.joint)
         remarks.append(f"{named} describes part of the misfit, but not enough of it to be claimed")
@@ -177,6 +178,28 @@ def _choices(before: Trial, after: Trial) -> list[str]:
         for old, new in zip(before.members, after.members, strict=True)
         if (old.effect.name, old.place) != (new.effect.name, new.place)
     ]
+
+
+def _undetermined(exam: Examination, trial: Trial, now: Check) -> list[int]:
+    """Members on a joint whose misfit they explain together, and none of them by itself.
+
+    Each of two right names is missed for most of what it explains. Where all that go with any one are little beside
+    what all explain, they are a series expansion of a torque that has none of these names.
+    """
+    if not trial.complete or len(trial.members) < 2:
+        return []
+    scores = removal_scores(exam.problem, trial, exam.settings)
+    squares = [(problem.residual**2).reshape(problem.n, -1).sum(axis=1) for problem in (exam.problem, trial.problem)]
+    on_joint: dict[int, list[int]] = {}
+    for index, member in enumerate(trial.members):
+        for joint in joints_of(member, torque_of(member, now.extension.coefficients[index], trial.problem.n)):
+            on_joint.setdefault(joint, []).append(index)
+    found: set[int] = set()
+    for joint, members in on_joint.items():
+        missed = 2.0 * sum(scores[index] for index in members)
+        if len(members) > 1 and missed < exam.settings.share_missed * float(squares[0][joint] - squares[1][joint]):
+            found.update(members)
+    return sorted(found)
 
 
 def _left_on(now: Check, trial: Trial, index: int) -> float:

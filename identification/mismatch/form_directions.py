@@ -2,7 +2,8 @@
 
 The library's curve is one of many that a friction, a spring or a sensor may have. What another curve of the same effect
 would leave lies along smooth functions of the effect's own coordinate, along its torque with a coefficient that varies
-with the state, and along its nonlinear parameters. A weaker effect beside it that shows off these directions is no rest
+with the state, along its nonlinear parameters, and along the same effect at others (several hysteresis elements, a
+filter of higher order). A weaker effect beside it that shows off these directions is no rest
 of the stronger one's form. Called by the search when it prunes; names nothing.
 """
 
@@ -69,6 +70,8 @@ def form_directions(library: Library, member: Member, coefficients: FloatArray) 
             directions = np.concatenate([directions, spaces[kind][:, None]], axis=2)
         blocks.append(evidence.project(directions))
     found = [np.concatenate(blocks).transpose(1, 0, 2)]
+    grid = (library.rows(member.effect, member.place, shape) for shape in library.grid(member.effect, member.place))
+    found += [other.rows for other in grid if other is not None and other.rows.shape == member.rows.rows.shape]
     for parameter in member.effect.shape_parameters(library.evidences[0].motion, member.place):
         other = None if parameter.integer else _beside(library, member, parameter)
         if other is not None:
