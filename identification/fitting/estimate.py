@@ -4,8 +4,9 @@
 - weighted: each joint divided by its residual variance (iterated).
 - maximum_likelihood: each joint and spectral line divided by the noise measured there from period to period, which is
   the likelihood of Gaussian noise of unknown colour; rows without periods are weighted per joint.
-- huber: maximum_likelihood after outliers have been bounded at two robust standard deviations, per joint; in periodic
-  recordings sample by sample across the periods (`signals.outliers`), in others at the residual, before any filter.
+- huber: maximum_likelihood after outliers have been bounded at two robust standard deviations, per joint, and in
+  periodic recordings, where each sample has siblings in the other periods, replaced by what the coloured noise around
+  them foretells (`signals.outliers`); in other recordings bounded at the residual, before any filter.
 - instrumental: see `fitting.instruments`.
 
 Called by the fit and by the Monte Carlo of the benchmarks.
