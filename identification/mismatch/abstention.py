@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, extend
-from identification.mismatch.form import best_local_score
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
+from identification.mismatch.local_torque import best_local
 from identification.mismatch.problem import Problem
 from identification.mismatch.pruning import removal_score, removal_scores
 from identification.mismatch.refinement import Member, score_of
@@ -238,8 +238,12 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
         if not has_its_form(trial.problem, exam.rows.evidences, loudest, rest.after, now.after, settings):
             return False
         beside = fitted(exam.problem, without(trial.members, index), settings, trial).problem
-        if best_local_score(beside, exam.rows.evidences, loudest) > score_of(beside, member):
-            return False
+        local, torque_there = best_local(beside, exam.rows.library, loudest)
+        if torque_there is not None and local > score_of(beside, member):
+            members = [torque_there if place == index else item for place, item in enumerate(trial.members)]
+            local += _held_out_likelihood(exam.check(members))
+            if local > score_of(beside, member) + _held_out_likelihood(now):
+                return False
     elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
         trial.problem.noise_is_measured and contrast(rest.after, now.after, joints) < settings.contrast_to_background
     ):

@@ -10,9 +10,10 @@ from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence, build_evidence
-from identification.mismatch.form import best_local_score, left_in_other_form
+from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
+from identification.mismatch.local_torque import best_local
 from identification.mismatch.problem import build_problem
 from identification.mismatch.refinement import Member, score_of
 from identification.mismatch.verdict import contrast
@@ -57,16 +58,18 @@ def test_a_stop_is_explained_best_by_what_acts_in_a_part_of_the_range_and_a_spri
     for hidden, is_local in ((stop, True), (spring, False)):
         (evidence,) = build_evidence(record(iiwa14, table3, hidden), iiwa14, iiwa14_base)
         problem = build_problem([evidence])
-        rows = Library((CABLE,), [evidence]).rows(CABLE, Place(joint=6), ())
+        library = Library((CABLE,), [evidence])
+        rows = library.rows(CABLE, Place(joint=6), ())
         assert rows is not None
-        named, local = score_of(problem, Member(rows, (0, 1))), best_local_score(problem, [evidence], 5)
+        named, local = score_of(problem, Member(rows, (0, 1))), best_local(problem, library, 5)[0]
         assert named > 20.0
         assert (local > named) == is_local
 
 
 def test_noise_alone_has_no_local_torque(clean_evidence: Evidence) -> None:
     problem = build_problem([clean_evidence])
-    assert max(best_local_score(problem, [clean_evidence], joint) for joint in range(7)) < 8.0
+    library = Library((), [clean_evidence])
+    assert max(best_local(problem, library, joint)[0] for joint in range(7)) < 8.0
 
 
 def test_contrast_is_what_goes_on_the_joint_over_what_stays_elsewhere() -> None:
