@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from identification.mismatch.change_candidates import dispersion_of
 from identification.mismatch.contrasts import solve
-from identification.mismatch.effects.external_contact import BENDS, ExternalContact, reach_of
+from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
 from identification.mismatch.push_fit import (
     POINT,
     SHORTEST_S,
@@ -39,6 +39,8 @@ UNSEEN = 2.7e-3
 """Chance of the torque on a joint, or of what a larger link explains, up to which it is no reason for that link."""
 ON_AXIS = 3.0
 """Logarithm of the odds at which a push that might be on a smaller link is taken for one on the last joint's axis."""
+FADING = 1.8
+"""How much longer a push that fades slowly may be than the plain profile that describes its body."""
 LACK_KNOTS = 9
 POINT_STEP_M = 0.005
 
@@ -101,9 +103,19 @@ def _bent_if_needed(ground: Ground, link: int, shape: Mapping[str, float], dispe
     push = fit_push(ground, link, shape)
     left = _lack_of_fit(ground, link, push.shape)
     if left > dispersion and "bend_0" not in shape:
-        push = fit_push(ground, link, {**push.shape, **{f"bend_{number}": 0.0 for number in range(len(BENDS))}})
+        fits = [fit_push(ground, link, {**push.shape, **bent}) for bent in _bent_profiles(push.shape)]
+        push = max(fits, key=lambda fit: fit.gain)
         left = _lack_of_fit(ground, link, push.shape)
     return push, left
+
+
+def _bent_profiles(shape: Mapping[str, float]) -> list[dict[str, float]]:
+    """Where to bend a profile from: as it is, and in a longer window, into which it may fade."""
+    plain = {f"bend_{number}": 0.0 for number in range(len(BENDS))}
+    longer = {"start_s": shape["start_s"], "duration_s": FADING * shape["duration_s"], "sharpness": 0.3, "skew": 1.0}
+    time = longer["start_s"] + longer["duration_s"] * np.clip(BENDS, 0.01, 0.99)
+    ratio = np.maximum(profile(time, shape["start_s"], shape), 0.02) / profile(time, longer["start_s"], longer)
+    return [plain, {**longer, **{f"bend_{number}": float(value) for number, value in enumerate(np.log(ratio))}}]
 
 
 def window_gain(ground: Ground, shape: Mapping[str, float]) -> float:

@@ -28,6 +28,8 @@ SHOWN = 0.03
 """Share of the best shown direction of the force that each well shown one has, in squares."""
 BENT_BY = 1.0
 """Deviation of the logarithm by which a profile may be bent, before data."""
+UNBENT_BY = 0.1
+MOST_STEPS = 40
 SLOPE = 1e-4
 
 
@@ -133,6 +135,9 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
     centre, known_to = np.zeros(size), np.zeros(size)
     centre[3:6], known_to[3:6] = 0.5 * (lower + upper), np.sqrt(12.0) / (upper - lower)
     known_to[:3], known_to[10:] = 1.0 / usual, 1.0 / BENT_BY
+    if bends:
+        # The plain profile under the bends is as good as any near it.
+        centre[8:10], known_to[8:10] = first[8:10], 1.0 / UNBENT_BY
 
     def residual(x: FloatArray) -> FloatArray:
         return np.concatenate([rows_at(x)[:, size] - target, known_to * (x - centre)])
@@ -146,13 +151,13 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
         jac=jacobian,
         bounds=(low, high),
         x_scale="jac",
-        max_nfev=25,
+        max_nfev=MOST_STEPS,
         ftol=1e-6,
     )
     x = np.asarray(result.x, dtype=np.float64)
     slopes, left = rows_at(x)[:, :size], rows_at(x)[:, size] - target
     # What the data leave open lies within its bounds.
-    known_to[6:10] = np.sqrt(12.0) / (high - low)[6:10]
+    known_to[6:10] = np.maximum(known_to[6:10], np.sqrt(12.0) / (high - low)[6:10])
     covariance = np.asarray(np.linalg.inv(slopes.T @ slopes + np.diag(known_to**2)), dtype=np.float64)
     deviation = np.sqrt(np.diag(covariance))
     found = shape_of(x)

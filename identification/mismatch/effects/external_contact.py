@@ -110,7 +110,7 @@ PROFILE = (
 )
 
 
-BENDS = (0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0)
+BENDS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98, 1.0)
 """Shares of the window at which a profile may be bent."""
 
 
