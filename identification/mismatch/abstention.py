@@ -34,6 +34,8 @@ FloatArray = npt.NDArray[np.float64]
 PLAIN_EXCESS = 6.0
 # Deviations below what a true effect gains in log-likelihood on held-out data at which these speak against it.
 REFUTED = 2.0
+# Log-likelihood within which two names are as good as even: then the one that the library lists first stands.
+EVEN = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,11 +146,13 @@ def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
     """One member under the name that fitted and held-out recordings together find likeliest.
 
     Of the names that the fitted recordings leave open, each with the parameters that they give it. What contains
-    another as a special case must explain clearly more: a spring of which only the constant shows is an offset.
+    another as a special case must explain clearly more: a spring of which only the constant shows is an offset. Of
+    names that come out even the one that the library lists first is taken.
     """
     problem, settings, member = exam.problem, exam.settings, trial.members[index]
     screen = build_screen(problem, exam.result.candidates)
     rest = fitted(problem, without(trial.members, index), settings, trial).problem
+    order = {effect.name: place for place, effect in enumerate(exam.rows.library.effects)}
     best = trial
     most = removal_score(problem, trial, index, settings) + _held_out_likelihood(exam.check(trial.members))
     for score, rival in rivals(problem, trial, index, screen, exam.rows.library, settings):
@@ -158,6 +162,8 @@ def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
             evidence += settings.margin_of_simplicity
         elif contains(rest, rival, member):
             evidence -= settings.margin_of_simplicity
+        else:
+            evidence += EVEN if order[rival.effect.name] < order[member.effect.name] else -EVEN
         if evidence > most:
             other = fitted(problem, members, settings, trial)
             if other.complete:
