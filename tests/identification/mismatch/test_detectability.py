@@ -155,4 +155,4 @@ def test_confusable_pairs_are_listed_from_the_closest(found: tuple[Candidate, ..
 
 def test_every_grid_point_can_be_asked_for(rows: PlannedRows) -> None:
     only = partial(candidates, [rows], [effect_named("stribeck_friction")])
-    assert len(only(every_shape=True)) == 8 * len(only())
+    assert len(only(every_shape=True)) == 7 * len(only())
