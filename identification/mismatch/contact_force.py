@@ -72,11 +72,14 @@ def locate_push(ground: Ground, effect: ExternalContact, window: Mapping[str, fl
     line meets the last joint's axis, where the data would have shown a miss, is one on the last link or its tool.
     """
     # Free torques know nothing of how the arm moves on during the push; a window for the freest force does.
-    found, _ = _by_link(ground, effect, window, dispersion)
+    found, _ = _by_link(ground, effect, window)
     freest = max(found, key=lambda link: found[link].value)
     push, left = _bent_if_needed(ground, freest, {**window, **found[freest].point}, dispersion)
-    found, on_axis = _by_link(ground, effect, push.shape, dispersion)
+    found, on_axis = _by_link(ground, effect, push.shape)
     noise = max(left, dispersion)
+    # Torque on a joint beyond a link cannot come from it, whatever the profile.
+    least = noise * float(chi2.isf(UNSEEN, 1))
+    found = {link: item for link, item in found.items() if _beyond(ground, link, push.shape, item) < least}
 
     def explains_more(other: int, link: int) -> bool:
         return other > link and found[other].value - found[link].value > noise * float(chi2.isf(UNSEEN, other - link))
@@ -172,19 +175,39 @@ def _simplex(
 
 
 def _by_link(
-    ground: Ground, effect: ExternalContact, window: Mapping[str, float], dispersion: float
+    ground: Ground, effect: ExternalContact, window: Mapping[str, float]
 ) -> tuple[dict[int, _OnLink], _OnLink]:
-    """The best push on every link that reaches all joints with torque, and the best one on the last joint's axis.
-
-    Torque on a joint beyond a link cannot come from it, whatever the profile.
-    """
+    """The best push on every link, and the best one on the last joint's axis."""
     motion = ground.motion
-    seen = np.flatnonzero(seen_on(ground, window) > dispersion * chi2.isf(UNSEEN, 1))
-    lowest = int(seen[-1]) + 1 if seen.size else 1
-    links = [place.link for place in effect.places(motion) if place.link is not None and place.link >= lowest]
+    links = [place.link for place in effect.places(motion) if place.link is not None]
     found = {link: _best_point(ground, link, window, np.eye(3)) for link in links}
-    on_axis = _best_point(ground, links[-1], window, motion.robot.kinematics.axis[links[-1] - 1][None])
-    return found, on_axis
+    return found, _best_point(ground, links[-1], window, motion.robot.kinematics.axis[links[-1] - 1][None])
+
+
+def _beyond(ground: Ground, link: int, window: Mapping[str, float], push: _OnLink) -> float:
+    """Largest χ² (one degree of freedom) of a torque of its own on a joint that a link does not reach, beside its push.
+
+    Force and point are free once more: in a mean, base parameters carry what they lack to other joints.
+    """
+    n = ground.motion.n
+    upstream = list(ground.motion.robot.kinematics.upstream(link - 1))
+    others = [joint for joint in range(n) if joint not in upstream]
+    if not others:
+        return 0.0
+    factors = course_of(ground, window)
+    unit = unit_torque(ground, link, factors)
+    arm = np.array([1.0, *(push.point[name] for name in POINT)])
+    values = np.zeros((*factors.shape, n, 6 + len(others)))
+    values[:, :, upstream, :3] = factors[..., None, None] * (unit @ arm)
+    values[:, :, upstream, 3:6] = factors[..., None, None] * np.einsum("sjda,d->sja", unit[..., 1:], push.force)
+    for place, joint in enumerate(others):
+        values[:, :, joint, 6 + place] = factors
+    rows, target = ground.rows(values, range(n)), ground.target(range(n))
+    gram, right = rows.T @ rows, rows.T @ target
+    inverse = solve(gram[:6, :6], right[:6])[1]
+    shadow = gram[6:, :6] @ inverse
+    left = np.diag(gram[6:, 6:] - shadow @ gram[:6, 6:])
+    return float(((right[6:] - shadow @ right[:6]) ** 2 / np.maximum(left, 1e-300)).max())
 
 
 def _best_point(ground: Ground, link: int, window: Mapping[str, float], free: FloatArray) -> _OnLink:
