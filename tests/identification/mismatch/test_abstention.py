@@ -1,14 +1,50 @@
-"""Which names are given up. Truth: the label of a concealed case of a tuning seed."""
+"""Which name of several that explain alike is given. Truth: what was written onto the plant's torque."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from fixtures.cases.draw import draw_case
 from fixtures.cases.files import write_recordings
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.effects import EFFECTS, effect_named
+from identification.mismatch.effects.base import Place
+from identification.mismatch.evidence import build_evidence
+from identification.mismatch.library import Library
+from identification.mismatch.problem import build_problem
+from identification.mismatch.refinement import Member, estimate_of
 from identification.recordings import read_recording
 from identification.robots import RobotModel
+from tests.identification.mismatch.plant import on_joint, record
+
+
+@pytest.mark.parametrize(("deviations", "name"), [(3.3, "torque_offset"), (12.0, "cable_spring")])
+def test_an_offset_is_called_a_spring_only_where_its_slope_is_plain(
+    iiwa14: RobotModel,
+    iiwa14_base: BaseRegressor,
+    table3: PhysicalParameters,
+    deviations: float,
+    name: str,
+) -> None:
+    (evidence,) = build_evidence(record(iiwa14, table3), iiwa14, iiwa14_base)
+    problem, library = build_problem([evidence]), Library(EFFECTS, [evidence])
+    rows = library.rows(effect_named("cable_spring"), Place(joint=6), ())
+    assert rows is not None
+    of_noise, covariance = estimate_of(problem, Member(rows, (0, 1)))
+    # So that it comes out at so many deviations with this very noise.
+    slope = deviations * float(np.sqrt(covariance[0, 0])) - float(of_noise[0])
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(6, 0.5 + slope * q[:, 5])
+
+    unseen = record(iiwa14, table3, hidden, periods=4, motion=9, seed=2)
+    diagnosis = diagnose([record(iiwa14, table3, hidden)], iiwa14, heldout=[unseen])
+    assert [(item.effect, item.place.joint) for item in diagnosis.findings] == [(name, 6)]
 
 
 def test_a_torque_of_no_known_kind_is_not_written_as_a_sum_of_names(iiwa14: RobotModel, tmp_path: Path) -> None:
