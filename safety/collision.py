@@ -243,8 +243,8 @@ def _fixed(box: ForbiddenBox) -> tuple[coal.Box, coal.Transform3s]:
 
 def _turn_z_to(direction: FloatArray) -> FloatArray:
     """A rotation whose third column is `direction`."""
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    x = np.cross(helper, direction)
+    nearly_across = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(nearly_across, direction)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(direction, x), direction])
 
