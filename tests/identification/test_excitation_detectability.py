@@ -169,7 +169,10 @@ def test_a_design_for_effects_shows_the_worst_of_them_better_than_one_for_condit
 ) -> None:
     worst = {}
     for objective in ("cond", "detectability"):
-        settings = replace(QUICK, objective=objective, noise_nm=tuple(term.noise_nm.tolist()))
+        # After 15 iterations both searches are still on their way; what they show then is the start's more than theirs.
+        settings = replace(
+            QUICK, objective=objective, noise_nm=tuple(term.noise_nm.tolist()), stages=(Stage(1.0, 30, 0.9),)
+        )
         found = design_excitation(robot, limits_of_robot(robot), settings, nominal=nominal_parameters(robot))
         motion = found.trajectory.evaluate(np.arange(400) * 0.025)
         worst[objective] = float(term.strengths(BaseMatrix(robot).samples(*motion, 0.005)).min())
