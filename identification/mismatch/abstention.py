@@ -250,8 +250,14 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
             local += _held_out_likelihood(exam.check(members))
             if local > score_of(beside, member) + _held_out_likelihood(now):
                 return False
-    elif not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False) or (
-        trial.problem.noise_is_measured and contrast(rest.after, now.after, joints) < settings.contrast_to_background
+    elif (
+        # Whoever is left of a set that explained all, and does no longer, is judged as beside any background.
+        removal_score(exam.problem, trial, index, settings) < settings.background_score
+        or not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False)
+        or (
+            trial.problem.noise_is_measured
+            and contrast(rest.after, now.after, joints) < settings.contrast_to_background
+        )
     ):
         return False
     if now.heldout_after is None or before.heldout_after is None:
