@@ -58,7 +58,7 @@ def test_a_torque_of_no_known_kind_is_not_written_as_a_sum_of_names(iiwa14: Robo
 def test_what_is_left_of_a_set_that_explained_all_is_judged_as_beside_a_background(
     iiwa14: RobotModel, tmp_path: Path
 ) -> None:
-    """Three names explained a background down to the noise; one fell, and the other two stood at a fifth of the score."""
+    """Three names explained a background down to the noise; one fell, the other two stood at a fifth of the score."""
     first, second = (read_recording(path) for path in write_recordings(draw_case(331, 133), tmp_path))
     diagnosis = diagnose([first], iiwa14, heldout=[second])
     assert diagnosis.verdict == "unexplained"
