@@ -50,7 +50,8 @@ a fifth of the answers; the others have the rules of [fake-robot.md](fake-robot.
 
     python -m benchmarks.faults --wire --out docs/faults-wire.md
 
-on a quiet machine, or after `chrt -f 5`, which keeps other work out of it. Some cells are tests (`tests/end_to_end/wire_cases.py`).
+on a quiet machine, or after `chrt -f 5`, which keeps other work out of it. Some cells are tests
+(`tests/end_to_end/wire_cases.py`).
 
 | trouble | arm | v % | a % | j % | code | the operator reads | file |
 |---|---|---|---|---|---|---|---|
