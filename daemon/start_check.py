@@ -2,9 +2,8 @@
 command.
 
 Here: the supervisor's answer to the loop's question (`fri_client.start_gate`). The very motion that the loop will
-drive is driven here through its start ramp, command by command, and the path, with a stop from each command of it, is
-held against the arm's own shape and its surroundings. Not here: the distances (`safety.collision`), the margins
-(`workspace`).
+drive is driven here through its start ramp, command by command, and the path is held against the arm's own shape and
+its surroundings. Not here: the distances (`safety.collision`), the margins (`workspace`).
 """
 
 from __future__ import annotations
@@ -18,11 +17,8 @@ from fri_client.errors import FriError
 from fri_client.motion_phase import MotionPhase
 from fri_client.start_gate import StartGate, StartQuestion
 from safety.errors import SafetyError
-from safety.guard import CommandGuard
 from safety.limits import limits_for
-from safety.preflight import RAMP_SAMPLES_S
-from safety.preflight_distance import SampledPath, sample_stops
-from safety.ramps import plan_stop_ramp
+from safety.preflight_distance import SampledPath
 
 __all__ = ["StartCheck"]
 
@@ -56,10 +52,7 @@ class StartCheck:
     def _judge(self, question: StartQuestion) -> tuple[str, bool]:
         path = self._ramp(question)
         ramp = SampledPath(path, question.command_period_s)
-        checks = list(self._distances.check([ramp], "start ramp")[0])
-        if all(check.passed for check in checks):
-            stops = self._stops(path, question.command_period_s)
-            checks += self._distances.check_stops(stops, RAMP_SAMPLES_S, "stop on the start ramp")[0]
+        checks, _ = self._distances.check([ramp], "start ramp")
         unsafe = [check.sentence for check in checks if not check.passed]
         if unsafe:
             return (
@@ -82,13 +75,3 @@ class StartCheck:
         if motion.stop_reason is not None:
             raise FriError(f"The start ramp from where the arm stands is refused: {motion.stop_reason.sentence}")
         return np.array(path)
-
-    def _stops(self, path: np.ndarray, period_s: float) -> np.ndarray:
-        """Positions of a stop from every command of a path, (N - 1, m, 7) rad, sampled every RAMP_SAMPLES_S."""
-        guard = CommandGuard(self._limits, period_s)
-        guard.anchor(path[0].tolist())
-        stops = []
-        for command in path[1:].tolist():
-            guard.judge(command, command)
-            stops.append(plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, self._limits))
-        return sample_stops(stops, RAMP_SAMPLES_S)

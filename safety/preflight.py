@@ -26,7 +26,6 @@ from safety.preflight_distance import (
     Distances,
     SampledPath,
     sample,
-    sample_stops,
 )
 from safety.preflight_report import Check, PreflightReport
 from safety.ramps import plan_start_ramp, plan_stop_ramp
@@ -295,7 +294,8 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
                 f"No stop fits in row {motion.rows[k]}: {error}",
                 int(motion.rows[k]),
             ), None
-    stops = sample_stops(ramps, RAMP_SAMPLES_S)
+    times = np.arange(math.ceil(max(ramp.duration_s for ramp in ramps) / RAMP_SAMPLES_S) + 1) * RAMP_SAMPLES_S
+    stops = np.array([[ramp.position_at(time) for time in times.tolist()] for ramp in ramps])
     return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), stops
 
 

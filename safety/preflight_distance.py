@@ -50,7 +50,7 @@ class Distances:
     def check(self, paths: Sequence[SampledPath], along: str) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
         """Two checks, arm and surroundings, over all paths, and the smallest distance of every pair, closest first.
 
-        along: "motion", "stop", "start ramp" or "stop on the start ramp".
+        along: "motion", "stop" or "start ramp".
         """
         own: dict[str, Clearance] = {}
         outer: dict[str, Clearance] = {}
@@ -72,10 +72,8 @@ class Distances:
         )
         return checks, (*judged[0], *judged[1])
 
-    def check_stops(
-        self, stops: FloatArray, period_s: float, along: str = "stop"
-    ) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
-        """As `check`, of a stop from every row of a path: (rows, m, n) rad, sampled every period_s, the ends held.
+    def check_stops(self, stops: FloatArray, period_s: float) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
+        """As `check`, of a stop from every row of a table: (rows, m, n) rad, sampled every period_s, the ends held.
 
         Distances are looked for from every 50th row, and from as many rows between as the proof needs: at no time are
         two stops further apart than sum_j reach_j (max |dq_j| + A_j T²/4), where the second term is what their
@@ -88,7 +86,7 @@ class Distances:
 
         def look(row: int) -> float:
             if row not in looked_at:
-                looked_at[row] = self.check([SampledPath(stops[row], period_s, row)], along)
+                looked_at[row] = self.check([SampledPath(stops[row], period_s, row)], "stop")
             return min(each.guaranteed_m - each.margin_m for each in looked_at[row][1])
 
         def apart(rows: slice, row: int) -> FloatArray:
@@ -140,12 +138,6 @@ def sample(ramp: Ramp, period_s: float) -> FloatArray:
     return np.array([ramp.position_at(float(t)) for t in np.linspace(0.0, ramp.duration_s, count)])
 
 
-def sample_stops(stops: Sequence[Ramp], period_s: float) -> FloatArray:
-    """Positions of all stops, (stops, m, n) rad, every period_s until the longest has ended; the others rest."""
-    times = (np.arange(math.ceil(max(stop.duration_s for stop in stops) / period_s) + 1) * period_s).tolist()
-    return np.array([[stop.position_at(time) for time in times] for stop in stops])
-
-
 def nearest_sentence(closest: Clearance, place: str = "") -> str:
     """Which two come how close, what holds between the rows, and what is required."""
     required = f"{1e3 * closest.margin_m:.0f} mm are required."
@@ -166,9 +158,8 @@ def _check(name: str, found: Sequence[Clearance], margin_m: float) -> Check:
         "motion": "Along the motion, ",
         "stop": "In a stop, ",
         "start ramp": "Along the start ramp, ",
-        "stop on the start ramp": "In a stop on the start ramp, ",
     }[closest.along]
     place = {"motion": f" in row {closest.row}", "stop": f" (from row {closest.row})"}.get(closest.along, "")
-    row = None if closest.along.endswith("start ramp") else closest.row
+    row = None if closest.along == "start ramp" else closest.row
     sentence = start + nearest_sentence(closest, place)
     return Check(name, closest.kept, None, closest.guaranteed_m, margin_m, "m", sentence, row)

@@ -121,26 +121,6 @@ def test_a_box_between_the_arm_and_the_motion_keeps_the_gate_shut(ring: Handover
         ring.gate.passes(here, 0.001, 1)
 
 
-def test_a_post_that_only_a_stop_on_the_start_ramp_would_reach_keeps_the_gate_shut(
-    ring: HandoverRing, tmp_path: Path
-) -> None:
-    """The ramp hands over at 1.2 rad/s about A1, where the firmest stop still turns by some degrees."""
-    request = make_request(tmp_path, lead_in_s=0.0, workspace_file=str(tmp_path / "cell.yaml"))
-    angle = 2 * np.pi * np.arange(2000) / 2000
-    table = np.tile(REST, (2000, 1))
-    table[:, 0] = 0.38 * np.sin(angle)
-    np.save(tmp_path / "table.npy", table)
-    center = [0.68 * float(np.cos(0.3)), 0.68 * float(np.sin(0.3)), 0.5]
-    box = {"name": "post", "center_m": center, "size_m": [0.02, 0.02, 2.0]}
-    (tmp_path / "cell.yaml").write_text(json.dumps({"boxes": [box]}))
-    check = StartCheck(request, ring.gate)
-    assert not ring.gate.passes((-0.3, *REST[1:]), 0.001, 1)
-    sentence = check.poll()
-    assert "cannot start" in sentence
-    assert "In a stop on the start ramp, link 7 and post" in sentence
-    assert "Along the start ramp" not in sentence
-
-
 def test_an_arm_beyond_its_limits_is_refused_with_the_joint(ring: HandoverRing, tmp_path: Path) -> None:
     request = make_request(tmp_path, lead_in_s=0.2)
     gentle_table(tmp_path)
