@@ -18,10 +18,12 @@ from identification.errors import IdentificationError
 from identification.estimators.physical import PhysicalParameters
 from identification.excitation import FourierTrajectory, default_trajectory
 from identification.fit import FitSettings, fit_recordings
+from identification.fitting.settings import Pipeline
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import load_robot
 
 SEED = 7
+PIPELINES: tuple[Pipeline, ...] = ("paper", "periodic")
 
 
 def main() -> int:
@@ -34,8 +36,8 @@ def main() -> int:
         recording = _recording(trajectory, plant)
         print(f"\n{motion}: |estimate - truth| in σ of Table 2, 57 parameters, no noise")
         print(f"  {'pipeline':<12s}{'median':>12s}{'worst':>12s}   worst at")
-        for pipeline in ("paper", "periodic"):
-            settings = FitSettings(pipeline=pipeline, physical=False)  # type: ignore[arg-type]
+        for pipeline in PIPELINES:
+            settings = FitSettings(pipeline=pipeline, physical=False)
             result = fit_recordings([recording], robot, settings)
             truth = result.regressor.base_from_physical(plant)
             bias = np.abs(result.values - truth) / np.array([sigma[name] for name in result.names])

@@ -22,9 +22,6 @@ from fri_client.messages import FriVersion
 __all__ = ["EXIT_CODES", "digests_of", "keep_last_samples", "loop_report_without_loop", "outcome_sentences"]
 
 
-_CHANGING = ("run.json", "worker.log", "worker_status.json")
-
-
 def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
     """Size and SHA-256 of the run's files; those outside the folder by their full path."""
     files = sorted(

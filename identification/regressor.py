@@ -1,9 +1,8 @@
-"""The torque regressor Y(q, q̇, q̈) of eq. (5) for many samples at once, and the columns of joint friction and drives.
+"""The torque regressor Y(q, q̇, q̈) of eq. (5) for many samples at once.
 
 Here: rigid-body columns of the ten dynamic parameters of each link, eq. (3), computed with numpy over all samples in
-chunks, and the diagonal columns of viscous and Coulomb friction, reflected rotor inertia and torque offset. Not here:
-grouping to base parameters (`base_parameters`). Pinocchio computes the same rigid-body columns one sample at a time;
-the tests hold the two together.
+chunks. Not here: columns of joint friction and drives, grouping to base parameters (`base_parameters`). Pinocchio
+computes the same rigid-body columns one sample at a time; the tests hold the two together.
 
 How it works: the unit twist (z, u) of every joint upstream of link j is carried along the chain to the origin of link
 j's frame: z the axis, u the velocity it gives the origin (z = 0 and u the direction for a prismatic joint). The torque
@@ -93,46 +92,6 @@ def fill_rigid_body_columns(
 def _chunks(samples: int) -> Iterator[slice]:
     for start in range(0, samples, CHUNK):
         yield slice(start, min(start + CHUNK, samples))
-
-
-def viscous_columns(velocity: FloatArray) -> FloatArray:
-    """Regressor columns of viscous friction, FV_i · q̇_i, eq. (1).
-
-    velocity: (samples, joints) rad/s. Returns (samples, joints, joints), diagonal in the last two axes.
-    """
-    return _diagonal(velocity)
-
-
-def coulomb_columns(velocity: FloatArray) -> FloatArray:
-    """Regressor columns of Coulomb friction, FS_i · sign(q̇_i), eq. (1).
-
-    velocity: (samples, joints) rad/s. Returns (samples, joints, joints), diagonal in the last two axes.
-    sign(0) is 0: a joint at rest contributes nothing.
-    """
-    return _diagonal(np.sign(velocity))
-
-
-def rotor_inertia_columns(acceleration: FloatArray) -> FloatArray:
-    """Regressor columns of the drive's inertia seen at the joint, IA_i · q̈_i (where torque is measured motor-side).
-
-    acceleration: (samples, joints) rad/s². Returns (samples, joints, joints), diagonal in the last two axes.
-    """
-    return _diagonal(acceleration)
-
-
-def offset_columns(velocity: FloatArray) -> FloatArray:
-    """Regressor columns of a constant torque per joint, OFF_i (sensor offset; also asymmetric Coulomb friction).
-
-    velocity: (samples, joints), used for its shape. Returns (samples, joints, joints), diagonal in the last two axes.
-    """
-    return _diagonal(np.ones_like(velocity, dtype=np.float64))
-
-
-def _diagonal(values: FloatArray) -> FloatArray:
-    samples, joints = values.shape
-    columns = np.zeros((samples, joints, joints))
-    columns[:, np.arange(joints), np.arange(joints)] = values
-    return columns
 
 
 def _check_states(n: int, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> int:

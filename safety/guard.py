@@ -146,11 +146,6 @@ class CommandGuard:
         return self._limits
 
     @property
-    def anchored(self) -> bool:
-        """Whether the guard knows where the arm is."""
-        return self._anchored
-
-    @property
     def position(self) -> FloatArray:
         """Last accepted command, (n,) rad."""
         return np.array(self._position)

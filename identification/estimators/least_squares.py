@@ -46,12 +46,6 @@ class LeastSquaresResult:
     weights: FloatArray
     reduced: ReducedProblem
 
-    @property
-    def relative_std_percent(self) -> FloatArray:
-        """100 σ_j / |π_j|, as in Table 2; inf where the value is zero."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(100.0 * self.std / np.abs(self.values), dtype=np.float64)
-
 
 def solve_least_squares(
     observation: Observation | CompressedObservation, *, weighting: Weighting = "per_joint"

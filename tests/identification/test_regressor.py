@@ -10,13 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.regressor import (
-    coulomb_columns,
-    offset_columns,
-    rotor_inertia_columns,
-    torque_regressor,
-    viscous_columns,
-)
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.regressor import torque_regressor
 from identification.robots import RobotModel, load_robot, robot_from_arrays, robot_from_urdf
 
 # Pinocchio orders a link's tensor Ixx Ixy Iyy Ixz Iyz Izz, eq. (3) XX XY XZ YY YZ ZZ.
@@ -141,9 +136,19 @@ def test_wrong_shapes_are_refused(iiwa14: RobotModel) -> None:
         torque_regressor(iiwa14, np.zeros((5, 7)), np.zeros((4, 7)), np.zeros((5, 7)))
 
 
-def test_friction_and_drive_columns_are_diagonal_and_a_joint_at_rest_has_no_coulomb_torque() -> None:
-    velocity = np.array([[0.5, 0.0], [-2.0, 1e-300]])
-    np.testing.assert_array_equal(coulomb_columns(velocity), [[[1, 0], [0, 0]], [[-1, 0], [0, 1]]])
-    np.testing.assert_array_equal(viscous_columns(velocity)[1], [[-2.0, 0], [0, 1e-300]])
-    np.testing.assert_array_equal(rotor_inertia_columns(velocity)[0], [[0.5, 0], [0, 0]])
-    np.testing.assert_array_equal(offset_columns(velocity)[0], np.eye(2))
+def test_friction_and_drive_columns_are_diagonal_and_a_joint_at_rest_has_no_coulomb_torque(iiwa14: RobotModel) -> None:
+    base = BaseRegressor(iiwa14, RegressorOptions(rotor_inertia=True, offset=True))
+    velocity = np.array([[0.5, 0.0, -2.0, 1e-300, -1e-300, 3.0, -0.1]])
+    acceleration = np.array([[1.0, -2.0, 0.0, 4.0, 5.0, 6.0, -7.0]])
+    columns = base.matrix(np.zeros((1, 7)), velocity, acceleration)[0]
+    assert sum(name.startswith(("FV_", "FS_", "OFF_", "IA_")) for name in base.names) == 26
+    for symbol, values in (
+        ("FV", velocity[0]),
+        ("FS", [1.0, 0.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+        ("OFF", np.ones(7)),
+        ("IA", acceleration[0]),
+    ):
+        for joint in range(7):
+            if f"{symbol}_{joint + 1}" in base.names:  # the rotors of joints 1 and 2 are part of ZZR_1, ZZR_2
+                expected = values[joint] * np.eye(7)[joint]
+                np.testing.assert_array_equal(columns[:, base.position_of(f"{symbol}_{joint + 1}")], expected)
