@@ -20,12 +20,19 @@ FloatArray = npt.NDArray[np.float64]
 
 Shape = tuple[tuple[str, float], ...]
 
+COEFFICIENT_COST = 3.0
+"""Log-likelihood that a coefficient beyond the first, or a nonlinear parameter off its textbook value, must bring.
+
+About the log of the rows that carry the motion. A form that is freed for less takes up noise, and the size with it.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectRows:
     """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences.
 
-    cost: log-likelihood that the choice of the shape costs, the log of the number of grid points.
+    cost: log-likelihood that the choice of the shape costs: the log of the number of grid points that it was chosen
+    from (in textbook forms, of these), and COEFFICIENT_COST for each nonlinear parameter off its textbook value.
     """
 
     effect: Effect
@@ -54,9 +61,18 @@ class Library:
         key = (effect.name, place, shape)
         if key not in self._known:
             found = evaluate(effect, place, dict(shape), self.evidences)
-            cost = math.log(len(self.grid(effect, place))) if shape else 0.0
-            self._known[key] = None if found is None else replace(found, cost=cost)
+            self._known[key] = None if found is None else replace(found, cost=self._cost(effect, place, shape))
         return self._known[key]
+
+    def _cost(self, effect: Effect, place: Place, shape: Shape) -> float:
+        if not shape:
+            return 0.0
+        values = dict(shape)
+        parameters = effect.shape_parameters(self.evidences[0].motion, place)
+        held = [item.textbook is not None and values[item.name] == item.textbook for item in parameters]
+        freed = sum(item.textbook is not None for item in parameters) - sum(held)
+        points = (len(item.grid) for item, there in zip(parameters, held, strict=True) if freed or not there)
+        return math.log(math.prod(points)) + COEFFICIENT_COST * freed
 
     def places(self, effect: Effect) -> tuple[Place, ...]:
         """Every place of an effect on this robot."""

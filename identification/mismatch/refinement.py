@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
-from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.library import COEFFICIENT_COST, EffectRows, Library
 from identification.mismatch.problem import Problem
-from identification.mismatch.screening import COEFFICIENT_COST, coefficients_of, group_gain
+from identification.mismatch.screening import coefficients_of, group_gain
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,6 +28,8 @@ JOINT_STEPS = 8
 # Step of a derivative, as a share of the parameter (of its range where that is linear); gain that ends a refinement.
 SLOPE = 1e-3
 WORTH_IT = 0.05
+# Score from which an effect in its textbook form is a serious candidate, so that freer forms are tried.
+LEAST_TO_FREE = 5.0
 # Turns in which a nonlinear parameter that equals the coefficient follows it; each gains about a factor of ten.
 TURNS = 3
 
@@ -90,15 +92,34 @@ def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArra
 
 
 def refine(problem: Problem, library: Library, member: Member, rounds: int = ROUNDS) -> Member:
-    """The member with nonlinear parameters that gain most, within their bounds, near where they are."""
-    motion = library.evidences[0].motion
-    parameters = member.effect.shape_parameters(motion, member.place)
+    """The member with nonlinear parameters that gain most, within their bounds, near where they are.
+
+    Parameters with a textbook value first stand at it; then they are freed, and stay so if that gains more than it
+    costs.
+    """
+    parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
     if not parameters:
         return member
+    held = {item.name: item.textbook for item in parameters if item.textbook is not None}
+    if not held:
+        return _refined(problem, library, member, parameters, rounds)
+    _, plain = _moved(problem, library, member, held)
+    plain = member if plain is None else plain
+    best = _refined(problem, library, plain, [item for item in parameters if item.name not in held], rounds)
+    if score_of(problem, best) < LEAST_TO_FREE:
+        return best
+    starts = [best] if all(member.shape[name] == value for name, value in held.items()) else [best, member]
+    freed = [_refined(problem, library, start, parameters, rounds) for start in starts]
+    return max(best, *freed, key=lambda item: score_of(problem, item))
+
+
+def _refined(
+    problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter], rounds: int
+) -> Member:
     tied = [parameter for parameter in parameters if parameter.tied]
     if tied:
         member = _followed(problem, library, member, tied)
-    parameters = tuple(parameter for parameter in parameters if not parameter.tied)
+    parameters = [parameter for parameter in parameters if not parameter.tied]
     if not parameters:
         return member
     best, best_score = member, score_of(problem, member)
@@ -111,7 +132,8 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
                 best, best_score = moved, score
         if best_score - before < WORTH_IT:
             break
-    best = _together(problem, library, best, best_score, [item for item in parameters if not item.integer])
+    free = [item for item in parameters if not item.integer and best.shape[item.name] != item.textbook]
+    best = _together(problem, library, best, best_score, free)
     return _followed(problem, library, best, tied) if tied else best
 
 

@@ -19,10 +19,10 @@ from identification.mismatch.contact_search import CONTACT_DURATIONS_S, turned
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.library import COEFFICIENT_COST
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.push_fit import WINDOW
-from identification.mismatch.screening import COEFFICIENT_COST
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import fitted

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.library import EffectRows
+from identification.mismatch.library import COEFFICIENT_COST, EffectRows
 from identification.mismatch.problem import SWALLOWED, Problem
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-# Log-likelihood that one more coefficient must bring, beyond the first: about log of the rows that carry the motion.
-COEFFICIENT_COST = 3.0
 # Of a group's directions those whose length off the basis is below this share of its longest are not determined.
 UNDETERMINED = 1e-3
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.mismatch.detection import BandPower, band_power, located, whittle
+from identification.mismatch.library import COEFFICIENT_COST
 from identification.mismatch.problem import Problem, extended, off, spread
 from identification.mismatch.refinement import Member
-from identification.mismatch.screening import COEFFICIENT_COST
 from identification.mismatch.settings import DiagnosisSettings
 
 FULL_ROUNDS = 3

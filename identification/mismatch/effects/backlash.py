@@ -36,10 +36,10 @@ class Backlash(Effect):
         return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The torque τ₀ over which the flank changes, as a share of the joint's largest torque."""
+        """The torque τ₀ over which the flank changes; with more than 0.3 of the largest it would be a spring."""
         scale = max(float(np.abs(rigid_torque(motion).torque[:, joint_index(place)]).max()), 1e-9)
         grid = tuple(share * scale for share in (0.03, 0.1, 0.3))
-        return (ShapeParameter("crossing_torque", "Nm", grid, 0.01 * scale, scale),)
+        return (ShapeParameter("crossing_torque", "Nm", grid, 0.01 * scale, 0.3 * scale),)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque on all joints per rad of play; None where the torque never reverses."""

@@ -62,7 +62,10 @@ class ShapeParameter:
     """One nonlinear parameter: the grid of the search and the bounds of its refinement, in `unit`.
 
     integer: refine to whole numbers only (an order, a link). tied: it always equals the effect's one coefficient; the
-    columns are then the chord of a torque that is not linear in the coefficient.
+    columns are then the chord of a torque that is not linear in the coefficient. textbook: its value in the form that
+    the literature gives, kept unless another one gains what a further coefficient must; None for a
+    parameter without such a value. The same physics in a freer form: a real friction or spring follows no textbook, and
+    the bounds say how far it may be from it and keep its name.
     """
 
     name: str
@@ -73,6 +76,7 @@ class ShapeParameter:
     integer: bool = False
     logarithmic: bool = True
     tied: bool = False
+    textbook: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,16 +8,23 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Estimate, Parameter
-from identification.mismatch.effects.describe import deviation, joint_name, linear, size_of
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import deviation, joint_name, linear, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
 
+FORM = {"hardening": "1/rad²", "softest_at": "rad"}
+
+
 class CableSpring(OwnJointEffect):
-    """k (q − q₀) as the two columns q and 1, τ = k q + b with b = −k q₀. The constant alone is a torque offset."""
+    """k (q − q₀) as the two columns q and 1, τ = k q + b with b = −k q₀. The constant alone is a torque offset.
+
+    A hose that is drawn tight hardens: k (q + κ (q − r)³ − q₀) with κ ≥ 0, r where it is softest; κ = 0 unless another
+    one explains clearly more.
+    """
 
     name = "cable_spring"
     code = "cable"
@@ -28,10 +35,19 @@ class CableSpring(OwnJointEffect):
     look_alikes = ("torque_offset", "position_dependent_torque", "torque_sensor_gain", "joint_elasticity")
     separating_experiment = "Take the hose off, or repeat the same motion about another centre."
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The hardening κ, too small for a stop that is felt at the end of the range only, and its centre r."""
+        del motion, place
+        return (
+            ShapeParameter("hardening", "1/rad²", (0.0,), 0.0, 0.5, logarithmic=False, textbook=0.0),
+            ShapeParameter("softest_at", "rad", (0.0,), -1.5, 1.5, logarithmic=False, textbook=0.0),
+        )
+
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
-        """Columns q and 1."""
-        del shape
-        return np.column_stack([motion.position[:, joint], np.ones(motion.samples)])
+        """Columns q, with what it hardens by, and 1."""
+        position = motion.position[:, joint]
+        stretch = position + shape.get("hardening", 0.0) * (position - shape.get("softest_at", 0.0)) ** 3
+        return np.column_stack([stretch, np.ones(motion.samples)])
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Stiffness k and rest position q₀ = −b/k (std by first order; nan with a stiffness of zero)."""
@@ -45,11 +61,12 @@ class CableSpring(OwnJointEffect):
             Parameter("stiffness", stiffness, deviation(estimate, 0), "Nm/rad"),
             Parameter("rest_position", rest, rest_std, "rad"),
             linear("constant", estimate, "Nm", index=1),
+            *(shaped(name, estimate, unit) for name, unit in FORM.items() if estimate.shape.get("hardening")),
         )
 
     def sentence(self, estimate: Estimate) -> str:
         """Stiffness and rest position."""
-        stiffness, rest, _ = self.parameters(estimate)
+        stiffness, rest, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)} is pulled as by a spring of {size_of(stiffness)} with its rest at "
             f"{math.degrees(rest.value):.0f}° (cable or hose)."

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
-from identification.mismatch.effects.dynamics import rigid_torque, torque_of_displacement
+from identification.mismatch.effects.dynamics import rigid_torque, torque_behind_spring
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
@@ -46,18 +46,25 @@ class JointElasticity(Effect):
         """The compliance again, as the torque is not linear in it; the torque τ_h from which the spring is hard."""
         largest = max(float(np.abs(rigid_torque(motion).torque[:, joint_index(place)]).max()), 1e-9)
         return (
-            ShapeParameter("at_compliance", "rad/Nm", (0.0,), -5e-3, 5e-3, logarithmic=False, tied=True),
+            ShapeParameter("at_compliance", "rad/Nm", (1e-4,), -5e-3, 5e-3, logarithmic=False, tied=True),
             ShapeParameter(
-                "hardening_torque", "Nm", (HARDENING * largest, LINEAR * largest), 0.2 * largest, 100.0 * largest
+                "hardening_torque",
+                "Nm",
+                (HARDENING * largest, LINEAR * largest),
+                0.2 * largest,
+                100.0 * largest,
+                textbook=LINEAR * largest,
             ),
         )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque on all joints per unit of compliance 1/K, chord up to the compliance of the shape."""
-        joint = joint_index(place)
-        load, hardening = rigid_torque(motion).torque[:, joint], shape.get("hardening_torque", math.inf)
-        wind_up = -(load if math.isinf(hardening) else hardening * _cubic_spring(load / hardening))
-        values = torque_of_displacement(motion, joint, wind_up, shape.get("at_compliance", 0.0))
+        joint, hardening = joint_index(place), shape.get("hardening_torque", math.inf)
+
+        def wind_up(load: FloatArray) -> FloatArray:
+            return load if math.isinf(hardening) else hardening * _cubic_spring(load / hardening)
+
+        values = torque_behind_spring(motion, joint, wind_up, shape.get("at_compliance", 0.0))
         return Columns(tuple(range(motion.n)), values[..., None]) if values.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

@@ -7,38 +7,51 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Estimate, Parameter
-from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import joint_name, linear, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect, friction_sign
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
 
+REFERENCE_NM = 10.0
+"""Load τ₀ at which the friction per load is given where it is not in proportion."""
+
+
 class LoadDependentFriction(OwnJointEffect):
-    """c |τ̂_j| sign(q̇_j): tooth and bearing friction in proportion to the load."""
+    """c |τ̂_j| sign(q̇_j): tooth and bearing friction in proportion to the load.
+
+    In another power p of it, c τ₀ (|τ̂_j|/τ₀)ᵖ sign(q̇_j), where that explains clearly more.
+    """
 
     name = "load_dependent_friction"
     code = "loadf"
-    equation = "τ_j = c |τ̂_j| sign(q̇_j)"
+    equation = "τ_j = c |τ̂_j| sign(q̇_j), or c τ₀ (|τ̂_j|/τ₀)^p sign(q̇_j)"
     source = "Hamon, Gautier, Garrec, Janot, AIM 2010 (hal-00583169)"
     units = ("1",)
     plausible = "0.2 to 3 % of the load"
     look_alikes = ("position_dependent_friction", "stribeck_friction", "presliding_hysteresis")
     separating_experiment = "Drive the same path with and without a known payload: only this friction grows with it."
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The power p."""
+        del motion, place
+        return (ShapeParameter("power", "1", (1.0,), 0.5, 2.0, textbook=1.0),)
+
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Load times direction."""
-        del shape
-        return (np.abs(motion.torque[:, joint]) * friction_sign(motion, joint))[:, None]
+        load = REFERENCE_NM * (np.abs(motion.torque[:, joint]) / REFERENCE_NM) ** shape.get("power", 1.0)
+        return (load * friction_sign(motion, joint))[:, None]
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Friction per load in per cent."""
-        return (linear("friction_per_load", estimate, "%", scale=100.0),)
+        power = (shaped("power", estimate, "1"),) if estimate.shape.get("power", 1.0) != 1.0 else ()
+        return (linear("friction_per_load", estimate, "%", scale=100.0), *power)
 
     def sentence(self, estimate: Estimate) -> str:
         """Friction as a share of load."""
-        (share,) = self.parameters(estimate)
+        share, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)}'s friction changes with the torque it carries, by {size_of(share)} of the load "
             "(load-dependent friction)."

@@ -18,8 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 class NonlinearViscousFriction(OwnJointEffect):
     """c |q̇|^a sign(q̇): churning drag (c > 0), or friction that levels off as shear-thinning grease does (c < 0).
 
-    The search starts at a = 2 and refines a. Coulomb and viscous friction take up 93 to 98 % of it; what is left is
-    the curvature over speed.
+    a = 2 unless another one explains clearly more. Coulomb and viscous friction take up 93 to 98 % of it; what is left
+    is the curvature over speed.
     """
 
     name = "nonlinear_viscous_friction"
@@ -34,7 +34,7 @@ class NonlinearViscousFriction(OwnJointEffect):
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The exponent a."""
         del motion, place
-        return (ShapeParameter("exponent", "1", (2.0,), lower=1.3, upper=4.0),)
+        return (ShapeParameter("exponent", "1", (2.0,), lower=1.3, upper=4.0, textbook=2.0),)
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Power of the speed, with the sign of the velocity."""

@@ -8,16 +8,20 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.base import Estimate, Parameter
+from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import harmonic, joint_name, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect, friction_sign
+from identification.mismatch.effects.second_harmonic import harmonic_share, second_harmonic, waves
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
 
 class PositionDependentFriction(OwnJointEffect):
-    """(a sin q + b cos q) sign(q̇): a bearing or seal that is tighter on one side."""
+    """(a sin q + b cos q) sign(q̇): a bearing or seal that is tighter on one side.
+
+    It need not be a pure sine: the second harmonic may go along, at most half as large, where it shows.
+    """
 
     name = "position_dependent_friction"
     code = "posf"
@@ -32,11 +36,14 @@ class PositionDependentFriction(OwnJointEffect):
     )
     revolute_only = True
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """The share of the second harmonic."""
+        del motion, place
+        return second_harmonic()
+
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Sine and cosine of the angle, each times the direction."""
-        del shape
-        angle = motion.position[:, joint]
-        return np.column_stack([np.sin(angle), np.cos(angle)]) * friction_sign(motion, joint)[:, None]
+        return waves(motion.position[:, joint], shape) * friction_sign(motion, joint)[:, None]
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, and the angle at which friction is highest."""
@@ -44,11 +51,12 @@ class PositionDependentFriction(OwnJointEffect):
         return (
             Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
             Parameter("angle_of_maximum", math.pi / 2.0 - wave.phase, wave.phase_std, "rad"),
+            *harmonic_share(estimate),
         )
 
     def sentence(self, estimate: Estimate) -> str:
         """By how much, and where it is tightest."""
-        amplitude, angle = self.parameters(estimate)
+        amplitude, angle, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)}'s friction changes over its turn by ± {size_of(amplitude)}, highest at "
             f"{math.degrees(angle.value):.0f}° (position-dependent friction)."

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.effects.second_harmonic import harmonic_share, second_harmonic, waves
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -18,6 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 class PositionDependentTorque(OwnJointEffect):
     """a sin(N q) + b cos(N q) with a low order N, at any speed and in both directions alike.
 
+    No eccentricity makes a pure sine: the second harmonic may go along, at most half as large, where it shows.
     Order 1 is left out: for an axis that is not vertical it is a shift of the link's centre of mass.
     """
 
@@ -32,14 +34,14 @@ class PositionDependentTorque(OwnJointEffect):
     revolute_only = True
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The order N per turn."""
+        """The order N per turn, and the share of its second harmonic."""
         del motion, place
-        return (ShapeParameter("order", "per turn", (2.0, 3.0, 4.0, 5.0, 6.0), 2.0, 12.0, True, False),)
+        orders = (2.0, 3.0, 4.0, 5.0, 6.0)
+        return (ShapeParameter("order", "per turn", orders, 2.0, 12.0, True, False), *second_harmonic())
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Sine and cosine of N q."""
-        angle = shape["order"] * motion.position[:, joint]
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        return waves(shape["order"] * motion.position[:, joint], shape)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, phase φ of A sin(N q + φ), order."""
@@ -48,11 +50,12 @@ class PositionDependentTorque(OwnJointEffect):
             Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
             Parameter("phase", wave.phase, wave.phase_std, "rad"),
             shaped("order", estimate, "per turn"),
+            *harmonic_share(estimate),
         )
 
     def sentence(self, estimate: Estimate) -> str:
         """How often per turn, how large."""
-        amplitude, _, order = self.parameters(estimate)
+        amplitude, _, order, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)} carries a torque that repeats {order.value:.0f} times per turn, amplitude "
             f"{size_of(amplitude)}, at any speed (position-dependent torque)."

@@ -41,7 +41,7 @@ class PreslidingHysteresis(OwnJointEffect):
         grid = (0.001, 0.002, 0.004, 0.008, 0.015, 0.03)
         return (
             ShapeParameter("distance", "rad", grid, lower=0.0003, upper=0.1),
-            ShapeParameter("exponent", "1", (1.0,), lower=0.05, upper=3.0),
+            ShapeParameter("exponent", "1", (1.0,), lower=0.05, upper=3.0, textbook=1.0),
         )
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

@@ -18,8 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 class StribeckFriction(OwnJointEffect):
     """A · exp(−(|q̇|/v_s)^a) · sign(q̇): friction above the Coulomb level while the joint creeps.
 
-    Seen on the own joint where |q̇| < 2 v_s, in both directions alike. The search starts at a = 2 and refines a: on
-    the shipped excitation a = 1 and 0.5 have cosines of 0.98 and 0.94 with their nearest Gaussian once the nominal
+    Seen on the own joint where |q̇| < 2 v_s, in both directions alike. a = 2 unless another one explains clearly more.
+    On the shipped excitation a = 1 and 0.5 have cosines of 0.98 and 0.94 with their nearest Gaussian once the nominal
     friction is fitted again, and no exponent comes closer than 0.7 to a pre-sliding loop.
     """
 
@@ -44,7 +44,7 @@ class StribeckFriction(OwnJointEffect):
         grid = (0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3)
         return (
             ShapeParameter("stribeck_velocity", "rad/s", grid, lower=0.008, upper=0.5),
-            ShapeParameter("exponent", "1", (2.0,), lower=0.4, upper=4.0),
+            ShapeParameter("exponent", "1", (2.0,), lower=0.4, upper=4.0, textbook=2.0),
         )
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

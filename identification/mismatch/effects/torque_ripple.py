@@ -25,7 +25,8 @@ class TorqueRipple(OwnJointEffect):
     """a sin(N q) + b cos(N q) with N near the gear ratio or twice it: a chirp up to N q̇/2π, 25 to 50 Hz on an iiwa.
 
     Nothing else looks like it, and nothing of it is absorbed; but it needs torque lines up to 60 Hz. A share w of the
-    amplitude may grow with the load: the columns are weighed with 1 − w + w |τ̂|/rms(τ̂); the search starts at w = 0.
+    amplitude may grow with the load: the columns are weighed with 1 − w + w |τ̂|/rms(τ̂); w = 0 unless that
+    explains clearly more.
     """
 
     name = "torque_ripple"
@@ -51,7 +52,7 @@ class TorqueRipple(OwnJointEffect):
         }
         return (
             ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), 20.0, 500.0),
-            ShapeParameter("load_share", "1", (0.0,), 0.0, 1.0, logarithmic=False),
+            ShapeParameter("load_share", "1", (0.0,), 0.0, 1.0, logarithmic=False, textbook=0.0),
         )
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

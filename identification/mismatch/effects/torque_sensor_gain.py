@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
-from identification.mismatch.effects.describe import joint_name, linear, size_of
+import numpy as np
+
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import joint_name, linear, shaped, size_of
 from identification.mismatch.motion import Motion
+
+TURNING = 0.6
+"""Largest share of a gain error that may turn with the angle, in cosine and in sine: it stays an error of the gain."""
 
 
 class TorqueSensorGain(Effect):
     """g · τ̂ on one joint, or the same g on all joints (joint null).
 
     A gain that all joints share is the same as heavier links: the fit takes it up whole. It stands here so that the
-    tool says so.
+    tool says so. The gain of one sensor may turn with the joint, as its spokes are not alike:
+    g (1 + u cos q + v sin q); most of the constant part is taken up by the parameters, of the turning one little.
     """
 
     name = "torque_sensor_gain"
     code = "gain"
-    equation = "τ_j = g τ̂_j"
+    equation = "τ_j = g (1 + u cos q_j + v sin q_j) τ̂_j, textbook u = v = 0"
     source = "calibration error of strain-gauge sensors: Lee, Kim, Song, calibration of joint torque sensors, 2010"
     units = ("1",)
     plausible = "0.5 to 2 %"
@@ -29,22 +35,35 @@ class TorqueSensorGain(Effect):
         """Each joint, and all joints together."""
         return (*(Place(joint=joint + 1) for joint in range(motion.n)), Place())
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """Share of the gain error that turns with one joint's angle."""
+        if place.joint is None or not motion.robot.kinematics.revolute[place.joint - 1]:
+            return ()
+        return tuple(
+            ShapeParameter(name, "1", (-0.4, 0.0, 0.4), -TURNING, TURNING, logarithmic=False, textbook=0.0)
+            for name in ("turning_cosine", "turning_sine")
+        )
+
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """The nominal torque itself."""
-        del shape
+        """The nominal torque itself, with what of it turns with the angle."""
         joints = tuple(range(motion.n)) if place.joint is None else (place.joint - 1,)
         values = motion.torque[:, list(joints), None]
+        if any(shape.values()) and place.joint is not None:
+            angle = motion.position[:, joints[0]]
+            turning = shape["turning_cosine"] * np.cos(angle) + shape["turning_sine"] * np.sin(angle)
+            values = values * (1.0 + turning)[:, None, None]
         return Columns(joints, values) if values.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """The gain error in per cent."""
-        return (linear("gain_error", estimate, "%", scale=100.0),)
+        """The gain error in per cent, and the shares of it that turn with the angle where these are not zero."""
+        turning = tuple(shaped(name, estimate, "1") for name, value in estimate.shape.items() if value != 0.0)
+        return (linear("gain_error", estimate, "%", scale=100.0), *turning)
 
     def sentence(self, estimate: Estimate) -> str:
         """By how many per cent the sensor reads too much."""
-        (gain,) = self.parameters(estimate)
+        gain, *turning = self.parameters(estimate)
         direction = "more" if gain.value > 0.0 else "less"
         return (
             f"{joint_name(estimate)}'s torque sensor reads {size_of(gain)} off, {direction} than the torque that the "
-            "model needs (gain error)."
+            f"model needs (gain error{', which changes over the turn of the joint' if turning else ''})."
         )
