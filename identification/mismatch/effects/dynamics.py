@@ -192,21 +192,22 @@ def torque_behind_spring(
 ) -> FloatArray:
     """Torque on all joints, (S, n), per unit of the compliance c when a joint's motion is measured before a spring.
 
-    wind_up: u(τ) (S,) Nm, with the link at q − c u(τ_j(link)). The chord; at c = 0 its limit. The torque in the spring
-    is that of the link's own motion, friction behind the gear included, found by iteration, which converges below the
-    resonance of link and spring: there q = (1 − ω²/ω_r²) link. Towards the resonance q vanishes however the link moves,
-    and beyond it friction that turns round and the sensor's noise are all that q shows. So the link's motion is taken
-    from the part of q that lies below, and what q has above is wind-up.
+    wind_up: u(τ) (S,) Nm, with the link at q − c u(τ_j(link)). The chord; at c = 0 its limit, without friction, whose
+    jumps have none. The torque in the spring is that of the link's own motion, friction behind the gear included. It is
+    found by iteration, which converges below the resonance of link and spring: there q = (1 − ω²/ω_r²) link. Towards
+    the resonance q vanishes however the link moves, and beyond it friction that turns round and the sensor's noise are
+    all that q shows. So the link's motion is taken from the part of q that lies below; what q has above is wind-up.
     """
+    rigid = rigid_torque(motion).torque
+    if compliance == 0.0:
+        return torque_of_displacement(motion, joint, -wind_up(rigid[:, joint]))
     viscous, coulomb = friction_behind_gears(motion)[joint]
 
     def friction(velocity: FloatArray) -> FloatArray:
-        return viscous * velocity + coulomb * np.sign(velocity)
+        return np.asarray(viscous * velocity + coulomb * np.sign(velocity))
 
     measured_friction = friction(motion.velocity[:, joint])
-    load = rigid_torque(motion).torque[:, joint] + measured_friction
-    if compliance == 0.0:
-        return torque_of_displacement(motion, joint, -wind_up(load))
+    load = rigid[:, joint] + measured_friction
     inertia = torque_derivatives(motion).acceleration[:, joint, joint]
     slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
 
@@ -222,7 +223,7 @@ def torque_behind_spring(
         torque = _displaced(motion, joint, displacement)
         turning = friction(motion.velocity[:, joint] + time_derivative(motion, displacement))
         load = torque[:, joint] + turning
-    difference = torque - rigid_torque(motion).torque
+    difference = torque - rigid
     difference[:, joint] += turning - measured_friction
     return np.asarray(difference / compliance)
 
