@@ -6,12 +6,14 @@ Called by the search (is this explained?) and by the verdict (what is left?). Na
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as fisher
 
-from identification.mismatch.problem import Problem, reweighted
+from identification.mismatch.problem import Problem
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,9 +47,13 @@ def band_power(problem: Problem, residual: FloatArray | None = None) -> BandPowe
     Each band's freedom is its number of rows less what the basis takes from it.
     """
     values = problem.residual if residual is None else residual
-    joints, rows = problem.n, problem.rows
-    power = _sum_bands(problem, (values**2).reshape(joints, rows))
-    taken = _sum_bands(problem, np.einsum("ij,ij->i", problem.basis, problem.basis).reshape(joints, rows))
+    taken = np.einsum("ij,ij->i", problem.basis, problem.basis).reshape(problem.n, problem.rows)
+    return _power(problem, values, _sum_bands(problem, taken))
+
+
+def _power(problem: Problem, residual: FloatArray, taken: FloatArray) -> BandPower:
+    """taken: (n, bands) degrees of freedom that the fit takes from each band."""
+    power = _sum_bands(problem, (residual**2).reshape(problem.n, problem.rows))
     counted = _sum_bands(problem, (problem.weight > 0.0).astype(np.float64))
     freedom = np.maximum(counted - taken, 0.0)
     # Neighbouring lines share one estimate of the noise: the freedom of a band is that of its rows' mean, not sum.
@@ -60,20 +66,57 @@ def band_power(problem: Problem, residual: FloatArray | None = None) -> BandPowe
     return BandPower(ratio, freedom, noise_freedom, probability)
 
 
-def located(problem: Problem, power: BandPower, rounds: int = 3) -> tuple[Problem, BandPower]:
-    """Misfit where it sits: the problem weighted by noise and misfit, and its residual's power in units of the noise.
+def located(nominal: Problem, problem: Problem, power: BandPower, rounds: int = 3) -> tuple[FloatArray, BandPower]:
+    """Misfit where it sits: the inflation (n, R) of the noise by it, and the residual's power in units of the noise.
 
     In a fit weighted by the noise alone, a large misfit on one joint bends base parameters and shows on clean joints
     too. Here every joint and band counts as much as it fits; a few rounds of that leave misfit on its own joint.
+    nominal: the problem that `problem` extends. Weights are the same throughout a joint's band, so that a round needs
+    only the products of the basis within each.
     """
-    weighted = problem
+    inflation = np.ones_like(problem.noise)
+    products: tuple[FloatArray, FloatArray] | None = None
     for _ in range(rounds):
-        inflation = inflation_of(problem, power)
-        if np.all(inflation < BARELY_INFLATED):
+        wanted = inflation_of(problem, power)
+        if np.all(wanted < BARELY_INFLATED):
             break
-        weighted = reweighted(problem, inflation)
-        power = band_power(weighted, weighted.residual * inflation.ravel())
-    return weighted, power
+        inflation = wanted
+        products = _products(nominal, problem) if products is None else products
+        weight = 1.0 / _per_band(power)
+        inverse = np.linalg.inv(np.tensordot(weight, products[0], 2))
+        moved = inverse @ np.tensordot(weight, products[1], 2)
+        taken = weight * np.tensordot(products[0], inverse, 2)
+        power = _power(problem, problem.residual - problem.basis @ moved, taken)
+    return inflation, power
+
+
+def _products(nominal: Problem, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Within each joint and band: products of the basis with itself (n, bands, p', p') and the residual (…, p')."""
+    known = _nominal_products(nominal)
+    first, size = known.shape[2], problem.basis.shape[1]
+    basis = problem.basis.reshape(problem.n, problem.rows, size)
+    residual = problem.residual.reshape(problem.n, problem.rows, 1)
+    found = _within_bands(problem, basis, np.concatenate([basis[..., first:], residual], axis=2))
+    gram = np.empty((problem.n, problem.bands, size, size))
+    gram[..., :first, :first] = known
+    gram[..., first:] = found[..., :-1]
+    gram[..., first:, :first] = found[..., :first, :-1].swapaxes(2, 3)
+    return gram, found[..., -1]
+
+
+@lru_cache(maxsize=2)
+def _nominal_products(problem: Problem) -> FloatArray:
+    basis = problem.basis.reshape(problem.n, problem.rows, -1)
+    return _within_bands(problem, basis, basis)
+
+
+def _within_bands(problem: Problem, left: FloatArray, right: FloatArray) -> FloatArray:
+    """(n, R, a), (n, R, b) → (n, bands, a, b) products over the rows of each joint and band."""
+    result = np.zeros((problem.n, problem.bands, left.shape[2], right.shape[2]))
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(problem.band)) + 1, [problem.rows]])
+    for start, stop in pairwise(edges.tolist()):
+        result[:, problem.band[start]] += left[:, start:stop].swapaxes(1, 2) @ right[:, start:stop]
+    return result
 
 
 def whittle(power: BandPower) -> float:
@@ -96,9 +139,14 @@ def pooled_low_bands(power: BandPower) -> tuple[FloatArray, FloatArray]:
 
 def inflation_of(problem: Problem, power: BandPower) -> FloatArray:
     """(n, R) factor on the noise's deviation that makes the residual's power what it is, never below one."""
+    return np.asarray(np.sqrt(_per_band(power))[:, problem.band], dtype=np.float64)
+
+
+def _per_band(power: BandPower) -> FloatArray:
+    """(n, bands) factor on the noise's variance."""
     ratio, _ = pooled_low_bands(power)
-    per_band = np.concatenate([np.repeat(ratio[:, :1], 3, axis=1), ratio[:, 1:]], axis=1)
-    return np.asarray(np.sqrt(np.maximum(per_band, 1.0))[:, problem.band], dtype=np.float64)
+    variance = np.concatenate([np.repeat(ratio[:, :1], 3, axis=1), ratio[:, 1:]], axis=1)
+    return np.asarray(np.maximum(variance, 1.0), dtype=np.float64)
 
 
 def _sum_bands(problem: Problem, values: FloatArray) -> FloatArray:

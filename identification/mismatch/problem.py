@@ -104,12 +104,16 @@ def build_problem(
 
 
 def reweighted(problem: Problem, inflation: FloatArray) -> Problem:
-    """The same problem with the noise's deviation in each joint and row times inflation (n, R)."""
-    weight = np.where(problem.weight > 0.0, 1.0 / (problem.noise * inflation), 0.0)
-    torque = problem.torque * (weight / np.where(problem.weight > 0.0, problem.weight, 1.0)).ravel()
-    columns = (problem.nominal * weight[..., None]).reshape(-1, problem.nominal.shape[2])
-    basis = _quick_basis(columns)
-    return replace(problem, weight=weight, torque=torque, basis=basis, residual=off(basis, torque))
+    """The same problem, with all that is fitted, the noise's deviation in each joint and row times inflation (n, R)."""
+    share = 1.0 / inflation.ravel()
+    basis = _quick_basis(problem.basis * share[:, None])
+    return replace(
+        problem,
+        weight=problem.weight / inflation,
+        torque=problem.torque * share,
+        basis=basis,
+        residual=off(basis, problem.residual * share),
+    )
 
 
 def _with_basis(problem: Problem) -> Problem:
@@ -145,13 +149,11 @@ def off(basis: FloatArray, values: FloatArray) -> FloatArray:
 def extended(problem: Problem, columns: FloatArray) -> Problem:
     """The problem with further columns (n R, m), already off the basis, fitted along; swallowed directions left out.
 
-    They join the nominal columns, so that `reweighted` keeps them.
+    They are in its basis, which follows that of the problem before; `nominal` stays as it is.
     """
     added = orthonormal(columns, tolerance=1e-7)
-    rows = columns.reshape(problem.n, problem.rows, -1) / np.where(problem.weight > 0.0, problem.weight, 1.0)[..., None]
     return replace(
         problem,
-        nominal=np.concatenate([problem.nominal, rows], axis=2),
         basis=np.concatenate([problem.basis, added], axis=1),
         residual=off(added, problem.residual),
     )

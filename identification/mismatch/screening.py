@@ -43,15 +43,24 @@ class Batch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Columns that touch the same joints. index: (C,) their places among all. columns: (C, len(joints) R) whitened."""
+
+    joints: tuple[int, ...]
+    index: IntArray
+    columns: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Screen:
-    """All candidates whitened for one problem. columns: (M, n R). raw: (M,) square lengths before projection.
+    """All candidates whitened for one problem. raw: (M,) square lengths of all columns before projection.
 
     target: (M,) products with the problem's residual.
     """
 
     problem: Problem
     candidates: Sequence[EffectRows]
-    columns: FloatArray
+    parts: tuple[Part, ...]
     batches: tuple[Batch, ...]
     raw: FloatArray
     target: FloatArray
@@ -59,40 +68,68 @@ class Screen:
 
 def build_screen(problem: Problem, candidates: Sequence[EffectRows]) -> Screen:
     """Whiten every candidate, take it off the basis, keep its Gram matrix and its product with the residual."""
-    sizes = np.array([item.coefficients for item in candidates])
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    columns = np.zeros((int(start[-1]), problem.n, problem.rows))
-    for item, first in zip(candidates, start.tolist(), strict=False):
-        for position, joint in enumerate(item.joints):
-            rows = item.rows[position].T * problem.weight[joint]
-            columns[first : first + item.coefficients, joint] = rows
-    flat = columns.reshape(columns.shape[0], -1)
+    sizes = np.array([item.coefficients for item in candidates], dtype=np.int64)
+    start = np.cumsum(sizes) - sizes
     batches = []
-    for size in np.unique(sizes).tolist():
-        members = np.flatnonzero(sizes == size).astype(np.int64)
-        index = start[members][:, None] + np.arange(size)
-        gram = np.empty((members.size, size, size))
-        for place, member in enumerate(members.tolist()):
-            joints = list(candidates[member].joints)
-            own = columns[index[place]][:, joints].reshape(size, -1)
-            gram[place] = own @ own.T
-        batches.append(Batch(members, index, gram))
-    raw = np.zeros(flat.shape[0])
-    for batch in batches:
-        raw[batch.columns] = np.einsum("gii->gi", batch.gram)
-    screen = Screen(problem, candidates, flat, tuple(batches), raw, np.zeros(flat.shape[0]))
-    return narrowed(screen, problem.basis, problem)
+    grams = {size: np.zeros((int((sizes == size).sum()), size, size)) for size in np.unique(sizes).tolist()}
+    members = {size: np.flatnonzero(sizes == size).astype(np.int64) for size in grams}
+    on_joints: dict[tuple[int, ...], list[int]] = {}
+    for number, item in enumerate(candidates):
+        on_joints.setdefault(item.joints, []).append(number)
+    parts = []
+    for joints, chosen in on_joints.items():
+        rows = np.concatenate([candidates[number].rows.transpose(2, 0, 1) for number in chosen])
+        columns = (rows * problem.weight[list(joints)]).reshape(rows.shape[0], -1)
+        index = np.concatenate([start[number] + np.arange(sizes[number]) for number in chosen])
+        parts.append(Part(joints, index, columns))
+        first = 0
+        for number in chosen:
+            own = columns[first : first + sizes[number]]
+            first += sizes[number]
+            grams[int(sizes[number])][np.searchsorted(members[int(sizes[number])], number)] = own @ own.T
+    raw = np.zeros(int(sizes.sum()))
+    for size, gram in grams.items():
+        batches.append(Batch(members[size], start[members[size]][:, None] + np.arange(size), gram))
+        raw[batches[-1].columns] = np.einsum("gii->gi", gram)
+    screen = Screen(problem, candidates, tuple(parts), tuple(batches), raw, np.zeros(raw.size))
+    shadow = _products(screen, np.column_stack([problem.basis, problem.residual]))
+    return _without(screen, shadow[:, :-1], problem, shadow[:, -1])
 
 
-def narrowed(screen: Screen, added: FloatArray, problem: Problem) -> Screen:
-    """The screen after further orthonormal directions (n R, k) were fitted; problem: the one with them."""
-    shadow = screen.columns @ added
+def narrowed(screen: Screen, problem: Problem) -> Screen:
+    """The screen beside further directions: problem extends the one that the screen was made for."""
+    return narrowed_each(screen, [problem])[0]
+
+
+def narrowed_each(screen: Screen, problems: Sequence[Problem]) -> list[Screen]:
+    """`narrowed` for several problems, each of which extends the one that the screen was made for by its own."""
+    first = screen.problem.basis.shape[1]
+    added = [problem.basis[:, first:] for problem in problems]
+    shadows = np.split(
+        _products(screen, np.concatenate(added, axis=1)), np.cumsum([item.shape[1] for item in added])[:-1], axis=1
+    )
+    return [
+        _without(screen, shadow, problem, screen.target - shadow @ (own.T @ screen.problem.residual))
+        for problem, own, shadow in zip(problems, added, shadows, strict=True)
+    ]
+
+
+def _products(screen: Screen, values: FloatArray) -> FloatArray:
+    """Products (M, k) of all columns with whitened values (n R, k)."""
+    result = np.empty((screen.raw.size, values.shape[1]))
+    by_joint = values.reshape(screen.problem.n, screen.problem.rows, -1)
+    for part in screen.parts:
+        result[part.index] = part.columns @ by_joint[list(part.joints)].reshape(-1, values.shape[1])
+    return result
+
+
+def _without(screen: Screen, shadow: FloatArray, problem: Problem, target: FloatArray) -> Screen:
+    """The screen off directions that columns have the products (M, k) with."""
     batches = []
     for batch in screen.batches:
         own = shadow[batch.columns]
         batches.append(Batch(batch.members, batch.columns, batch.gram - own @ own.transpose(0, 2, 1)))
-    target = screen.columns @ problem.residual
-    return Screen(problem, screen.candidates, screen.columns, tuple(batches), screen.raw, target)
+    return Screen(problem, screen.candidates, screen.parts, tuple(batches), screen.raw, target)
 
 
 def gains(screen: Screen) -> list[tuple[float, Variant]]:

@@ -20,7 +20,7 @@ from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, spread
 from identification.mismatch.pruning import pruned
 from identification.mismatch.refinement import Member, gram_of, refine, score_of
-from identification.mismatch.screening import Screen, build_screen, gains, narrowed
+from identification.mismatch.screening import Screen, build_screen, gains, narrowed, narrowed_each
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
 
@@ -166,8 +166,7 @@ def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial
 
 
 def _beside(screen: Screen, trial: Trial) -> Screen:
-    added = trial.problem.basis[:, screen.problem.basis.shape[1] :]
-    return narrowed(screen, added, trial.problem) if added.shape[1] else screen
+    return narrowed(screen, trial.problem) if trial.members else screen
 
 
 def _step(
@@ -245,9 +244,10 @@ def _pairs(
             known.add(key)
             seeds.append(Member(rows, variant.selection))
     found = []
-    for seed in seeds:
-        beside = extended(problem, off(problem.basis, spread(problem, seed.rows.joints, seed.used_rows())))
-        partners = narrowed(screen, beside.basis[:, problem.basis.shape[1] :], beside)
+    each = [
+        extended(problem, off(problem.basis, spread(problem, seed.rows.joints, seed.used_rows()))) for seed in seeds
+    ]
+    for seed, beside, partners in zip(seeds, each, narrowed_each(screen, each), strict=True):
         own = (seed.effect.name, seed.place)
         for score, variant in gains(partners):
             rows = screen.candidates[variant.index]

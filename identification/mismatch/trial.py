@@ -8,34 +8,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from identification.mismatch.detection import BandPower, band_power, located, whittle
 from identification.mismatch.library import COEFFICIENT_COST
-from identification.mismatch.problem import Problem, extended, off, spread
+from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.refinement import Member
 from identification.mismatch.settings import DiagnosisSettings
+
+FloatArray = npt.NDArray[np.float64]
 
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
 """Rounds in which misfit is located, from the start and from a trial that is near."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """Members with the problem in which they are fitted. complete: nothing but noise is left.
 
-    weighted: the same problem weighted by noise and misfit; power: of its residual, in units of the noise (`located`);
-    likelihood: its profile likelihood beside an unknown background.
+    nominal: the problem without members. plain: power of the residual. start, rounds: where misfit is located from. Not
+    slotted, as what few trials are asked for is computed when asked.
     """
 
     members: tuple[Member, ...]
+    nominal: Problem
     problem: Problem
-    power: BandPower
+    plain: BandPower
     complete: bool
-    likelihood: float
-    weighted: Problem
+    start: BandPower
+    rounds: int
+
+    @cached_property
+    def _located(self) -> tuple[FloatArray, BandPower]:
+        if self.complete:
+            return np.ones_like(self.problem.noise), self.plain
+        return located(self.nominal, self.problem, self.start, self.rounds)
+
+    @property
+    def power(self) -> BandPower:
+        """Of the residual, in units of the noise, misfit where it sits (`located`)."""
+        return self._located[1]
+
+    @cached_property
+    def likelihood(self) -> float:
+        """Profile likelihood beside an unknown background."""
+        return whittle(self.power)
+
+    @property
+    def weighted(self) -> Problem:
+        """The same problem weighted by noise and misfit."""
+        inflation = self._located[0]
+        return self.problem if np.all(inflation == 1.0) else reweighted(self.problem, inflation)
 
     @property
     def squares(self) -> float:
@@ -66,8 +93,7 @@ def fitted(
         problem = extended(nominal, off(nominal.basis, columns))
     power = band_power(problem)
     complete = problem.noise_is_measured and power.least_probability > settings.consistency_probability
-    weighted, spread_out = problem, power
-    if not complete:
-        start, rounds = (power, FULL_ROUNDS) if near is None or near.complete else (near.power, QUICK_ROUNDS)
-        weighted, spread_out = located(problem, start, rounds)
-    return Trial(tuple(members), problem, spread_out, complete, whittle(spread_out), weighted)
+    # The power itself, not the trial, or each would keep the one before alive.
+    afresh = complete or near is None or near.complete
+    start, rounds = (power, FULL_ROUNDS) if afresh or near is None else (near.power, QUICK_ROUNDS)
+    return Trial(tuple(members), nominal, problem, power, complete, start, rounds)

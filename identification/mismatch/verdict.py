@@ -26,6 +26,9 @@ from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 
+EXPLAINS_MORE = 1.0
+"""Score within which a name is an alternative to what it holds as a special case: a further coefficient costs three, so
+that it then gains two, which noise does in one of twenty."""
 MOST_ALTERNATIVES = 8
 """Rivals of one finding that are refined and compared."""
 
@@ -42,8 +45,7 @@ def rivals(
     member = trial.members[index]
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings)
-    added = rest.problem.basis[:, nominal.basis.shape[1] :]
-    beside = narrowed(screen, added, rest.problem) if added.shape[1] else screen
+    beside = narrowed(screen, rest.problem) if others else screen
     own = _own_score(nominal, trial, rest, others, member, settings)
     taken = {(item.effect.name, item.place.joint) for item in trial.members}
     chosen: dict[tuple[str, int | None], Member] = {}
@@ -67,13 +69,17 @@ def rivals(
 def alternatives(
     nominal: Problem, trial: Trial, index: int, screen: Screen, library: Library, settings: DiagnosisSettings
 ) -> tuple[Alternative, ...]:
-    """Other names for one member; what contains the member as a special case is none (the simpler one is reported)."""
+    """Other names for one member; what contains the member as a special case is one only where it explains more.
+
+    Of two that explain alike the simpler one is reported.
+    """
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings).problem
+    own = _own_score(nominal, trial, fitted(nominal, others, settings), others, trial.members[index], settings)
     return tuple(
         Alternative(rival.effect.name, rival.place.joint, score)
         for score, rival in rivals(nominal, trial, index, screen, library, settings)
-        if not contains(rest, rival, trial.members[index])
+        if score > own - EXPLAINS_MORE or not contains(rest, rival, trial.members[index])
     )
 
 
