@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.sparse import csr_array
 
 from identification.base_parameters import BaseRegressor
@@ -36,6 +36,8 @@ STANDSTILL_VELOCITY = 1e-3
 """rad/s (m/s) below which a joint's direction of motion is not known."""
 STANDSTILL_MARGIN_S = 0.006
 """Length around each such sample that is left out with it; no less than one sample on each side."""
+SHORTEST_STANDSTILL_S = 0.007
+"""A joint that is slower than that for less time turns round without resting (|q̈| above 0.3 rad/s²)."""
 LONGEST_STANDSTILL_SHARE = 0.2
 BRIDGE_SUPPORT_S = 0.01
 """Length of the samples on each side whose means carry the line over a standstill."""
@@ -200,12 +202,14 @@ def _periodic_evidence(
 
 
 def _over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
-    """Values (S, …) as they are, but on a straight line while a joint stands or turns round.
+    """Values (S, …) as they are, but on a straight line while a joint stands or turns round slowly.
 
     A joint that is held by its dry friction takes any torque within it, and its neighbours feel the jerks of its
-    sticking, which are too fast for the motion's bandwidth: no column describes these samples. A joint that stands for
-    long is not asked. The line goes through the means of the samples before and behind. Zeros instead would chop the
-    slow noise, and all high lines would see the same few numbers of it, as if each were news.
+    sticking, which are too fast for the motion's bandwidth: no column describes these samples. A joint that turns round
+    at once is not held; there its friction turns over, and without these samples most would be gone that shows a delay
+    of less than a millisecond. A joint that stands for long is not asked. The line goes through the means of samples
+    before and behind. Zeros instead would chop the slow noise, and all high lines would see the same few numbers of it,
+    as if each were news.
 
     The line is not a wave's own course: of a wave's energy, up to twice the share of time that is bridged (averaged
     over frequencies) appears on other lines of the same joint. Predicting these samples from 50 ms around (kriging)
@@ -214,6 +218,9 @@ def _over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
     """
     standing = np.abs(velocity) < STANDSTILL_VELOCITY
     standing &= standing.mean(axis=0) < LONGEST_STANDSTILL_SHARE
+    shortest = round(SHORTEST_STANDSTILL_S / step_s) | 1
+    resting = minimum_filter1d(standing.astype(np.int8), shortest, axis=0, mode="wrap")
+    standing = maximum_filter1d(resting, shortest, axis=0, mode="wrap").astype(np.bool_)
     width = max(3, round(STANDSTILL_MARGIN_S / step_s)) | 1
     bridged = maximum_filter1d(standing.any(axis=1).astype(np.int8), width, mode="wrap").astype(np.bool_)
     samples, places = bridged.size, np.flatnonzero(bridged)

@@ -21,7 +21,7 @@ from identification.mismatch.problem import build_problem
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
 from tests.identification.mismatch.plant import NOISE_NM, record
-from tests.identification.synthetic import fourier_motion, inverse_dynamics
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
 
 def test_rows_and_noise_are_those_of_the_mean(clean_evidence: Evidence) -> None:
@@ -69,6 +69,22 @@ def test_torque_while_a_joint_turns_round_does_not_count(
     stuck = replace(recording, torque=recording.torque + 0.5 * turning[:, None])
     (evidence,) = build_evidence(stuck, iiwa14, iiwa14_base)
     assert np.allclose(evidence.torque, clean_evidence.torque)
+
+
+@pytest.mark.parametrize(("slowed", "counts"), [(1.0, True), (0.03, False)])
+def test_a_joint_that_turns_round_at_once_is_not_held(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, slowed: float, counts: bool
+) -> None:
+    """At 1 kHz a fast reversal lasts a sample or two: there a short delay of the torque shows."""
+    q, dq, _ = fourier_motion(7, period_s=10.0, samples=10_000, seed=3)
+    q[:, 4] *= slowed
+    turning = np.abs(slowed * dq[:, 4]) < 9e-4
+    torque = np.zeros((10_000, 7))
+    torque[:, 4] = turning
+    recording = recording_of(np.tile(q, (3, 1)), np.tile(torque, (3, 1)), period_s=10.0, periods=3)
+    (evidence,) = build_evidence(recording, iiwa14, iiwa14_base)
+    assert turning.any()
+    assert evidence.torque.any() == counts
 
 
 def test_slow_torque_stays_on_its_own_lines_though_samples_are_left_out(clean_evidence: Evidence) -> None:
