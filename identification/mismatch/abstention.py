@@ -21,7 +21,7 @@ from identification.mismatch.library import Library
 from identification.mismatch.local_torque import best_local
 from identification.mismatch.problem import Problem
 from identification.mismatch.pruning import removal_score, removal_scores
-from identification.mismatch.refinement import Member, score_of
+from identification.mismatch.refinement import Member, other_kinds, score_of
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
@@ -147,7 +147,8 @@ def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
 
     Of the names that the fitted recordings leave open, each with the parameters that they give it. What contains
     another as a special case must explain clearly more: a spring of which only the constant shows is an offset. Of
-    names that come out even the one that the library lists first is taken.
+    names that come out even the one that the library lists first is taken. Each name is asked in every whole-numbered
+    kind that the fitted recordings leave open (the order of a wave).
     """
     problem, settings, member = exam.problem, exam.settings, trial.members[index]
     screen = build_screen(problem, exam.result.candidates)
@@ -155,10 +156,15 @@ def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
     order = {effect.name: place for place, effect in enumerate(exam.rows.library.effects)}
     best = trial
     most = removal_score(problem, trial, index, settings) + _held_out_likelihood(exam.check(trial.members))
-    for score, rival in rivals(problem, trial, index, screen, exam.rows.library, settings):
+    library, margin = exam.rows.library, settings.margin_of_indistinguishable
+    open_names = [member, *(rival for _, rival in rivals(problem, trial, index, screen, library, settings))]
+    kinds = [kind for item in open_names for kind in other_kinds(rest, library, item, margin)]
+    for rival in (*open_names[1:], *kinds):
         members = [rival if place == index else item for place, item in enumerate(trial.members)]
-        evidence = score + _held_out_likelihood(exam.check(members))
-        if contains(rest, member, rival):
+        evidence = score_of(rest, rival) + _held_out_likelihood(exam.check(members))
+        if rival.effect is member.effect:
+            evidence -= EVEN
+        elif contains(rest, member, rival):
             evidence += settings.margin_of_simplicity
         elif contains(rest, rival, member):
             evidence -= settings.margin_of_simplicity
