@@ -16,7 +16,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
 from identification.mismatch.motion import Motion
 from identification.robots.model import Kinematics
 
@@ -24,10 +23,6 @@ FloatArray = npt.NDArray[np.float64]
 Result = TypeVar("Result")
 
 _INERTIAL_COUNT = 10
-_BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
-"""Frequencies, as shares of a spring's resonance, up to which a motor's motion tells its link's, and from which not."""
-_SPRING_TURNS = 4
-"""Turns in which the torque in a spring and its wind-up agree; each gains a factor of four at worst."""
 
 
 class RigidTorque(NamedTuple):
@@ -61,12 +56,13 @@ def once_per_motion(compute: Callable[[Motion], Result]) -> Callable[[Motion], R
 @once_per_motion
 def rigid_torque(motion: Motion) -> RigidTorque:
     """Torques and joint moments of the rigid links alone: no friction, smooth."""
-    return _Chain(motion).backward(_links(motion))
+    return chain_of(motion).backward(links_of(motion))
 
 
 @once_per_motion
-def _links(motion: Motion) -> list[_Link]:
-    return _Chain(motion).forward(motion.velocity, motion.acceleration, motion.robot.gravity)
+def links_of(motion: Motion) -> list[_Link]:
+    """State of every link."""
+    return chain_of(motion).forward(motion.velocity, motion.acceleration, motion.robot.gravity)
 
 
 @once_per_motion
@@ -78,7 +74,7 @@ def bending_moments(motion: Motion) -> FloatArray:
     it (1 kg m²). Both look the same whether link j or the link before carries them (Khalil's regrouping of MZ_j, YY_j).
     """
     result = np.empty((motion.samples, motion.n, 2, 3))
-    for joint, link in enumerate(_links(motion)):
+    for joint, link in enumerate(links_of(motion)):
         axis = motion.robot.kinematics.axis[joint][:, None]
         round_inertia = np.eye(3) - axis @ axis.T
         inertial = round_inertia @ link.alpha + _cross(link.omega, round_inertia @ link.omega)
@@ -95,8 +91,8 @@ def torque_derivatives(motion: Motion) -> TorqueDerivatives:
     """
     n, gravity, step = motion.n, motion.robot.gravity, 1e-6
     result = TorqueDerivatives(*(np.empty((motion.samples, n, n)) for _ in range(3)))
-    chain = _Chain(motion)
-    reference = _links(motion)
+    chain = chain_of(motion)
+    reference = links_of(motion)
     torque = rigid_torque(motion).torque
     for joint in range(n):
         unit = np.eye(n)[joint]
@@ -113,31 +109,13 @@ def torque_derivatives(motion: Motion) -> TorqueDerivatives:
 
 
 @once_per_motion
-def friction_behind_gears(motion: Motion) -> FloatArray:
-    """Viscous (Nm s/rad) and Coulomb (Nm) friction of the nominal model at each joint, (n, 2).
-
-    Zero for a joint whose nominal model has its motor's inertia: there torque is measured before the gear, and friction
-    is not known to act behind it.
-    """
-    rest = motion.torque - rigid_torque(motion).torque
-    result = np.zeros((motion.n, 2))
-    for joint in range(motion.n):
-        velocity, acceleration = motion.velocity[:, joint], motion.acceleration[:, joint]
-        columns = np.stack([velocity, np.sign(velocity), acceleration, np.ones(motion.samples)], axis=1)
-        values = np.linalg.lstsq(columns, rest[:, joint])[0]
-        if np.abs(values[2] * acceleration).max() < 1e-3 * np.abs(motion.torque[:, joint]).max():
-            result[joint] = values[:2]
-    return result
-
-
-@once_per_motion
 def tilt_torques(motion: Motion) -> FloatArray:
     """Torque per rad of tilt of the base about its x, y and z axis, (S, n, 3) Nm/rad.
 
     A base turned by the small vector ε sees the gravity g − ε × g.
     """
     still = np.zeros_like(motion.velocity)
-    chain = _Chain(motion)
+    chain = chain_of(motion)
     axes = np.eye(3)
     return np.stack(
         [chain.backward(chain.forward(still, still, -np.cross(axis, motion.robot.gravity))).torque for axis in axes],
@@ -153,7 +131,7 @@ def rotor_reactions(motion: Motion) -> FloatArray:
     feels z_i · d/dt of it.
     """
     kinematics = motion.robot.kinematics
-    axes, angular_velocity = _Chain(motion).axes_in_base(motion.velocity)
+    axes, angular_velocity = chain_of(motion).axes_in_base(motion.velocity)
     result = np.zeros((motion.samples, motion.n, motion.n))
     for joint in range(motion.n):
         carrier = int(kinematics.parent[joint])
@@ -168,75 +146,10 @@ def rotor_reactions(motion: Motion) -> FloatArray:
     return result
 
 
-def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray, size: float = 0.0) -> FloatArray:
-    """Torque on all joints, (S, n), per unit of the size c when a joint's true position is the measured one plus c h.
-
-    With the velocity and the acceleration of the displacement h (S,). The chord (ID(q + c h) − ID(q)) / c; at c = 0
-    its limit ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ. Base parameters take up nearly all of the first order, so that of what is
-    left the second is no small part.
-    """
-    if size != 0.0:
-        return np.asarray((_displaced(motion, joint, size * displacement) - rigid_torque(motion).torque) / size)
-    rate = time_derivative(motion, displacement)
-    growth = time_derivative(motion, rate)
-    derivatives = torque_derivatives(motion)
-    return np.asarray(
-        derivatives.position[..., joint] * displacement[:, None]
-        + derivatives.velocity[..., joint] * rate[:, None]
-        + derivatives.acceleration[..., joint] * growth[:, None]
-    )
-
-
-def torque_behind_spring(
-    motion: Motion, joint: int, wind_up: Callable[[FloatArray], FloatArray], compliance: float
-) -> FloatArray:
-    """Torque on all joints, (S, n), per unit of the compliance c when a joint's motion is measured before a spring.
-
-    wind_up: u(τ) (S,) Nm, with the link at q − c u(τ_j(link)). The chord; at c = 0 its limit, without friction, whose
-    jumps have none. The torque in the spring is that of the link's own motion, friction behind the gear included. It is
-    found by iteration, which converges below the resonance of link and spring: there q = (1 − ω²/ω_r²) link. Towards
-    the resonance q vanishes however the link moves, and beyond it friction that turns round and the sensor's noise are
-    all that q shows. So the link's motion is taken from the part of q that lies below; what q has above is wind-up.
-    """
-    rigid = rigid_torque(motion).torque
-    if compliance == 0.0:
-        return torque_of_displacement(motion, joint, -wind_up(rigid[:, joint]))
-    viscous, coulomb = friction_behind_gears(motion)[joint]
-
-    def friction(velocity: FloatArray) -> FloatArray:
-        return np.asarray(viscous * velocity + coulomb * np.sign(velocity))
-
-    measured_friction = friction(motion.velocity[:, joint])
-    load = rigid[:, joint] + measured_friction
-    inertia = torque_derivatives(motion).acceleration[:, joint, joint]
-    slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
-
-    def share(s: ComplexArray) -> ComplexArray:
-        nearness = np.clip((slowest * np.abs(s) - _BELOW_RESONANCE) / (_TOO_NEAR - _BELOW_RESONANCE), 0.0, 1.0)
-        return np.asarray(np.cos(0.5 * np.pi * nearness) ** 2 + 0.0j)
-
-    fast = filtered(motion, motion.position[:, joint], lambda s: share(s) - 1.0)
-    displacement = np.zeros_like(load)
-    for _ in range(_SPRING_TURNS):
-        short = filtered(motion, -compliance * wind_up(load), share) + fast - displacement
-        displacement += filtered(motion, short, lambda s: 1.0 / (1.0 - share(s) * (typical * np.abs(s)) ** 2))
-        torque = _displaced(motion, joint, displacement)
-        turning = friction(motion.velocity[:, joint] + time_derivative(motion, displacement))
-        load = torque[:, joint] + turning
-    difference = torque - rigid
-    difference[:, joint] += turning - measured_friction
-    return np.asarray(difference / compliance)
-
-
-def _displaced(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
-    """Rigid torque on all joints, (S, n), when a joint's true position is the measured one plus (S,)."""
-    unit = np.eye(motion.n)[joint]
-    rate = time_derivative(motion, displacement)
-    growth = time_derivative(motion, rate)
-    chain = _Chain(motion).moved(joint, displacement)
-    velocity, acceleration = motion.velocity + np.outer(rate, unit), motion.acceleration + np.outer(growth, unit)
-    links = chain.forward(velocity, acceleration, motion.robot.gravity, joint, _links(motion))
-    return chain.backward(links).torque
+@once_per_motion
+def chain_of(motion: Motion) -> _Chain:
+    """The joints' rotations."""
+    return _Chain(motion)
 
 
 def across(axis: FloatArray) -> FloatArray:
@@ -386,4 +299,8 @@ def _out_of(rotation: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    result = np.empty((3, max(a.shape[1], b.shape[1])))
+    for row, (i, j) in zip(result, ((1, 2), (2, 0), (0, 1)), strict=True):
+        np.multiply(a[i], b[j], out=row)
+        row -= a[j] * b[i]
+    return result

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
-from identification.mismatch.effects.dynamics import rigid_torque, torque_behind_spring
+from identification.mismatch.effects.displacement import torque_behind_spring
+from identification.mismatch.effects.dynamics import rigid_torque
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size
-from identification.mismatch.effects.dynamics import torque_of_displacement
+from identification.mismatch.effects.displacement import torque_of_displacement
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 

@@ -1,0 +1,162 @@
+"""The torque that a joint's displacement makes: of a known one, and of the wind-up of a spring behind the motor.
+
+Called by the files of the effects; the rigid-body quantities are those of `dynamics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.dynamics import (
+    chain_of,
+    links_of,
+    once_per_motion,
+    rigid_torque,
+    torque_derivatives,
+)
+from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
+from identification.mismatch.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+_BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
+"""Frequencies, as shares of a spring's resonance, up to which a motor's motion tells its link's, and from which not."""
+_SPRING_TURNS = 4
+"""Turns in which the torque in a spring and its wind-up agree; each gains a factor of four at worst."""
+_SETTLED = 1e-6
+"""Step of the wind-up, as a share of its largest, that ends these turns."""
+_STRIDES, _COARSEST_HZ, _PRODUCTS = (4, 2), 240.0, 3
+"""Coarser grids that are tried, the slowest, and how many times faster than the motion its torque may be."""
+_BEYOND = 1e-6
+"""Share of a displacement's acceleration that a coarser grid may lose; of the motion's, the square."""
+
+
+@once_per_motion
+def friction_behind_gears(motion: Motion) -> FloatArray:
+    """Viscous (Nm s/rad) and Coulomb (Nm) friction of the nominal model at each joint, (n, 2).
+
+    Zero for a joint whose nominal model has its motor's inertia: there torque is measured before the gear, and friction
+    is not known to act behind it.
+    """
+    rest = motion.torque - rigid_torque(motion).torque
+    result = np.zeros((motion.n, 2))
+    for joint in range(motion.n):
+        velocity, acceleration = motion.velocity[:, joint], motion.acceleration[:, joint]
+        columns = np.stack([velocity, np.sign(velocity), acceleration, np.ones(motion.samples)], axis=1)
+        values = np.linalg.lstsq(columns, rest[:, joint])[0]
+        if np.abs(values[2] * acceleration).max() < 1e-3 * np.abs(motion.torque[:, joint]).max():
+            result[joint] = values[:2]
+    return result
+
+
+def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray, size: float = 0.0) -> FloatArray:
+    """Torque on all joints, (S, n), per unit of the size c when a joint's true position is the measured one plus c h.
+
+    With the velocity and the acceleration of the displacement h (S,). The chord (ID(q + c h) − ID(q)) / c; at c = 0
+    its limit ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ. Base parameters take up nearly all of the first order, so that of what is
+    left the second is no small part.
+    """
+    if size != 0.0:
+        return _change(motion, joint, size * displacement) / size
+    rate = time_derivative(motion, displacement)
+    growth = time_derivative(motion, rate)
+    derivatives = torque_derivatives(motion)
+    return np.asarray(
+        derivatives.position[..., joint] * displacement[:, None]
+        + derivatives.velocity[..., joint] * rate[:, None]
+        + derivatives.acceleration[..., joint] * growth[:, None]
+    )
+
+
+def torque_behind_spring(
+    motion: Motion, joint: int, wind_up: Callable[[FloatArray], FloatArray], compliance: float
+) -> FloatArray:
+    """Torque on all joints, (S, n), per unit of the compliance c when a joint's motion is measured before a spring.
+
+    wind_up: u(τ) (S,) Nm, with the link at q − c u(τ_j(link)). The chord; at c = 0 its limit, without friction, whose
+    jumps have none. The torque in the spring is that of the link's own motion, friction behind the gear included. It is
+    found by iteration, which converges below the resonance of link and spring: there q = (1 − ω²/ω_r²) link. Towards
+    the resonance q vanishes however the link moves, and beyond it friction that turns round and the sensor's noise are
+    all that q shows. So the link's motion is taken from the part of q that lies below; what q has above is wind-up.
+    """
+    rigid = rigid_torque(motion).torque
+    if compliance == 0.0:
+        return torque_of_displacement(motion, joint, -wind_up(rigid[:, joint]))
+    viscous, coulomb = friction_behind_gears(motion)[joint]
+
+    def friction(velocity: FloatArray) -> FloatArray:
+        return np.asarray(viscous * velocity + coulomb * np.sign(velocity))
+
+    measured_friction = friction(motion.velocity[:, joint])
+    load = rigid[:, joint] + measured_friction
+    inertia = torque_derivatives(motion).acceleration[:, joint, joint]
+    slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
+
+    def share(s: ComplexArray) -> ComplexArray:
+        nearness = np.clip((slowest * np.abs(s) - _BELOW_RESONANCE) / (_TOO_NEAR - _BELOW_RESONANCE), 0.0, 1.0)
+        return np.asarray(np.cos(0.5 * np.pi * nearness) ** 2 + 0.0j)
+
+    fast = filtered(motion, motion.position[:, joint], lambda s: share(s) - 1.0)
+    displacement = np.zeros_like(load)
+    for _ in range(_SPRING_TURNS):
+        short = filtered(motion, -compliance * wind_up(load), share) + fast - displacement
+        displacement += filtered(motion, short, lambda s: 1.0 / (1.0 - share(s) * (typical * np.abs(s)) ** 2))
+        difference = _change(motion, joint, displacement)
+        turning = friction(motion.velocity[:, joint] + time_derivative(motion, displacement))
+        load = rigid[:, joint] + difference[:, joint] + turning
+        if np.abs(short).max() <= _SETTLED * np.abs(displacement).max():
+            break
+    difference[:, joint] += turning - measured_friction
+    return np.asarray(difference / compliance)
+
+
+def _change(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
+    """What the rigid torque on all joints changes by, (S, n), when a joint's true position is displaced by (S,).
+
+    Computed on every second or fourth sample where neither the motion nor the displacement has anything beyond what
+    these hold: the torque is as smooth, and comes back by its Fourier coefficients.
+    """
+    unit, coarse = np.eye(motion.n)[joint], motion
+    if motion.periodic:
+        spectrum = np.fft.rfft(displacement)
+        size = np.abs(spectrum) * np.arange(spectrum.size) ** 2
+        for grid in _coarse_grids(motion):
+            if np.linalg.norm(size[grid.samples // 2 :]) <= _BEYOND * np.linalg.norm(size):
+                coarse, displacement = grid, displacement[:: motion.samples // grid.samples]
+                break
+    rate = time_derivative(coarse, displacement)
+    growth = time_derivative(coarse, rate)
+    chain = chain_of(coarse).moved(joint, displacement)
+    velocity, acceleration = coarse.velocity + np.outer(rate, unit), coarse.acceleration + np.outer(growth, unit)
+    links = chain.forward(velocity, acceleration, coarse.robot.gravity, joint, links_of(coarse))
+    change = chain.backward(links).torque - rigid_torque(coarse).torque
+    if coarse is motion:
+        return change
+    lines = np.fft.rfft(np.ascontiguousarray(change.T)) * (motion.samples / coarse.samples)
+    return np.asarray(np.fft.irfft(lines, n=motion.samples)).T
+
+
+@once_per_motion
+def _coarse_grids(motion: Motion) -> list[Motion]:
+    """A periodic motion on every fourth and every second sample, as far as its products fit on these."""
+    content = np.linalg.norm(np.fft.rfft(motion.acceleration, axis=0), axis=1)
+    grids = []
+    for stride in _STRIDES:
+        size = motion.samples // stride
+        if motion.samples % (2 * stride) or size / (motion.samples * motion.sampling_period_s) < _COARSEST_HZ:
+            continue
+        if np.linalg.norm(content[size // 2 // _PRODUCTS :]) > _BEYOND**2 * np.linalg.norm(content):
+            continue
+        parts = (motion.time, motion.position, motion.velocity, motion.acceleration, motion.torque)
+        time, position, velocity, acceleration, torque = (part[::stride] for part in parts)
+        grids.append(
+            replace(
+                motion, time=time, position=position, velocity=velocity, acceleration=acceleration, torque=torque,
+                command_position=None, link_position=None,
+            )
+        )  # fmt: skip
+    return grids
