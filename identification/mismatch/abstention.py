@@ -18,7 +18,7 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, extend
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
-from identification.mismatch.local_torque import best_local
+from identification.mismatch.local_torque import local_is_likelier
 from identification.mismatch.problem import Problem
 from identification.mismatch.pruning import removal_score, removal_scores
 from identification.mismatch.refinement import Member, other_kinds, score_of
@@ -245,17 +245,14 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
     torque = torque_of(member, now.extension.coefficients[index], trial.problem.n)
     joints = joints_of(member, torque)
     rest, complete = exam.check(without(trial.members, index)), trial.complete
+    loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
+
+    def held_out(members: Sequence[Member]) -> float:
+        return _held_out_likelihood(exam.check(members))
+
     if complete:
-        loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
         if not has_its_form(trial.problem, exam.rows.evidences, loudest, rest.after, now.after, settings):
             return False
-        beside = fitted(exam.problem, without(trial.members, index), settings, trial).problem
-        local, torque_there = best_local(beside, exam.rows.library, loudest)
-        if torque_there is not None and local > score_of(beside, member):
-            members = [torque_there if place == index else item for place, item in enumerate(trial.members)]
-            local += _held_out_likelihood(exam.check(members))
-            if local > score_of(beside, member) + _held_out_likelihood(now):
-                return False
     elif (
         # Whoever is left of a set that explained all, and does no longer, is judged as beside any background.
         removal_score(exam.problem, trial, index, settings) < settings.background_score
@@ -265,6 +262,8 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
             and contrast(rest.after, now.after, joints) < settings.contrast_to_background
         )
     ):
+        return False
+    if local_is_likelier(exam.problem, exam.rows.library, trial, index, loudest, held_out, settings):
         return False
     if now.heldout_after is None or before.heldout_after is None:
         return True
