@@ -28,11 +28,12 @@ from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
-from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact
+from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact, misfit_elsewhere
 from identification.mismatch.search import search
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
+from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
 from identification.model_file import Model
 from identification.recordings.recording import Recording
@@ -90,6 +91,14 @@ def diagnose(
         base = values[: regressor.size]
         return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in fitted.evidences))
 
+    def unseen_by(problem: Problem, trial: Trial) -> Prepared | None:
+        """What was not fitted, its effects acting on the torque of a trial's base parameters."""
+        if not heldout and split is None:
+            return None
+        values = extend(problem, trial.members).base[: regressor.size]
+        others = [_upright(item, faults) for item in heldout] if heldout else upright
+        return _prepare(others, robot, regressor, settings, split, values)
+
     inactive = library.candidates()[1]
     if not problem.noise_is_measured:
         # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
@@ -101,15 +110,21 @@ def diagnose(
     if contact is not None:
         other = search(_problem(_with_change(fitted, contact)), library, renewed, settings)
         if explains_better(problem, contact, other, result, settings):
-            fitted = _with_change(fitted, beside(problem, fitted.evidences, contact, other, settings))
-            problem = _problem(fitted)
-            result = replace(other, trial=fitted_again(problem, other.trial.members, settings))
+            pushed = _with_change(fitted, beside(problem, fitted.evidences, contact, other, settings))
+            beside_it = _problem(pushed)
+            trial = fitted_again(beside_it, other.trial.members, settings)
+            elsewhere = unseen_by(beside_it, trial)
+            if elsewhere is None or not misfit_elsewhere(
+                pushed.changes[-1],
+                beside_it,
+                trial.members,
+                Library(EFFECTS, elsewhere.evidences),
+                elsewhere.torque,
+                settings,
+            ):
+                fitted, problem, result = pushed, beside_it, replace(other, trial=trial)
     report("held-out check", 0.8)
-    unseen = None
-    if heldout or split is not None:
-        values = extend(problem, result.trial.members).base[: regressor.size]
-        others = [_upright(item, faults) for item in heldout] if heldout else upright
-        unseen = _prepare(others, robot, regressor, settings, split, values)
+    unseen = unseen_by(problem, result.trial)
     claims = build_findings(
         problem, result.library, result, fitted, unseen, settings, physics=not _stops_physics(faults)
     )

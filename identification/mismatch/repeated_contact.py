@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from identification.mismatch.between_periods import Change
 from identification.mismatch.contact_force import locate_push, refine_window, seen_on, window_gain
@@ -19,10 +20,13 @@ from identification.mismatch.contact_search import CONTACT_DURATIONS_S, turned
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.library import COEFFICIENT_COST
+from identification.mismatch.extension import extend
+from identification.mismatch.heldout import residuals
+from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.motion import Motion
-from identification.mismatch.problem import Problem, off
+from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
 from identification.mismatch.push_fit import WINDOW
+from identification.mismatch.refinement import Member
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import fitted
@@ -39,6 +43,8 @@ REFINED = 1.2
 """A refinement of the window adds a fifth to a scan's gain."""
 SEEN = 1e-4
 """Chance of the torque on a joint below which the push is seen there; FEWEST_JOINTS have to see it."""
+FELT = 0.1
+"""Share of the push's energy on its loudest joint, in units of the noise, that another joint it acts on has."""
 
 
 def find_repeated_contact(
@@ -74,6 +80,40 @@ def explains_better(
     alone = fitted(problem, beside.trial.members, settings)
     known = min((trial.penalised for trial in (alone, without.trial) if trial.complete), default=np.inf)
     return known - beside.trial.penalised - 2.0 * cost >= 2.0 * settings.push_score
+
+
+def misfit_elsewhere(
+    push: Change,
+    problem: Problem,
+    members: Sequence[Member],
+    library: Library,
+    torque: Sequence[FloatArray],
+    settings: DiagnosisSettings,
+) -> bool:
+    """Whether joints that a push acts on are wrong on recordings of another motion too, where it is not.
+
+    A spring between two joints looks like a push that comes at the same moment of every period: it is a function of
+    the position, and the motion repeats. Another motion tells them apart, as the spring is there as well. problem: with
+    the push taken off; library, torque: of the recordings that were not fitted. Tested band by band with the scatter
+    that the model's parameters have there.
+    """
+    left = residuals(extend(problem, members), library.evidences, library, torque)
+    loudness = ((push.contribution[0] * problem.weight[:, problem.evidence == push.evidence].T) ** 2).sum(axis=0)
+    frequency = np.concatenate([evidence.frequency for evidence in library.evidences])
+    freedom = np.concatenate([evidence.noise_freedom for evidence in library.evidences])
+    band = np.searchsorted(BAND_EDGES_HZ, frequency, side="left")
+    for joint in np.flatnonzero(loudness >= FELT * loudness.max()):
+        for rows in (np.flatnonzero((band == number) & left.used[joint]) for number in np.unique(band)):
+            if not rows.size:
+                continue
+            noise = left.sensor_noise[joint, rows]
+            values, scatter = left.rows[joint, rows] / noise, left.scatter[joint, rows] / noise[:, None]
+            shadow = scatter.T @ values
+            squares = values @ values - shadow @ np.linalg.solve(np.eye(shadow.size) + scatter.T @ scatter, shadow)
+            behind = max(float(freedom[rows, joint].mean()), 0.5 * rows.size)
+            if fisher.sf(squares / rows.size, rows.size, behind) < settings.consistency_probability:
+                return True
+    return False
 
 
 def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score: float) -> Change | None:

@@ -13,8 +13,9 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.between_periods import Change
 from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
-from identification.mismatch.repeated_contact import explains_better, find_repeated_contact
+from identification.mismatch.repeated_contact import explains_better, find_repeated_contact, misfit_elsewhere
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
@@ -91,6 +92,31 @@ def test_a_push_in_every_period_is_found_with_its_link_window_and_force(unexplai
     left = hidden.evidence.torque - push.contribution.mean(axis=0)
     beside = build_problem((hidden.evidence,), [left], [(0, push.mean_columns)])
     assert explains_better(hidden.problem, push, _result(fitted(beside, (), SETTINGS)), hidden.result, SETTINGS)
+
+
+def test_a_spring_across_two_joints_is_no_push_as_another_motion_shows_it_too(
+    unexplained,
+    iiwa14: RobotModel,
+    iiwa14_base: BaseRegressor,
+    table3: PhysicalParameters,
+    pushed: Hidden,
+) -> None:
+    def spring(q: FloatArray, dq: FloatArray, measured: FloatArray) -> FloatArray:
+        stretch = 0.4 * q[:, 5] * q[:, 6]
+        return on_joint(6, stretch * q[:, 6]) + on_joint(7, stretch * q[:, 5])
+
+    def wrong_elsewhere(hidden: Hidden, there: Hidden) -> bool:
+        case = unexplained(hidden)
+        push = case.push()
+        assert push is not None
+        elsewhere = build_evidence(record(iiwa14, table3, there, periods=4, motion=9, seed=2), iiwa14, iiwa14_base)
+        left = case.evidence.torque - push.contribution.mean(axis=0)
+        beside = build_problem((case.evidence,), [left], [(0, push.mean_columns)])
+        library = Library((), elsewhere)
+        return misfit_elsewhere(push, beside, (), library, [item.torque for item in elsewhere], SETTINGS)
+
+    assert not wrong_elsewhere(pushed, no_effect)
+    assert wrong_elsewhere(spring, spring)
 
 
 def test_what_the_effect_says_it_is_is_what_was_taken_off(unexplained, pushed: Hidden) -> None:
