@@ -22,17 +22,22 @@ WHY = {
     "not_started": "let no motion begin within .*: ",
     "no_robot": "No FRI message",
 }
+STARTS = 3
+"""The robot keeps its own clock here: on a busy machine it may see answers so late that it lets no motion begin."""
 
 
 @pytest.mark.parametrize("case", [case for case in WIRE_CASES if case.name in TESTED], ids=lambda case: case.name)
 def test_a_bad_wire_makes_no_wrong_command(case: FaultCase, tmp_path: Path) -> None:
-    result = run_case(case, tmp_path)
-    assert result.rejections == ()
-    assert max(result.peaks) <= 1.0 + ROUND_OFF
-    assert result.speed_at_end < REST_RAD_S
-    assert result.outcome is not None
-    assert matches(result.transcript, WHY[result.outcome]), result.transcript
-    assert result.answered_samples >= result.robot_answered
+    for attempt in range(STARTS):
+        result = run_case(case, tmp_path / str(attempt))
+        assert result.rejections == ()
+        assert max(result.peaks) <= 1.0 + ROUND_OFF
+        assert result.speed_at_end < REST_RAD_S
+        assert result.outcome is not None
+        assert matches(result.transcript, WHY[result.outcome]), result.transcript
+        assert result.answered_samples >= result.robot_answered
+        if result.outcome != "not_started":
+            break
     if case.arm:
         assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, 0), result.transcript
 
