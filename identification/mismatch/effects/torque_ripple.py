@@ -19,6 +19,8 @@ FloatArray = npt.NDArray[np.float64]
 USUAL_ORDERS = (50.0, 80.0, 100.0, 120.0, 160.0, 200.0, 240.0, 320.0)
 # Around the iiwa's two orders the grid covers this many orders to either side: a ratio is rarely a round number.
 NEIGHBOURHOOD = 1.6
+# Strain wave gears begin at a ratio of 30 and ripple twice per turn of the wave generator, motors more often still.
+LOWEST_ORDER = 45.0
 
 
 class TorqueRipple(OwnJointEffect):
@@ -51,7 +53,7 @@ class TorqueRipple(OwnJointEffect):
             centre + k * NEIGHBOURHOOD / max(steps, 1) for centre in (160.0, 320.0) for k in range(-steps, steps + 1)
         }
         return (
-            ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), 20.0, 500.0),
+            ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), LOWEST_ORDER, 500.0),
             ShapeParameter("load_share", "1", (0.0,), 0.0, 1.0, logarithmic=False, textbook=0.0),
         )
 
