@@ -39,6 +39,8 @@ STANDSTILL_MARGIN_S = 0.006
 SHORTEST_STANDSTILL_S = 0.007
 """A joint that is slower than that for less time turns round without resting (|q̈| above 0.3 rad/s²)."""
 LONGEST_STANDSTILL_SHARE = 0.2
+ABSENT = 1e-12
+"""Share of the longest column below which the motion does not ask for a base parameter; it stays at zero."""
 BRIDGE_SUPPORT_S = 0.01
 """Length of the samples on each side whose means carry the line over a standstill."""
 
@@ -133,7 +135,8 @@ def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
         rows.append((evidence.nominal * weight[..., None]).reshape(-1, evidence.nominal.shape[2]))
         torque.append((evidence.torque * weight).ravel())
     matrix = np.concatenate(rows)
-    scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    scale = np.linalg.norm(matrix, axis=0)
+    scale[scale < ABSENT * scale.max()] = np.inf
     solution = np.linalg.lstsq(matrix / scale, np.concatenate(torque), rcond=1e-10)[0]
     return np.asarray(solution / scale, dtype=np.float64)
 
@@ -195,6 +198,7 @@ def _periodic_evidence(
         start_s=first,
         command_position=_period_mean(recording, table, recording.command_position),
         link_position=_period_mean(recording, table, recording.link_position),
+        coulomb_velocity=regressor.options.coulomb_velocity,
     )
     return complete_evidence(
         recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
@@ -300,7 +304,8 @@ def complete_evidence(
 def _smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean position and its derivatives, each joint from the harmonics on which it stands above its own noise.
 
-    One number of harmonics for all joints would let the noise of the slowest joint into its acceleration.
+    One number of harmonics for all joints would let the noise of the slowest joint into its acceleration. A joint that
+    shows none stands still: from the noise of its encoder, parameters would be fitted that no motion determines.
     """
     samples = average.position.shape[0]
     cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
@@ -314,7 +319,7 @@ def _smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatAr
     parts = []
     for joint in range(average.position.shape[1]):
         lines = np.flatnonzero(above[:, joint])
-        harmonics = int(lines[-1]) + 1 if lines.size else 1
+        harmonics = int(lines[-1]) + 1 if lines.size else 0
         parts.append(differentiate_harmonics(average.position[:, joint : joint + 1], average.period_s, harmonics))
     position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
     return position, velocity, acceleration

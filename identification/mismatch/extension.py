@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 SHAPE_STEP = 1e-2
 # Directions of the base parameters below this share of the best determined one count as open.
 OPEN = 1e-7
+# Share of the longest nominal column below which one is absent; beyond OPEN, and its variance still a number.
+ABSENT = 1e-12
 # Information on a parameter, in its own unit, below which it counts as open.
 LEAST_INFORMATION = 1e-12
 # Degrees of freedom of a noise estimate below which its possible values have no mean to speak of.
@@ -79,7 +81,8 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
 def nominal_factor(nominal: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Q, R and lengths of the whitened nominal columns, and `Extension.loose`; dozens of sets share one problem."""
     plain = (nominal.nominal * nominal.weight[..., None]).reshape(nominal.torque.size, -1)
-    norms = np.maximum(np.linalg.norm(plain, axis=0), 1e-300)
+    norms = np.linalg.norm(plain, axis=0)
+    norms = np.maximum(norms, ABSENT * norms.max())
     factor, triangle = np.linalg.qr(plain / norms)
     _, singular, right = np.linalg.svd(triangle)
     loose = right.T / np.maximum(singular, OPEN * singular[0]) / norms[:, None]

@@ -17,6 +17,7 @@ from identification.mismatch.evidence import (
     rows_to_time,
     with_parameters,
 )
+from identification.mismatch.extension import extend
 from identification.mismatch.problem import build_problem
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
@@ -161,3 +162,27 @@ def test_without_periods_the_noise_is_said_not_to_be_measured(
     evidences = build_evidence(plain, iiwa14, iiwa14_base)
     assert evidences
     assert not any(evidence.noise_is_measured for evidence in evidences)
+
+
+def test_a_joint_that_stands_still_gets_no_parameters_from_the_noise_of_its_encoder(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    moving = np.arange(7) == 3
+    q, dq, ddq = np.where(moving, q, 0.3), dq * moving, ddq * moving
+    torque, random = inverse_dynamics(iiwa14, table3, q, dq, ddq), np.random.default_rng(4)
+    shape = (4 * 2000, 7)
+    recording = recording_of(
+        np.tile(q, (4, 1)) + 1e-6 * random.normal(size=shape),
+        np.tile(torque, (4, 1)) + NOISE_NM * random.normal(size=shape),
+        period_s=10.0,
+        periods=4,
+    )
+    (evidence,) = build_evidence(recording, iiwa14, iiwa14_base)
+    assert not evidence.motion.velocity[:, ~moving].any()
+    assert np.abs(evidence.motion.velocity - dq).max() < 1e-4
+    # Largest of the true parameters: 8 kg m, 4 kg m².
+    assert np.abs(evidence.motion.full_parameters).max() < 20.0
+    extension = extend(build_problem([evidence]), ())
+    assert np.isfinite(extension.loose).all()
+    assert np.abs(extension.base).max() < 200.0
