@@ -26,6 +26,7 @@ from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.findings import Alternative
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,7 +58,7 @@ class Change:
     of this size gains on noise. log10_chance: log10 of the chance that noise does this anywhere in the search.
     contribution: (K, R, n) Nm rows of each period, to be subtracted; its mean over K is the part in the mean.
     mean_columns: (R, n, m) rows of the mean's columns; keep them free beside the base parameters when the mean is
-    searched, as the mean says more on them than the contrasts do.
+    searched, as the mean says more on them than the contrasts do. alternatives: what else could stand in its place.
     """
 
     evidence: int
@@ -68,6 +69,14 @@ class Change:
     log10_chance: float
     contribution: FloatArray
     mean_columns: FloatArray
+    alternatives: tuple[Alternative, ...] = ()
+
+
+def with_level(mean_columns: FloatArray) -> FloatArray:
+    """A drift's columns (R, n, m) of the mean and a constant on its joint: no contrast tells from where it started."""
+    level = np.zeros_like(mean_columns[..., :1])
+    level[0, mean_columns.any(axis=(0, 2))] = 1.0
+    return np.concatenate([mean_columns, level], axis=2)
 
 
 def find_between_periods(
@@ -264,5 +273,5 @@ def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -
         score=fit.score(candidate.tests),
         log10_chance=fit.log10_chance(candidate.tests),
         contribution=contribution,
-        mean_columns=mean_columns,
+        mean_columns=with_level(mean_columns) if isinstance(candidate.effect, TorqueSensorDrift) else mean_columns,
     )

@@ -199,7 +199,7 @@ def _between(changes: Sequence[Change], evidences: int) -> list[Finding]:
         joints = [int(joint) + 1 for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0))]
         by_period = (change.contribution**2).sum(axis=(1, 2))
         periods = [int(period) for period in np.flatnonzero(by_period > 0.05 * by_period.max(initial=0.0))]
-        place = change.estimate.place
+        place, names = change.estimate.place, [change.effect.name, *(item.effect for item in change.alternatives)]
         found.append(
             Finding(
                 effect=change.effect.name,
@@ -211,7 +211,9 @@ def _between(changes: Sequence[Change], evidences: int) -> list[Finding]:
                 absorbed_fraction=0.0,
                 score=change.score,
                 significance=float(10.0 ** min(0.0, change.log10_chance)),
-                sentence=change.effect.sentence(change.estimate),
+                sentence=_sentence(change.effect.sentence(change.estimate), change.alternatives, checked=True),
+                alternatives=change.alternatives,
+                separating_experiment=separating_experiment(names) if change.alternatives else None,
                 where={"joint": place.joint, "joints": joints, "periods": periods, "recording": change.evidence}
                 if evidences > 1
                 else {"joint": place.joint, "joints": joints, "periods": periods},

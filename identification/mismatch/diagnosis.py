@@ -21,6 +21,7 @@ from identification.mismatch.baseline import baseline_values, compare_model
 from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, with_parameters
 from identification.mismatch.extension import extend
@@ -123,6 +124,11 @@ def diagnose(
                 settings,
             ):
                 fitted, problem, result = pushed, beside_it, replace(other, trial=trial)
+    drift = find_drift_in_mean(problem, fitted.evidences, fitted.changes, result, settings)
+    if drift is not None:
+        fitted = _with_change(fitted, drift)
+        problem = _problem(fitted)
+        result = search(problem, library, renewed, settings)
     report("held-out check", 0.8)
     unseen = unseen_by(problem, result.trial)
     claims = build_findings(
