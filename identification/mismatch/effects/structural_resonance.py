@@ -18,15 +18,16 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class StructuralResonance(OwnJointEffect):
-    """c G(s) τ̂_j, G = 1 − ω²/(s² + 2 ζ ω s + ω²): a share c of the torque passes through a weakly damped mode.
+    """G(s) (c₁ + c₂ ω/s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²): a share of the torque passes through a weakly damped mode.
 
-    Slow torque passes as it is; a friction reversal rings at ω. The second column is the same ringing turned by 45°
-    (G s/(s + ω)), so that it need not be known what drives the mode: torque, its rate, or the jerk.
+    Slow torque passes as it is; a friction reversal rings at ω. The second column is the same ringing turned by 90°, so
+    that it need not be known what drives the mode (torque, its rate, or the jerk) nor what its damper acts against: on
+    the ground, or on what drives it as in 1 − ω²/(s² + 2 ζ ω s + ω²). Torque at rest does not pass in either.
     """
 
     name = "structural_resonance"
     code = "resonance"
-    equation = "τ_j = c₁ G(s) τ̂_j + c₂ G(s) s/(s + ω) τ̂_j, G = 1 − ω²/(s² + 2 ζ ω s + ω²)"
+    equation = "τ_j = G(s) (c₁ + c₂ ω/s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²)"
     source = "Ohr et al., Identification of flexibility parameters of 6-axis industrial manipulators, ISMA 2006"
     units = ("1", "1")
     plausible = "5 to 15 Hz, ζ 0.01 to 0.1, a few per cent of the torque"
@@ -44,19 +45,17 @@ class StructuralResonance(OwnJointEffect):
         )
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
-        """The mode's answer to the nominal torque, and the same turned by 45°."""
+        """The mode's answer to the nominal torque, and the same turned by 90°."""
         omega, damping = 2.0 * np.pi * shape["frequency"], shape["damping"]
         torque = motion.torque[:, joint]
-        first = filtered(
-            motion, torque, lambda s: np.asarray(1.0 - omega**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
-        )
-        second = filtered(motion, first, lambda s: s / (s + omega))
+        first = filtered(motion, torque, lambda s: s**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
+        second = filtered(motion, torque, lambda s: omega * s / (s**2 + 2.0 * damping * omega * s + omega**2))
         return np.column_stack([first, second])
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Frequency, damping, and the share of the torque that passes the mode, at resonance."""
-        # At s = iω the second column is (1 + i)/2 of the first.
-        turn = np.array([[1.0, 0.5], [0.0, 0.5]])
+        # At s = iω the second column is -i times the first.
+        turn = np.diag([1.0, -1.0])
         seen = Estimate(
             estimate.place, estimate.shape, turn @ estimate.coefficients, turn @ estimate.covariance @ turn.T
         )
