@@ -83,9 +83,9 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
             screen = build_screen(nominal, candidates)
     if not trial.complete:
         trial = _exchanged(nominal, trial, screen, library, settings)
-    trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
-    trial, scores = pruned(nominal, trial, library, settings)
     trial, library = _on_own_torque(nominal, trial, library, renewed, settings)
+    trial, scores = pruned(nominal, trial, library, settings)
+    trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
     return SearchResult(trial, scores, before, library, candidates)
 
 
