@@ -36,20 +36,15 @@ _BEYOND = 1e-6
 
 
 @once_per_motion
-def friction_behind_gears(motion: Motion) -> FloatArray:
-    """Viscous (Nm s/rad) and Coulomb (Nm) friction of the nominal model at each joint, (n, 2).
-
-    Zero for a joint whose nominal model has its motor's inertia: there torque is measured before the gear, and friction
-    is not known to act behind it.
-    """
+def friction_of(motion: Motion) -> FloatArray:
+    """Viscous (Nm s/rad) and Coulomb (Nm) friction of the nominal model at each joint, (n, 2)."""
     rest = motion.torque - rigid_torque(motion).torque
     result = np.zeros((motion.n, 2))
     for joint in range(motion.n):
         velocity, acceleration = motion.velocity[:, joint], motion.acceleration[:, joint]
+        # A nominal model may hold the motor's inertia and a constant torque too.
         columns = np.stack([velocity, np.sign(velocity), acceleration, np.ones(motion.samples)], axis=1)
-        values = np.linalg.lstsq(columns, rest[:, joint])[0]
-        if np.abs(values[2] * acceleration).max() < 1e-3 * np.abs(motion.torque[:, joint]).max():
-            result[joint] = values[:2]
+        result[joint] = np.linalg.lstsq(columns, rest[:, joint])[0][:2]
     return result
 
 
@@ -73,20 +68,26 @@ def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray,
 
 
 def torque_behind_spring(
-    motion: Motion, joint: int, wind_up: Callable[[FloatArray], FloatArray], compliance: float
+    motion: Motion,
+    joint: int,
+    wind_up: Callable[[FloatArray], FloatArray],
+    compliance: float,
+    *,
+    carries_friction: bool = True,
 ) -> FloatArray:
     """Torque on all joints, (S, n), per unit of the compliance c when a joint's motion is measured before a spring.
 
     wind_up: u(τ) (S,) Nm, with the link at q − c u(τ_j(link)). The chord; at c = 0 its limit, without friction, whose
-    jumps have none. The torque in the spring is that of the link's own motion, friction behind the gear included. It is
-    found by iteration, which converges below the resonance of link and spring: there q = (1 − ω²/ω_r²) link. Towards
-    the resonance q vanishes however the link moves, and beyond it friction that turns round and the sensor's noise are
-    all that q shows. So the link's motion is taken from the part of q that lies below; what q has above is wind-up.
+    jumps have none. The torque in the spring is that of the link's own motion. carries_friction: whether the joint's
+    friction acts behind the spring. The wind-up is found by iteration, which converges below the resonance of link and
+    spring: there q = (1 − ω²/ω_r²) link. Towards the resonance q vanishes however the link moves, and beyond it
+    friction that turns round and the sensor's noise are all that q shows. So the link's motion is taken from the part
+    of q that lies below; what q has above is wind-up.
     """
     rigid = rigid_torque(motion).torque
     if compliance == 0.0:
         return torque_of_displacement(motion, joint, -wind_up(rigid[:, joint]))
-    viscous, coulomb = friction_behind_gears(motion)[joint]
+    viscous, coulomb = friction_of(motion)[joint] if carries_friction else (0.0, 0.0)
 
     def friction(velocity: FloatArray) -> FloatArray:
         return np.asarray(viscous * velocity + coulomb * np.sign(velocity))

@@ -25,15 +25,16 @@ class JointElasticity(Effect):
     """ID(link) − ID(q) with the link at q − φ(τ_j(link)), with the velocity and the acceleration of the wind-up φ.
 
     Only where position is measured before the spring. A coefficient of zero says that the sensor sits at the link.
-    The spring carries the torque of the link's own motion and its friction (`torque_behind_spring`), not that of the
-    motor's: at a sixth of their resonance the two differ by 3 %. Harmonic gears harden: τ = K φ + k₃ φ³, K their
-    stiffness without load, k₃ = K³/τ_h². Base parameters take up most of what a linear spring does, but not of what a
-    hardening one leaves beside it.
+    The spring carries the torque of the link's own motion (`torque_behind_spring`), not that of the motor's: at a sixth
+    of their resonance the two differ by 3 %. Friction acts before the spring (friction_behind 0) or behind it (1), as
+    the bearings of a link do; then it winds the spring too, and turns round with the link. Harmonic gears harden:
+    τ = K φ + k₃ φ³, K their stiffness without load, k₃ = K³/τ_h². Base parameters take up most of what a linear spring
+    does, but not of what a hardening one leaves beside it.
     """
 
     name = "joint_elasticity"
     code = "elastic"
-    equation = "τ = ID(q − e_j φ) − ID(q), K φ + K³ φ³/τ_h² = ID(q − e_j φ)_j + friction"
+    equation = "τ = ID(q − e_j φ) − ID(q), K φ + K³ φ³/τ_h² = ID(q − e_j φ)_j (+ friction)"
     source = "Spong, J. Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998"
     units = ("rad/Nm",)
     plausible = "K 5000 to 20000 Nm/rad"
@@ -45,7 +46,7 @@ class JointElasticity(Effect):
         return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The compliance again, as the torque is not linear in it; the torque τ_h from which the spring is hard."""
+        """The compliance again (the torque is not linear in it), where the spring is hard, where friction acts."""
         largest = max(float(np.abs(rigid_torque(motion).torque[:, joint_index(place)]).max()), 1e-9)
         return (
             ShapeParameter("at_compliance", "rad/Nm", (1e-4,), -5e-3, 5e-3, logarithmic=False, tied=True),
@@ -57,6 +58,7 @@ class JointElasticity(Effect):
                 100.0 * largest,
                 textbook=LINEAR * largest,
             ),
+            ShapeParameter("friction_behind", "", (0.0,), 0.0, 1.0, integer=True, logarithmic=False, textbook=0.0),
         )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
@@ -66,7 +68,8 @@ class JointElasticity(Effect):
         def wind_up(load: FloatArray) -> FloatArray:
             return load if math.isinf(hardening) else hardening * _cubic_spring(load / hardening)
 
-        values = torque_behind_spring(motion, joint, wind_up, shape.get("at_compliance", 0.0))
+        compliance, friction = shape.get("at_compliance", 0.0), shape.get("friction_behind", 0.0) > 0.5
+        values = torque_behind_spring(motion, joint, wind_up, compliance, carries_friction=friction)
         return Columns(tuple(range(motion.n)), values[..., None]) if values.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

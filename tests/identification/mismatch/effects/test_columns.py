@@ -139,7 +139,7 @@ def test_a_spring_carries_the_torque_of_the_links_own_motion_and_friction_that_t
     link = shipped_motion(iiwa14, links, rate_hz=200.0)
     compliance = 0.03 / np.abs(link.torque[:, joint - 1]).max()
     motor, truth, seen = before_a_spring(link, links, joint - 1, compliance)
-    shape = {"at_compliance": compliance, "hardening_torque": 1e9}
+    shape = {"at_compliance": compliance, "hardening_torque": 1e9, "friction_behind": 1.0}
     ours = compliance * torque(motor, "joint_elasticity", Place(joint=joint), shape)[..., 0]
     # Within a few samples of a reversal the friction may have turned round in one and not yet in the other.
     moving = np.abs(link.velocity[:, joint - 1]) > 0.02
