@@ -12,19 +12,19 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from identification.report.document import Document, Panel
-from identification.report.panels import draw_panel
+from identification.report.panels import Sheets, draw_panel
 
 __all__ = ["render"]
 
 
 def render(document: Document) -> str:
     """The document as HTML text, the same for the same document."""
-    numbers = iter(range(1_000_000))
+    numbers, sheets = iter(range(1_000_000)), Sheets()
     style = Markup(_environment().get_template("report.css").render())
 
     def svg(panel: Panel) -> Markup:
         # Each drawing names its clip paths; one page must not hold a name twice.
-        return Markup(draw_panel(panel, f"panel-{next(numbers)}"))
+        return Markup(draw_panel(panel, f"panel-{next(numbers)}", sheets))
 
     return _template().render(document=document, style=style, svg=svg) + "\n"
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-from itertools import pairwise
 from typing import Any
 
 import matplotlib
@@ -59,16 +58,45 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
-def draw_panel(panel: Panel, name: str) -> str:
-    """The panel as an `<svg>` element without width and height; name: unique on the page."""
+Sheets = dict[tuple[bool, bool], Axes]
+"""Axes to draw on again, by what their scales are: most of the time goes into making axes and their ticks."""
+
+
+def draw_panel(panel: Panel, name: str, sheets: Sheets | None = None) -> str:
+    """The panel as an `<svg>` element without width and height; name: unique on the page.
+
+    sheets: kept between the panels of a page; the drawing does not depend on them.
+    """
+    sheets = {} if sheets is None else sheets
     with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": name}):
-        canvas = Canvas(figsize=(3.5, 3.0 if panel.equal else 2.15))
-        canvas.patch.set_visible(False)
-        axes = canvas.add_axes((0.205, 0.15 if panel.equal else 0.2, 0.765, 0.75 if panel.equal else 0.67))
+        logarithmic = _is_logarithmic(panel)
+        # Equal scales change the limits while they are drawn.
+        axes = sheets.pop((panel.equal, logarithmic), None) or _new_axes(panel.equal)
         _draw(axes, panel)
         text = io.StringIO()
-        canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        axes.figure.canvas.print_figure(
+            text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+        if not panel.equal:
+            for container in tuple(axes.containers):
+                container.remove()
+            for artist in (*axes.lines, *axes.collections):
+                artist.remove()
+            axes.relim()
+            axes.set_prop_cycle(None)
+            sheets[panel.equal, logarithmic] = axes
     return _for_page(text.getvalue())
+
+
+def _new_axes(equal: bool) -> Axes:
+    canvas = Canvas(figsize=(3.5, 3.0 if equal else 2.15))
+    canvas.patch.set_visible(False)
+    return canvas.add_axes((0.205, 0.15 if equal else 0.2, 0.765, 0.75 if equal else 0.67))
+
+
+def _is_logarithmic(panel: Panel) -> bool:
+    """Nothing above zero has no logarithm, and nothing to show either: such a panel stays empty."""
+    return panel.logarithmic and any((line.y > 0.0).any() for line in panel.lines)
 
 
 def decimate(x: FloatArray, y: FloatArray, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
@@ -76,13 +104,13 @@ def decimate(x: FloatArray, y: FloatArray, most: int = MOST_POINTS) -> tuple[Flo
     if len(y) <= most:
         return x, y
     edges = np.linspace(0, len(y), most // 2 + 1).astype(int)
-    chosen: list[int] = []
-    for first, last in pairwise(edges):
-        part = y[first:last]
-        if np.isnan(part).all():
-            chosen.append(int(first))
-            continue
-        chosen += sorted({int(first + np.nanargmin(part)), int(first + np.nanargmax(part))})
+    # Every stretch as a row, filled up with its first point.
+    places = edges[:-1, None] + np.arange(np.diff(edges).max())
+    places = np.where(places < edges[1:, None], places, edges[:-1, None])
+    part, rows = y[places], np.arange(len(places))
+    lowest = places[rows, np.where(np.isnan(part), np.inf, part).argmin(axis=1)]
+    highest = places[rows, np.where(np.isnan(part), -np.inf, part).argmax(axis=1)]
+    chosen = np.unique(np.concatenate([lowest, highest]))
     return x[chosen], y[chosen]
 
 
@@ -99,8 +127,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y_label, labelpad=2)
     axes.grid(visible=True, alpha=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    # Nothing above zero has no logarithm, and nothing to show either: the panel stays empty.
-    if panel.logarithmic and any((line.y > 0.0).any() for line in panel.lines):
+    if _is_logarithmic(panel):
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
