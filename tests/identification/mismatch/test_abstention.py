@@ -47,6 +47,17 @@ def test_an_offset_is_called_a_spring_only_where_its_slope_is_plain(
     assert [(item.effect, item.place.joint) for item in diagnosis.findings] == [(name, 6)]
 
 
+def test_waves_of_an_order_that_no_gear_has_are_no_ripple(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    def waves(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(4, 0.1 * np.sin(35.37 * q[:, 3]))
+
+    unseen = record(iiwa14, table3, waves, periods=4, motion=9, seed=2)
+    diagnosis = diagnose([record(iiwa14, table3, waves)], iiwa14, heldout=[unseen])
+    assert diagnosis.verdict == "unexplained"
+    assert not diagnosis.findings
+    assert "Joint 4" in diagnosis.remaining
+
+
 def test_a_torque_of_no_known_kind_is_not_written_as_a_sum_of_names(iiwa14: RobotModel, tmp_path: Path) -> None:
     """A cable that rubs along its guide was a spring, an inertia and a drag, none of them missed for much."""
     first, second = (read_recording(path) for path in write_recordings(draw_case(300, 92), tmp_path))
