@@ -155,7 +155,7 @@ def _close(contrasts: Contrasts, whole: FloatArray, claimed: Sequence[Candidate]
     contrasts.z = whole
     rest = whole.copy()
     for candidate, fit in zip(claimed, _joint_fit(contrasts, claimed), strict=True):
-        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape, candidate.columns)
         rest[:, :, list(joints)] -= contrasts.whiten(rows, joints) @ fit.coefficients
     for candidate in claimed:
         match candidate.effect:
@@ -202,7 +202,7 @@ def _joint_fit(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Fit]:
     blocks = []
     first = 0
     for candidate in claimed:
-        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+        joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape, candidate.columns)
         block = slice(first, first + rows.shape[-1])
         white[:, :, list(joints), block] = contrasts.whiten(rows, joints)
         blocks.append(block)
@@ -254,7 +254,7 @@ def _merge_contacts(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[
 
 
 def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -> Change:
-    joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape)
+    joints, rows = contrasts.rows(candidate.effect, candidate.place, candidate.shape, candidate.columns)
     periods, lines, n = contrasts.z.shape
     contribution = np.zeros((periods, lines, n))
     contribution[:, :, list(joints)] = rows @ fit.coefficients
@@ -262,13 +262,18 @@ def _change(number: int, contrasts: Contrasts, candidate: Candidate, fit: Fit) -
     mean_columns[:, list(joints)] = rows.mean(axis=0)
     added = candidate.added_covariance
     if added is None:
-        shapes = shape_covariance(contrasts, candidate.effect, candidate.place, candidate.shape, fit.coefficients)
-        added = candidate.dispersion * shapes
-    covariance = fit.covariance + added
+        where = candidate.effect, candidate.place, candidate.shape
+        added = candidate.dispersion * shape_covariance(contrasts, *where, fit.coefficients, candidate.columns)
+    whole = contrasts.repeated(candidate.effect, candidate.place, candidate.shape)
+    assert whole is not None
+    size = whole[1].shape[-1]
+    coefficients, covariance = np.zeros(size), np.zeros((size, size))
+    coefficients[candidate.columns] = fit.coefficients
+    covariance[candidate.columns, candidate.columns] = fit.covariance + added
     return Change(
         evidence=number,
         effect=candidate.effect,
-        estimate=Estimate(candidate.place, candidate.shape, fit.coefficients, covariance, candidate.shape_std),
+        estimate=Estimate(candidate.place, candidate.shape, coefficients, covariance, candidate.shape_std),
         gain=fit.gain,
         score=fit.score(candidate.tests),
         log10_chance=fit.log10_chance(candidate.tests),

@@ -6,7 +6,7 @@ Called by the searches of `changes` and `contact_search`; what is claimed is dec
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ class Candidate:
     dispersion: how much noisier than its estimate the noise is beside the candidate; fit is already reduced by it.
     span_s: first and last time (s from the first sample) it acts on, for contacts; None for what lasts.
     added_covariance: what nonlinear parameters add to the coefficients'; None: as `shape_covariance` tells.
+    columns: those of the effect that are fitted; the coefficients of the others are zero.
     """
 
     effect: EnvelopedEffect
@@ -43,6 +44,7 @@ class Candidate:
     dispersion: float = 1.0
     span_s: tuple[float, float] | None = None
     added_covariance: FloatArray | None = None
+    columns: slice = field(default_factory=lambda: slice(None))
 
 
 def fit_of(
@@ -108,13 +110,15 @@ def spread_of(
     name: str,
     gain: float,
     smallest: float = 1e-6,
+    columns: slice = slice(None),
 ) -> dict[str, float]:
     """Standard deviation of one shape parameter from how fast the gain falls off: 2 × 1σ ≙ a drop of 1 on each side."""
     value = shape[name]
     step = max(1e-3 * abs(value), smallest)
     for _ in range(12):
         drops = [
-            gain - fit_of(contrasts, effect, place, {**shape, name: value + sign * step}).gain for sign in (-1.0, 1.0)
+            gain - fit_of(contrasts, effect, place, {**shape, name: value + sign * step}, columns).gain
+            for sign in (-1.0, 1.0)
         ]
         drop = 0.5 * (drops[0] + drops[1])
         if drop > 0.5:

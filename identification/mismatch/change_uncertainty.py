@@ -22,15 +22,22 @@ LINEAR_STEP = 1e-4
 
 
 def shape_covariance(
-    contrasts: Contrasts, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float], coefficients: FloatArray
+    contrasts: Contrasts,
+    effect: EnvelopedEffect,
+    place: Place,
+    shape: Mapping[str, float],
+    coefficients: FloatArray,
+    fitted: slice = slice(None),
 ) -> FloatArray:
     """Covariance (m, m) that the nonlinear parameters add to that of the coefficients, in units of white noise of one.
+
+    fitted: columns of the effect that the coefficients (m,) belong to.
 
     First order: with the derivatives S of the torque by the nonlinear parameters beside the columns C, the
     coefficients move by (CᵀC)⁻¹CᵀS per unit of those. A parameter is no less certain than evenly within its bounds.
     """
     joints, rows = contrasts.rows(effect, place, shape)
-    columns = contrasts.whiten(rows, joints).reshape(-1, coefficients.size)
+    columns = contrasts.whiten(rows[..., fitted], joints).reshape(-1, coefficients.size)
     slopes, information = [], []
     for parameter in effect.shape_parameters(contrasts.motion, place):
         if parameter.integer or parameter.name not in shape:
@@ -40,7 +47,7 @@ def shape_covariance(
         ends = (min(value + step, parameter.upper), max(value - step, parameter.lower))
         if ends[0] <= ends[1]:
             continue
-        high, low = (contrasts.rows(effect, place, {**shape, parameter.name: end})[1] for end in ends)
+        high, low = (contrasts.rows(effect, place, {**shape, parameter.name: end})[1][..., fitted] for end in ends)
         slope = ((high - low) @ coefficients / (ends[0] - ends[1]))[..., None]
         slopes.append(contrasts.whiten(slope, joints).reshape(-1))
         information.append(12.0 / width**2)

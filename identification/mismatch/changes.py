@@ -33,6 +33,10 @@ FloatArray = npt.NDArray[np.float64]
 
 PAYLOAD_SCAN = slice(0, 4)
 """Mass and first moments; the inertia about the joint adds little to the detection."""
+PAYLOAD_PROVEN = -6.0
+"""log10 of the chance of all ten parameters below which all are fitted; else the inertia is left at zero."""
+MOMENTS_PER_PERIOD = 3.0
+"""How many moments of a change the best of all is worth: measured on noise alone (350 recordings), see `settings`."""
 COURSE_MARGIN = 8.0
 """A course with a time of its own must gain this much more than the linear one."""
 
@@ -107,14 +111,15 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
             if best is None or gain > best[0]:
                 best = (gain, place, time)
                 rests[place] = float(np.sum(seen**2)) - gain
-    if best is None or hopeless(best[0], 2, len(places) * len(parameter.grid)):
+    if best is None or hopeless(best[0], 2, len(places)):
         return None
     _, place, time = best
     bounds = (parameter.lower, parameter.upper)
     shape = refined_shape(contrasts, effect, place, {parameter.name: time}, parameter.name, bounds, log=True, points=9)
     fit = fit_of(contrasts, effect, place, shape)
     dispersion = dispersion_of(rests[place], 2 * (contrasts.periods - 2))
-    tests = float(len(places) * len(parameter.grid))
+    # The time constants of the grid are so much alike that the best of them is worth one.
+    tests = float(len(places))
     chance = fit.log10_chance(tests, 1, dispersion)
     std = spread_of(contrasts, effect, place, shape, parameter.name, fit.gain)
     return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)
@@ -139,8 +144,7 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
         if gain > best_gain:
             best_gain, best_step = gain, step
     dispersion = _dispersion_beside_step(target @ np.linalg.qr(white)[0], best_step)
-    # Moments a quarter of a second apart are moments of their own.
-    tests = 4.0 * contrasts.periods * motion.samples * motion.sampling_period_s
+    tests = MOMENTS_PER_PERIOD * contrasts.periods
     if hopeless(best_gain / dispersion, 4, tests):
         return None
     shape = {"time_s": float(starts[best_step])}
@@ -164,10 +168,14 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
             return contrasts.fit_pieces(joints, np.array(weights), patterns).gain
 
         shape = {"time_s": best_moment(gain_at, shape["time_s"], width, last)}
+    columns = slice(None)
     fit = fit_of(contrasts, effect, place, shape)
+    if fit.log10_chance(tests, 1, dispersion) > PAYLOAD_PROVEN:
+        columns, fit = PAYLOAD_SCAN, fit_of(contrasts, effect, place, shape, PAYLOAD_SCAN)
     chance = fit.log10_chance(tests, 1, dispersion)
-    std = spread_of(contrasts, effect, place, shape, "time_s", fit.gain, smallest=motion.sampling_period_s)
-    return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)
+    std = spread_of(contrasts, effect, place, shape, "time_s", fit.gain, motion.sampling_period_s, columns)
+    fit = inflated(fit, dispersion)
+    return Candidate(effect, place, shape, fit, chance, tests, std, dispersion, columns=columns)
 
 
 def _dispersion_beside_step(seen: FloatArray, step: int) -> float:
