@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
-from identification.mismatch.library import COEFFICIENT_COST, EffectRows, Library
+from identification.mismatch.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
 from identification.mismatch.problem import Problem
 from identification.mismatch.screening import coefficients_of, group_gain
 
@@ -83,8 +83,12 @@ def gram_of_rows(
 
 def score_of(problem: Problem, member: Member) -> float:
     """Half the drop of the whitened squares by a member, less the cost of further coefficients and of its shape."""
-    gain, used = group_gain(*gram_of(problem, member))
-    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost
+    gram, target, raw = gram_of(problem, member)
+    gain, used = group_gain(gram, target, raw)
+    if member.effect.one_sided and target[0] < 0.0:
+        gain = 0.0
+    choice = cost_of_choice(len(member.selection), member.rows.coefficients)
+    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost - choice
 
 
 def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray]:

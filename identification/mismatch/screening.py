@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.library import COEFFICIENT_COST, EffectRows
+from identification.mismatch.library import COEFFICIENT_COST, EffectRows, cost_of_choice
 from identification.mismatch.problem import SWALLOWED, Problem
 
 FloatArray = npt.NDArray[np.float64]
@@ -144,10 +144,12 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         raw, target = np.maximum(screen.raw[batch.columns], 1e-300), screen.target[batch.columns]
         diagonal = np.einsum("gii->gi", batch.gram)
         seen = diagonal > SWALLOWED * raw
+        one_sided = np.array([screen.candidates[member].effect.one_sided for member in batch.members.tolist()])
+        seen &= (target > 0.0) | ~one_sided[:, None]
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
         alike = np.array([_alike(screen.candidates[member]) for member in batch.members.tolist()])
         for column in range(size):
-            score = np.where(alike, single[:, column] - cost, -np.inf)
+            score = np.where(alike, single[:, column] - cost - cost_of_choice(1, size), -np.inf)
             result.extend(_listed(score, batch.members, (column,)))
         if size > 1:
             scale = np.sqrt(raw)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.detection import BandPower, band_power, located, whittle
-from identification.mismatch.library import COEFFICIENT_COST
+from identification.mismatch.library import COEFFICIENT_COST, cost_of_choice
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.refinement import Member
 from identification.mismatch.settings import DiagnosisSettings
@@ -72,7 +72,12 @@ class Trial:
     @property
     def cost(self) -> float:
         """Log-likelihood that further coefficients and the choice of shapes cost."""
-        return sum(COEFFICIENT_COST * (len(item.selection) - 1) + item.rows.cost for item in self.members)
+        return sum(
+            COEFFICIENT_COST * (len(item.selection) - 1)
+            + item.rows.cost
+            + cost_of_choice(len(item.selection), item.rows.coefficients)
+            for item in self.members
+        )
 
     @property
     def penalised(self) -> float:

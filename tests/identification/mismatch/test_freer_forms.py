@@ -19,7 +19,10 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import build_evidence, fit_parameters, with_parameters
 from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.problem import Problem, build_problem
-from identification.mismatch.refinement import Member, estimate_of, other_kinds, refine, score_of
+from identification.mismatch.refinement import Member, estimate_of, gram_of, other_kinds, refine, score_of
+from identification.mismatch.screening import group_gain
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.trial import fitted
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import no_effect, on_joint, record
 
@@ -136,6 +139,21 @@ def test_a_freedom_costs_as_much_as_a_further_coefficient(
         assert rows is not None
         costs.append(rows.cost)
     assert costs[1] - costs[0] == pytest.approx(COEFFICIENT_COST)
+
+
+def test_one_of_two_columns_costs_the_choice_and_both_the_further_coefficient(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    (evidence,) = build_evidence(record(iiwa14, table3, periods=2), iiwa14, iiwa14_base)
+    problem, library = build_problem([evidence]), Library(EFFECTS, [evidence])
+    shape = textbook(library, "position_dependent_friction", 4)
+    rows = library.rows(effect_named("position_dependent_friction"), Place(joint=4), tuple(shape.items()))
+    assert rows is not None
+    for selection, cost in (((0,), np.log(2.0)), ((1,), np.log(2.0)), ((0, 1), COEFFICIENT_COST)):
+        member = Member(rows, selection)
+        gain = group_gain(*gram_of(problem, member))[0]
+        assert score_of(problem, member) == pytest.approx(0.5 * gain - cost)
+        assert fitted(problem, [member], DiagnosisSettings()).cost == pytest.approx(cost)
 
 
 def test_orders_that_a_motion_leaves_open_are_listed_each_with_its_own_best_form(
