@@ -17,8 +17,8 @@ from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
-# Hardening torques of the search, as shares of the joint's largest torque: as good as linear, and plainly hardening.
-LINEAR, HARDENING = 10.0, 1.0
+LINEAR_NM = 1e5
+"""Hardening torque of a spring that shows none, the textbook's: the same for all motions."""
 
 
 class JointElasticity(Effect):
@@ -50,15 +50,10 @@ class JointElasticity(Effect):
         largest = max(float(np.abs(rigid_torque(motion).torque[:, joint_index(place)]).max()), 1e-9)
         return (
             ShapeParameter("at_compliance", "rad/Nm", (1e-4,), -5e-3, 5e-3, logarithmic=False, tied=True),
-            ShapeParameter(
-                "hardening_torque",
-                "Nm",
-                (HARDENING * largest, LINEAR * largest),
-                0.2 * largest,
-                100.0 * largest,
-                textbook=LINEAR * largest,
-            ),
             ShapeParameter("friction_behind", "", (0.0,), 0.0, 1.0, integer=True, logarithmic=False, textbook=0.0),
+            ShapeParameter(
+                "hardening_torque", "Nm", (largest, LINEAR_NM), 0.2 * largest, LINEAR_NM, textbook=LINEAR_NM
+            ),
         )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
