@@ -1,4 +1,4 @@
-"""Torque that is read late: a pure delay, or the lag of a first-order filter, on one joint or on all."""
+"""Torque that is read late: a pure delay, or the lag of a filter of first or second order, on one joint or on all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from identification.mismatch.motion import Motion
 
 
 class TorqueDelay(Effect):
-    """c (τ̂(t − d) − τ̂(t)), or the same with a first-order lag 1/(1 + d s) in place of the delay; c is 1 in truth.
+    """c (τ̂(t − d) − τ̂(t)), or the same with a lag 1/(1 + d s/n)ⁿ of order n in place of the delay; c is 1 in truth.
 
     Not linearised: at 12 to 15 ms the linear column leaves a rest that looks like friction. On joint null all joints
     are late alike, which points at the acquisition; on one joint it is its drive or its filter. Lateness of a positive
@@ -23,7 +23,7 @@ class TorqueDelay(Effect):
 
     name = "torque_delay"
     code = "delay"
-    equation = "τ_j = τ̂_j(t − d) − τ̂_j(t); lag: Δτ = (1/(1 + d s) − 1) τ̂_j"
+    equation = "τ_j = τ̂_j(t − d) − τ̂_j(t); lag of order n: Δτ = (1/(1 + d s/n)ⁿ − 1) τ̂_j"
     source = "acquisition and filter lag, own model; effect on fits: Swevers et al., IEEE Trans. Robot. Autom. 13, 1997"
     units = ("1",)
     plausible = "1 to 20 ms"
@@ -38,20 +38,20 @@ class TorqueDelay(Effect):
         return (Place(), *(Place(joint=joint + 1) for joint in range(motion.n)))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """The delay d, and whether it is a lag (1) or a pure delay (0). Negative: position is late."""
+        """The delay d, and whether it is a lag (1, 2: its order) or a pure delay (0). Negative: position is late."""
         del motion, place
         return (
             ShapeParameter("delay", "s", (0.002, 0.005, 0.012, 0.03), 0.0003, 0.1),
-            ShapeParameter("lag", "", (0.0, 1.0), 0.0, 1.0, True, False),
+            ShapeParameter("lag", "", (0.0, 1.0, 2.0), 0.0, 2.0, True, False),
         )
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Late torque minus torque."""
         joints = tuple(range(motion.n)) if place.joint is None else (place.joint - 1,)
-        delay = shape["delay"]
+        delay, order = shape["delay"], round(shape["lag"])
         nominal = motion.torque[:, list(joints)]
-        if shape["lag"] > 0.5:
-            change = filtered(motion, nominal, lambda s: 1.0 / (1.0 + delay * s) - 1.0)
+        if order > 0:
+            change = filtered(motion, nominal, lambda s: np.asarray((1.0 + delay / order * s) ** -order - 1.0))
         else:
             change = filtered(motion, nominal, lambda s: np.asarray(np.exp(-delay * s) - 1.0))
         return Columns(joints, change[..., None]) if change.any() else None
@@ -65,13 +65,17 @@ class TorqueDelay(Effect):
             std = max(std, abs(share) * from_shape)
         return (
             Parameter("delay", 1000.0 * share * delay, 1000.0 * std, "ms"),
-            Parameter("lag", float(estimate.shape["lag"]), math.nan, "1 = first-order lag, 0 = pure delay"),
+            Parameter("lag", float(estimate.shape["lag"]), math.nan, "order of the lag, 0 = pure delay"),
         )
 
     def sentence(self, estimate: Estimate) -> str:
         """How late, and of which kind."""
         delay, lag = self.parameters(estimate)
-        kind = "as behind a first-order filter of that time constant" if lag.value > 0.5 else "as by a pure delay"
+        kind = {
+            0: "as by a pure delay",
+            1: "as behind a first-order filter of that time constant",
+            2: "as behind two first-order filters of half that time constant each",
+        }[round(lag.value)]
         cause = "the acquisition" if estimate.place.joint is None else "this joint's drive or sensor"
         return (
             f"{joint_name(estimate)}'s torque is late against its position by {size_of(delay)}, {kind}; "

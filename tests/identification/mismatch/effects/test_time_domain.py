@@ -49,6 +49,16 @@ def test_a_lagged_sinusoid_has_the_phase_and_amplitude_of_a_first_order_filter()
     np.testing.assert_allclose(columns.values[:, 0, 0], lagged - np.sin(omega * time), rtol=0.0, atol=1e-12)
 
 
+def test_a_lag_of_second_order_is_two_filters_of_half_its_time_in_a_row() -> None:
+    time, omega, constant = np.arange(2000) / 200.0, 2.0 * np.pi * 0.7, 0.05
+    motion = carrying(np.sin(omega * time), 200.0)
+    columns = TorqueDelay().columns(motion, Place(joint=1), {"delay": constant, "lag": 2.0})
+    assert columns is not None
+    turned, left = 2.0 * np.arctan(0.5 * omega * constant), 1.0 / (1.0 + (0.5 * omega * constant) ** 2)
+    lagged = left * np.sin(omega * time - turned)
+    np.testing.assert_allclose(columns.values[:, 0, 0], lagged - np.sin(omega * time), rtol=0.0, atol=1e-12)
+
+
 def test_a_delay_on_a_stretch_without_periods_is_right_away_from_its_ends() -> None:
     time, delay = np.arange(2000) / 200.0, 0.02
     motion = carrying(np.sin(2.3 * time), 200.0, periodic=False)
