@@ -24,6 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12
+# Score below the top of the parabola through three points at which these steps end: a tenth of a standard deviation.
+NEAR_TOP = 0.005
 ROUNDS = 2
 JOINT_STEPS = 8
 # Step of a derivative, as a share of the parameter (of its range where that is linear); gain that ends a refinement.
@@ -241,19 +243,35 @@ def _best_near(
     inner, outer = right - GOLDEN * (right - left), left + GOLDEN * (right - left)
     first, second = at(backward(inner)), at(backward(outer))
     best = max(first, second, key=lambda item: item[0])
+    at_left = at_right = -math.inf
     for _ in range(STEPS):
         if first[0] >= second[0]:
-            right, outer, second = outer, inner, first
+            right, at_right, outer, second = outer, second[0], inner, first
             inner = right - GOLDEN * (right - left)
             first = at(backward(inner))
         else:
-            left, inner, first = inner, outer, second
+            left, at_left, inner, first = inner, first[0], outer, second
             outer = left + GOLDEN * (right - left)
             second = at(backward(outer))
         best = max(best, first, second, key=lambda item: item[0])
-        if abs(first[0] - second[0]) < 1e-3 and right - left < 1e-3 * max(1.0, abs(right)):
+        if first[0] >= second[0]:
+            rest = _rest_to_top((left, inner, outer), (at_left, first[0], second[0]))
+        else:
+            rest = _rest_to_top((inner, outer, right), (first[0], second[0], at_right))
+        if rest < NEAR_TOP:
             break
     return best
+
+
+def _rest_to_top(places: tuple[float, float, float], scores: tuple[float, float, float]) -> float:
+    """How much higher than the score in the middle the parabola through three ends; infinite where one is not known."""
+    if not all(map(math.isfinite, scores)):
+        return math.inf
+    before, after = places[1] - places[0], places[2] - places[1]
+    rise, fall = (scores[1] - scores[0]) / before, (scores[1] - scores[2]) / after
+    bend = (rise + fall) / (before + after)
+    slope = (rise * after - fall * before) / (before + after)
+    return slope**2 / (4.0 * bend) if bend > 0.0 else math.inf
 
 
 def _same(value: float) -> float:

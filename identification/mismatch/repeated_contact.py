@@ -37,7 +37,7 @@ FloatArray = npt.NDArray[np.float64]
 SHARE_OF_NARROWEST = 0.125
 """Distance of the windows that are tried, as a share of their duration."""
 FEWEST_JOINTS = 2
-LEAST_SHARE = 0.3
+LEAST_SHARE = 0.5
 """Share of all misfit that a push makes at least: beside more than that of other kinds none is looked for."""
 REFINED = 1.2
 """A refinement of the window adds a fifth to a scan's gain."""

@@ -27,7 +27,7 @@ _BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
 """Frequencies, as shares of a spring's resonance, up to which a motor's motion tells its link's, and from which not."""
 _SPRING_TURNS = 4
 """Turns in which the torque in a spring and its wind-up agree; each gains a factor of four at worst."""
-_SETTLED = 1e-6
+_SETTLED = 1e-4
 """Step of the wind-up, as a share of its largest, that ends these turns."""
 _STRIDES, _COARSEST_HZ, _PRODUCTS = (4, 2), 240.0, 3
 """Coarser grids that are tried, the slowest, and how many times faster than the motion its torque may be."""
