@@ -84,10 +84,26 @@ def torque_behind_spring(
     friction that turns round and the sensor's noise are all that q shows. So the link's motion is taken from the part
     of q that lies below; what q has above is wind-up.
     """
-    rigid = rigid_torque(motion).torque
     if compliance == 0.0:
-        return torque_of_displacement(motion, joint, -wind_up(rigid[:, joint]))
+        return torque_of_displacement(motion, joint, -wind_up(rigid_torque(motion).torque[:, joint]))
+    if not carries_friction:
+        for grid in _coarse_grids(motion):
+            change = _wound_up(grid, joint, wind_up, compliance, (0.0, 0.0))
+            if _is_smooth(change):
+                return _refined(change, motion.samples)
     viscous, coulomb = friction_of(motion)[joint] if carries_friction else (0.0, 0.0)
+    return _wound_up(motion, joint, wind_up, compliance, (float(viscous), float(coulomb)))
+
+
+def _wound_up(
+    motion: Motion,
+    joint: int,
+    wind_up: Callable[[FloatArray], FloatArray],
+    compliance: float,
+    behind: tuple[float, float],
+) -> FloatArray:
+    """`torque_behind_spring` with this much viscous and Coulomb friction behind the spring."""
+    rigid, (viscous, coulomb) = rigid_torque(motion).torque, behind
 
     def friction(velocity: FloatArray) -> FloatArray:
         return np.asarray(viscous * velocity + coulomb * np.sign(velocity))
@@ -135,10 +151,19 @@ def _change(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
     velocity, acceleration = coarse.velocity + np.outer(rate, unit), coarse.acceleration + np.outer(growth, unit)
     links = chain.forward(velocity, acceleration, coarse.robot.gravity, joint, links_of(coarse))
     change = chain.backward(links).torque - rigid_torque(coarse).torque
-    if coarse is motion:
-        return change
-    lines = np.fft.rfft(np.ascontiguousarray(change.T)) * (motion.samples / coarse.samples)
-    return np.asarray(np.fft.irfft(lines, n=motion.samples)).T
+    return change if coarse is motion else _refined(change, motion.samples)
+
+
+def _refined(values: FloatArray, samples: int) -> FloatArray:
+    """Values (S', n) of a coarse grid on one of so many samples, by their Fourier coefficients."""
+    lines = np.fft.rfft(np.ascontiguousarray(values.T)) * (samples / len(values))
+    return np.asarray(np.fft.irfft(lines, n=samples)).T
+
+
+def _is_smooth(values: FloatArray) -> bool:
+    """Whether values (S', n) hold nothing in the upper quarter of what their grid can hold."""
+    lines = np.abs(np.fft.rfft(values, axis=0))
+    return bool(np.linalg.norm(lines[3 * len(lines) // 4 :]) <= _BEYOND * np.linalg.norm(lines))
 
 
 @once_per_motion
@@ -146,7 +171,7 @@ def _coarse_grids(motion: Motion) -> list[Motion]:
     """A periodic motion on every fourth and every second sample, as far as its products fit on these."""
     content = np.linalg.norm(np.fft.rfft(motion.acceleration, axis=0), axis=1)
     grids = []
-    for stride in _STRIDES:
+    for stride in _STRIDES if motion.periodic else ():
         size = motion.samples // stride
         if motion.samples % (2 * stride) or size / (motion.samples * motion.sampling_period_s) < _COARSEST_HZ:
             continue
