@@ -33,8 +33,8 @@ SLOPE = 1e-3
 WORTH_IT = 0.05
 # Score from which an effect in its textbook form is a serious candidate, so that freer forms are tried.
 LEAST_TO_FREE = 5.0
-# Turns in which a nonlinear parameter that equals the coefficient follows it; each gains about a factor of ten.
-TURNS = 3
+# Turns in which a nonlinear parameter that equals the coefficient is found, and the least step, as a share of it.
+TURNS, NEARLY = 4, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,15 +162,32 @@ def _refined(
 
 
 def _followed(problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]) -> Member:
-    """The member whose nonlinear parameters equal its coefficient, by fixed-point iteration from where it is."""
+    """The member whose nonlinear parameters equal its coefficient c, at the c that leaves least.
+
+    Gauss-Newton on c times the columns at c, whose slope is that of the last two. Setting c to its own estimate again
+    and again ends there too, but hardly moves where the columns at any c ask for nearly that c: a spring's take what is
+    not the link's motion wholly away.
+    """
+    joints, bounds = member.rows.joints, parameters[0]
+    (value,), _ = estimate_of(problem, member)
+    visited: list[tuple[float, Member]] = []
+    before = member.shape[bounds.name], member
     for _ in range(TURNS):
-        (coefficient,), _ = estimate_of(problem, member)
-        wanted = {item.name: min(max(float(coefficient), item.lower), item.upper) for item in parameters}
-        _, moved = _moved(problem, library, member, wanted)
+        value = min(max(float(value), bounds.lower), bounds.upper)
+        known, beside = before
+        if abs(value - known) <= NEARLY * abs(known):
+            if visited:
+                break
+            value = known * (1.0 + NEARLY) if known else NEARLY * bounds.upper
+        _, moved = _moved(problem, library, member, {item.name: value for item in parameters})
         if moved is None:
             break
-        member = moved
-    return member
+        rows = moved.used_rows()
+        slope = rows + value * (rows - beside.used_rows()) / (value - known)
+        gram, product, _ = gram_of_rows(problem, joints, np.concatenate([rows, slope], axis=2))
+        visited.append((float(value * (2.0 * product[0] - value * gram[0, 0])), moved))
+        before, value = (value, moved), value + (product[1] - value * gram[0, 1]) / max(gram[1, 1], 1e-300)
+    return max(visited, key=lambda item: item[0])[1] if visited else member
 
 
 def _together(
