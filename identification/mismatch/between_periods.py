@@ -39,7 +39,8 @@ RESIDUE_MARGIN = 0.35
 
 @dataclass(frozen=True, slots=True)
 class BetweenPeriodsSettings:
-    """false_alarm: chance per recording that a change is claimed where there is none, by the theory of the noise.
+    """false_alarm: chance per recording and family that a change is claimed where there is none, by the noise's theory,
+    which the best of each family on noise alone follows (docs/decisions/090).
 
     most_changes: how many are claimed at most in one recording.
     """
