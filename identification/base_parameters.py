@@ -57,13 +57,15 @@ class RegressorOptions:
     """Which effects stand beside the rigid body, each as one parameter per joint.
 
     viscous: FV_i, friction per velocity. coulomb: FS_i, times sign(q̇_i). rotor_inertia: IA_i, the drive's inertia seen
-    at the joint; wanted where torque is measured on the motor side. offset: OFF_i, a constant torque.
+    at the joint; wanted where torque is measured on the motor side. offset: OFF_i, a constant torque. coulomb_velocity:
+    rad/s (m/s) over which Coulomb friction turns over, times tanh(q̇_i/v) then; 0: sign(q̇_i), eq. (1).
     """
 
     viscous: bool = True
     coulomb: bool = True
     rotor_inertia: bool = False
     offset: bool = False
+    coulomb_velocity: float = 0.0
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -126,7 +128,7 @@ class BaseRegressor:
         for rows, columns in rigid_body_columns(self.robot, q, dq, ddq, self._wanted):
             result[rows, :, self._inertial_columns] = columns.transpose(2, 1, 0)
         for column, symbol, joint in self._extra_columns:
-            result[:, joint, column] = _extra_values(symbol, joint, dq, ddq)
+            result[:, joint, column] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
         return result
 
     def stacked(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -139,7 +141,7 @@ class BaseRegressor:
         columns = np.zeros((self.size, self.robot.n, samples))
         fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, self._firsts, columns)
         for column, symbol, joint in self._extra_columns:
-            columns[column, joint] = _extra_values(symbol, joint, dq, ddq)
+            columns[column, joint] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
         return columns.reshape(self.size, -1).T, np.repeat(np.arange(self.robot.n), samples)
 
     def joint_columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> list[tuple[FloatArray, IntArray]]:
@@ -156,7 +158,7 @@ class BaseRegressor:
         result = []
         for joint, (first, extras) in enumerate(zip(firsts, own, strict=True)):
             for place, (_, symbol, _) in enumerate(extras, start=len(inertial)):
-                packed[joint, place] = _extra_values(symbol, joint, dq, ddq)
+                packed[joint, place] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
             positions = np.concatenate([inertial[first:], [column for column, _, _ in extras]])
             result.append((packed[joint, first : len(inertial) + len(extras)], positions.astype(np.int64)))
         return result
@@ -211,13 +213,20 @@ def _plain(name: str) -> str:
     return re.sub(r"^(M|MX|MY|MZ|XX|XY|XZ|YY|YZ|ZZ|FV|FS|IA|OFF)R_", r"\1_", name)
 
 
-def _extra_values(symbol: str, joint: int, dq: FloatArray, ddq: FloatArray) -> FloatArray | float:
+def direction_of(velocity: FloatArray, coulomb_velocity: float) -> FloatArray:
+    """What Coulomb friction is proportional to: sign(q̇), 0 at rest, or tanh(q̇/v) where v > 0 is given, rad/s."""
+    return np.sign(velocity) if coulomb_velocity == 0.0 else np.asarray(np.tanh(velocity / coulomb_velocity))
+
+
+def _extra_values(
+    symbol: str, joint: int, dq: FloatArray, ddq: FloatArray, coulomb_velocity: float
+) -> FloatArray | float:
     """The one non-zero entry per sample of a friction, drive or offset column."""
     match symbol:
         case "FV":
             return dq[:, joint]
         case "FS":
-            return np.sign(dq[:, joint])
+            return direction_of(dq[:, joint], coulomb_velocity)
         case "IA":
             return ddq[:, joint]
         case _:
@@ -236,7 +245,7 @@ def _group(robot: RobotModel, symbols: tuple[str, ...]) -> tuple[IntArray, Float
     full[..., :_INERTIAL_COUNT] = torque_regressor(robot, q, dq, ddq).reshape(samples, robot.n, robot.n, -1)
     for place, symbol in enumerate(symbols, start=_INERTIAL_COUNT):
         for joint in range(robot.n):
-            full[:, joint, joint, place] = _extra_values(symbol, joint, dq, ddq)
+            full[:, joint, joint, place] = _extra_values(symbol, joint, dq, ddq, 0.0)
     columns = full.reshape(samples * robot.n, robot.n * stride)
     kept = independent_columns(columns, _order_of_preference(robot.n, symbols))
     coefficients = np.asarray(np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0], dtype=np.float64)

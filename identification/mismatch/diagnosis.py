@@ -26,6 +26,8 @@ from identification.mismatch.effects import EFFECTS
 from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, with_parameters
 from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
+from identification.mismatch.friction_transition import explains_better as turns_better
+from identification.mismatch.friction_transition import transition_sentence, transition_velocity
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
@@ -42,6 +44,9 @@ from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+MOST_TRANSITIONS = 3
+"""Turns in which the width of the friction's transition and the effects beside it are found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,10 +92,7 @@ def diagnose(
     report("search", 0.3)
     problem = _problem(fitted)
     library = Library(EFFECTS, fitted.evidences)
-
-    def renewed(values: FloatArray) -> Library:
-        base = values[: regressor.size]
-        return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in fitted.evidences))
+    renewed = _renewal(fitted, regressor)
 
     def unseen_by(problem: Problem, trial: Trial) -> Prepared | None:
         """What was not fitted, its effects acting on the torque of a trial's base parameters."""
@@ -105,8 +107,19 @@ def diagnose(
         # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
         first = search(problem, library, renewed, settings)
         fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
-        problem = _problem(fitted)
+        problem, renewed = _problem(fitted), _renewal(fitted, regressor)
     result = search(problem, library, renewed, settings)
+    for turn in range(MOST_TRANSITIONS):
+        velocity = transition_velocity(problem, fitted, regressor, result, settings)
+        if velocity is None:
+            break
+        turning = BaseRegressor(robot, replace(regressor.options, coulomb_velocity=velocity))
+        prepared = _prepare(upright, robot, turning, settings, split)
+        lately = search(_problem(prepared), Library(EFFECTS, prepared.evidences), _renewal(prepared, turning), settings)
+        if not turns_better(lately, result, settings, first=turn == 0):
+            break
+        regressor, fitted, problem, result = turning, prepared, _problem(prepared), lately
+        library, renewed = Library(EFFECTS, fitted.evidences), _renewal(fitted, regressor)
     contact = find_repeated_contact(problem, fitted.evidences, result, settings)
     if contact is not None:
         other = search(_problem(_with_change(fitted, contact)), library, renewed, settings)
@@ -146,6 +159,9 @@ def diagnose(
             *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
         )
         diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
+    if regressor.options.coulomb_velocity > 0.0:
+        said = transition_sentence(regressor.options.coulomb_velocity)
+        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, said))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)
@@ -186,6 +202,16 @@ def _with_change(prepared: Prepared, change: Change) -> Prepared:
     torque = list(prepared.torque)
     torque[change.evidence] = torque[change.evidence] - change.contribution.mean(axis=0)
     return replace(prepared, changes=(*prepared.changes, change), torque=tuple(torque))
+
+
+def _renewal(prepared: Prepared, regressor: BaseRegressor) -> Callable[[FloatArray], Library]:
+    """The library seen from other base parameters (and whatever stands behind them), for the search."""
+
+    def renewed(values: FloatArray) -> Library:
+        base = values[: regressor.size]
+        return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in prepared.evidences))
+
+    return renewed
 
 
 def _problem(prepared: Prepared) -> Problem:

@@ -102,6 +102,8 @@ class Effect(ABC):
     Class attributes: name (contract §7), code (short name in the design notes), stage, equation (plain text), source
     (publication), units of the m coefficients, plausible (range of the leading parameter on an iiwa, with unit, words),
     look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
+    one_sided: whether the one coefficient is positive on every real machine; what would need a negative one is then
+    something else, and the effect no candidate.
     """
 
     name: ClassVar[str]
@@ -113,6 +115,7 @@ class Effect(ABC):
     plausible: ClassVar[str]
     look_alikes: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str]
+    one_sided: ClassVar[bool] = False
 
     @abstractmethod
     def places(self, motion: Motion) -> Sequence[Place]:

@@ -32,6 +32,7 @@ class LoadDependentFriction(OwnJointEffect):
     units = ("1",)
     plausible = "0.2 to 3 % of the load"
     look_alikes = ("position_dependent_friction", "stribeck_friction", "presliding_hysteresis")
+    one_sided = True
     separating_experiment = "Drive the same path with and without a known payload: only this friction grows with it."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

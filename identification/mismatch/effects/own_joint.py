@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Columns, Effect, Place
 from identification.mismatch.motion import Motion
 
@@ -51,5 +52,5 @@ def joint_index(place: Place) -> int:
 
 
 def friction_sign(motion: Motion, joint: int) -> FloatArray:
-    """sign(q̇) as the nominal Coulomb column has it: 0 at rest. (S,)."""
-    return np.sign(motion.velocity[:, joint])
+    """The direction of motion as the nominal Coulomb column has it: sign(q̇), 0 at rest, or a wider transition. (S,)."""
+    return direction_of(motion.velocity[:, joint], motion.coulomb_velocity)

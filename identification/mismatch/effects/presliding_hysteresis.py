@@ -30,6 +30,7 @@ class PreslidingHysteresis(OwnJointEffect):
     units = ("Nm",)
     plausible = "δ 1 to 30 mrad, F up to the Coulomb friction, 0.05 to 0.5 Nm"
     look_alikes = ("stribeck_friction", "torque_delay", "load_dependent_friction")
+    one_sided = True
     separating_experiment = (
         "Drive the same path at two speeds: pre-sliding follows the distance since the reversal, Stribeck friction "
         "the speed, a delay the time."
