@@ -167,6 +167,19 @@ def test_a_payload_is_weighed_and_its_moment_found_within_fifty_milliseconds(
     assert abs(found["first_moment_z"][0] - 0.4 * 0.15) < max(4.0 * found["first_moment_z"][1], 0.001)
 
 
+def test_a_payload_of_which_the_inertia_does_not_show_has_mass_and_first_moments_alone(
+    record, iiwa14: RobotModel
+) -> None:
+    """3 g, of which ten parameters prove less than four."""
+    load = _load(iiwa14, lambda time: time >= 42.0)
+    evidence = record(lambda *states: 0.0075 * load(*states))[1]
+    change = _only(find_between_periods([evidence], (PayloadChange(),)), "payload_change")
+    found = _parameters(change)
+    assert found["mass"][0] == pytest.approx(0.003, abs=4.0 * found["mass"][1])
+    assert not change.estimate.coefficients[4:].any()
+    assert change.mean_columns.shape[-1] == 4
+
+
 @pytest.mark.parametrize(
     "profile",
     [
