@@ -23,6 +23,7 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.refinement import Member, score_of
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
+from identification.mismatch.wandering_wave import wandering
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -78,7 +79,7 @@ def local_is_likelier(
     held_out: Callable[[Sequence[Member]], float],
     settings: DiagnosisSettings,
 ) -> bool:
-    """Whether a local torque is likelier than a member, or than all members of its joint together.
+    """Whether a local torque, or a wave of no fixed order, is likelier than a member or all members of its joint.
 
     A stop may be written as a spring and an eccentricity that bend to it in turn. Where the members leave more than
     noise, the likelier one is that which does not. joint: from 0, on which the member shows most. held_out:
@@ -92,7 +93,9 @@ def local_is_likelier(
         others = [item for place, item in enumerate(trial.members) if place not in replaced]
         rest = fitted(nominal, others, settings, trial)
         known = 0.5 * (rest.penalised - trial.penalised)
-        rivals = sorted(_local_torques(rest.problem, library, joint), key=lambda item: -item[0])
+        rivals = [*_local_torques(rest.problem, library, joint)]
+        wave = wandering(rest.problem, library, trial.members[index], settings) if replaced == [index] else None
+        rivals = sorted([*rivals, wave] if wave is not None else rivals, key=lambda item: -item[0])
         if not trial.complete:
             if rivals and fitted(nominal, [*others, rivals[0][1]], settings, trial).complete:
                 return True
