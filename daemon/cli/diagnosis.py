@@ -13,8 +13,10 @@ from daemon.batch import Task
 from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from identification.report.numbers import UNKNOWN, chance, with_sigma
 
 if TYPE_CHECKING:
+    from identification.mismatch.effects.base import Parameter
     from identification.mismatch.findings import Diagnosis, Finding
 
 VERDICTS = {
@@ -100,8 +102,8 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 def finding_lines(finding: Finding) -> Sequence[str]:
     """Numbers of one finding: parameters with σ, how sure, how much of it base parameters hide, held-out gain."""
     lines = [
-        "; ".join(f"{item.name} {item.value:.4g} ± {item.std:.2g} {item.unit}".rstrip() for item in finding.parameters),
-        f"score {finding.score:.0f}, chance by noise {finding.significance:.1g}, "
+        "; ".join(_in_numbers(item) for item in finding.parameters),
+        f"score {finding.score:.0f}, chance by noise {chance(finding.significance)}, "
         f"{100 * finding.absorbed_fraction:.0f} % of it would hide in the base parameters",
     ]
     if finding.heldout_gain_nm.size:
@@ -110,6 +112,13 @@ def finding_lines(finding: Finding) -> Sequence[str]:
     if finding.separating_experiment:
         lines.append(f"To tell them apart: {finding.separating_experiment}")
     return lines
+
+
+def _in_numbers(parameter: Parameter) -> str:
+    """Value and σ; ± is left to the sentences, where it is half of the 95 % interval."""
+    value, sigma = with_sigma(parameter.value, parameter.std)
+    text = f"{parameter.name} {value} {parameter.unit}".rstrip()
+    return text if sigma == UNKNOWN else f"{text} (σ {sigma})"
 
 
 def joint_table(diagnosis: Diagnosis) -> Table:

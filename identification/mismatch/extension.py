@@ -195,7 +195,9 @@ def _tangents(
         names: list[tuple[int, int | str]] = []
         widths: list[float] = []
         for parameter in member.effect.shape_parameters(motion, member.place):
-            slope = None if parameter.integer else _slope(member, parameter, library, coefficients)
+            # What stands at the textbook's value was not estimated; counted as if, it would widen all the others.
+            given = parameter.integer or member.shape[parameter.name] == parameter.textbook
+            slope = None if given else _slope(member, parameter, library, coefficients)
             if slope is None:
                 continue
             if parameter.tied:

@@ -53,10 +53,15 @@ def harmonic(estimate: Estimate, sine: int = 0, cosine: int = 1) -> Harmonic:
 
 def size(value: float, std: float, unit: str) -> str:
     """'0.31 ± 0.02 Nm', with the half width of the 95 % interval; without it where std is not known."""
-    text = f"{value:.3g}"
+    text = _plain(value, 3)
     if math.isfinite(std) and std > 0.0:
-        text += f" ± {1.96 * std:.1g}"
+        text += f" ± {_plain(1.96 * std, 1)}"
     return f"{text} {unit}".rstrip()
+
+
+def _plain(value: float, digits: int) -> str:
+    """So many significant digits, without an exponent up to a million: 7680, not 7.68e+03."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def size_of(parameter: Parameter) -> str:

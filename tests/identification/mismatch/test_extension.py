@@ -50,6 +50,13 @@ class Power(Effect):
         return ""
 
 
+class Textbook(Power):
+    """The same, the exponent 2 being what books say."""
+
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        return tuple(replace(item, textbook=2.0) for item in super().shape_parameters(motion, place))
+
+
 class Useless(Power):
     """The same with the exponent fixed at 2."""
 
@@ -102,3 +109,18 @@ def test_noise_known_from_few_differences_widens_the_interval_as_students_t_does
     guessed = replace(problem, freedom=np.full_like(problem.freedom, 16.0))
     (wider,) = uncertainties(guessed, extension, problem.residual, library, coloured=False)
     assert wider.covariance[0, 0] / known.covariance[0, 0] == pytest.approx(16.0 / 14.0)
+
+
+def test_a_nonlinear_parameter_that_was_left_at_the_textbooks_value_widens_nothing(
+    clean_evidence: Evidence, problem: Problem
+) -> None:
+    found = []
+    for effect in (Power(), Textbook()):
+        library, member = member_of(effect, clean_evidence)
+        extension = replace(extend(problem, [member]), coefficients=(np.array([0.7]),))
+        found.append(uncertainties(problem, extension, problem.residual, library, coloured=False)[0])
+    estimated, given = found
+    column = off(problem.basis, spread(problem, member.rows.joints, member.rows.rows))
+    assert given.covariance[0, 0] == pytest.approx(1.0 / float((column**2).sum()), rel=1e-6)
+    assert given.shape_std == {}
+    assert estimated.covariance[0, 0] > 1.5 * given.covariance[0, 0]
