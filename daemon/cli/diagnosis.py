@@ -87,13 +87,15 @@ def diagnose(
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
     data(VERDICTS[diagnosis.verdict])
+    remaining = diagnosis.remaining
     for fault in diagnosis.data_faults:
         data(f"Data: {fault.sentence}")
+        remaining = remaining.removeprefix(fault.sentence).lstrip()
     for number, finding in enumerate(diagnosis.findings, start=1):
         data(f"{number}. {finding.sentence}")
         for line in finding_lines(finding):
             data(f"   {line}")
-    data(diagnosis.remaining)
+    data(remaining)
     show_table(joint_table(diagnosis))
     for note in diagnosis.notes:
         data(f"note: {note}")

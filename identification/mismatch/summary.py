@@ -211,6 +211,7 @@ def _notes(fitted: Role, unseen: Role | None) -> tuple[str, ...]:
         notes.append(
             "A recording has no periods to compare, so nothing tells its noise from misfit: the level above the "
             "compared band, or a tenth of what a plain fit leaves where that is more, stands in as a mere weight. "
-            "Names rest on what they explain of rows that were not fitted."
+            "Names rest on what they explain of rows that were not fitted. Where the robot can repeat a motion, record "
+            "four periods or more."
         )
     return tuple(notes)

@@ -248,14 +248,16 @@ def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: Int
     if gaps.size:
         missing = int(np.round(steps[gaps] / period - 1.0).sum())
         longest = int(gaps[np.argmax(steps[gaps])])
+        length = float(steps[longest])
         findings.append(
             Finding(
                 "gap",
                 int(number[gaps[0]]),
                 int(number[gaps[-1] + 1]),
                 int(gaps.size),
-                f"{gaps.size} gaps longer than {GAP_FACTOR} sampling periods of {1e3 * period:.4g} ms, about {missing} "
-                f"samples missing; the longest is {1e3 * steps[longest]:.4g} ms after row {number[longest]}",
+                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} longer than {GAP_FACTOR} sampling periods of "
+                f"{1e3 * period:.4g} ms, about {missing} samples missing; the longest lasts "
+                f"{f'{length:.4g} s' if length >= 1.0 else f'{1e3 * length:.4g} ms'} after row {number[longest]}",
             )
         )
     ordinary = steps[steps <= GAP_FACTOR * period]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,12 @@ import pytest
 from daemon.api import RunRequest
 from daemon.batch import executor_of, run_batch
 from daemon.cli.app import main
+from daemon.cli.diagnosis import finding_lines
 from daemon.errors import ConfigurationError
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.effects.base import Parameter
 from identification.mismatch.prediction import torque_along, validate_with_effects
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import read_model
@@ -122,6 +125,17 @@ def test_the_models_spring_pulls_where_the_simulated_arm_is(diagnosed: Path, iiw
     swing = torque(At(1.25)) - torque(At(-0.25))
     assert swing[5] == pytest.approx(2.0 * STIFFNESS, rel=0.05)
     assert not np.delete(swing, 5).any()
+
+
+def test_numbers_under_a_sentence_show_sigma_and_no_chance_of_zero() -> None:
+    """± in a sentence is half of the 95 % interval; the same sign for σ one line below read as another result."""
+    finding = SimpleNamespace(
+        parameters=(Parameter("stiffness", 7684.2, 48.7, "Nm/rad"),), score=6900.0, significance=0.0,
+        absorbed_fraction=0.68, heldout_gain_nm=np.zeros(0), separating_experiment=None,
+    )  # fmt: skip
+    numbers, sureness = finding_lines(finding)  # type: ignore[arg-type]
+    assert numbers == "stiffness 7684 Nm/rad (σ 49)"
+    assert "noise below 1e−6, 68 %" in sureness
 
 
 def test_a_missing_recording_is_missing_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

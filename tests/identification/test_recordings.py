@@ -189,6 +189,7 @@ def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
     (gap,) = recording.report.of_kind("gap")
     assert (gap.first_row, gap.last_row, gap.count) == (100, 101, 1)
     assert "20 samples missing" in gap.sentence
+    assert gap.sentence.startswith("1 gap longer than")
     assert recording.report.of_kind("jitter")
 
 

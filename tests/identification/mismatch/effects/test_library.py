@@ -171,3 +171,11 @@ def test_a_stiffness_has_the_relative_deviation_of_its_compliance() -> None:
 def test_sizes_are_written_with_their_interval_where_it_is_known() -> None:
     assert size(0.3141, 0.0102, "Nm") == "0.314 ± 0.02 Nm"
     assert size(0.3141, math.nan, "Nm") == "0.314 Nm"
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [(7684.2, 48.7, "7680 ± 100 u"), (0.3141, 0.011, "0.314 ± 0.02 u"), (1.3e-5, 2e-7, "1.3e-05 ± 4e-07 u")],
+)
+def test_sentences_have_no_exponents_in_numbers_of_ordinary_size(value: float, std: float, text: str) -> None:
+    assert size(value, std, "u") == text
