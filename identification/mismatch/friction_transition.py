@@ -56,14 +56,13 @@ def transition_velocity(
     """Velocity v (rad/s) with which tanh(q̇/v) fits all joints better; None where the regressor's own transition stands.
 
     The nominal model with the one is compared with the nominal model with the other: as many parameters, but for v.
-    Against sign(q̇), the others than the joint that gains most must still gain what an effect must (`complete_score`):
-    what one joint alone asks for is an effect of that joint. Once there is a width, it is measured again beside the
-    effects found with it. Not asked where one effect explains all (a filter on all torques blunts friction as well),
-    nor where the noise is not measured.
+    The joint that gains most has no say: what one joint alone asks for is an effect of that joint. The others must gain
+    what an effect must (`complete_score`) against sign(q̇). Once there is a width, it is measured again beside the
+    effects found with it. Not asked where nothing is left to explain, nor where the noise is not measured.
     """
     known = regressor.options.coulomb_velocity
-    simple = result.trial.complete and len(result.trial.members) < 2
-    if (simple and known == 0.0) or not problem.noise_is_measured or not regressor.options.coulomb:
+    clean = result.trial.complete and not result.trial.members
+    if (clean and known == 0.0) or not problem.noise_is_measured or not regressor.options.coulomb:
         return None
     nuisance = [(change.evidence, change.mean_columns) for change in fitted.changes]
     beside = [item for item in result.trial.members if known > 0.0 and item.effect.name not in AT_REVERSALS]
@@ -74,15 +73,19 @@ def transition_velocity(
         return np.asarray((left.reshape(problem.n, -1) ** 2).sum(axis=1))
 
     now = squares(known)
-    gains = [0.5 * (now - squares(velocity)) for velocity in GRID]
-    best = int(np.argmax([gain.sum() for gain in gains]))
-    if known == 0.0 and float(gains[best].sum() - gains[best].max()) < settings.complete_score:
+
+    def gained(velocity: float) -> float:
+        gain = 0.5 * (now - squares(velocity))
+        return float(gain.sum() - gain.max())
+
+    gains = [gained(velocity) for velocity in GRID]
+    best = int(np.argmax(gains))
+    if known == 0.0 and gains[best] < settings.complete_score:
         return None
     low, high = np.log(GRID[max(best - 1, 0)]), np.log(GRID[min(best + 1, len(GRID) - 1)])
     for _ in range(STEPS):
         inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        better = squares(np.exp(inner)).sum() < squares(np.exp(outer)).sum()
-        low, high = (low, outer) if better else (inner, high)
+        low, high = (low, outer) if gained(np.exp(inner)) > gained(np.exp(outer)) else (inner, high)
     velocity = float(np.exp(0.5 * (low + high)))
     return velocity if abs(velocity - known) > SAME * velocity else None
 
