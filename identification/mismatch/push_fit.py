@@ -77,7 +77,10 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
     upstream = motion.robot.kinematics.upstream(link - 1)
     lower, upper = reach_of(motion, link)
     around = {**shape, "start_s": shape["start_s"] - 0.5 * shape["duration_s"], "duration_s": 2.0 * shape["duration_s"]}
-    unit = unit_torque(ground, link, course_of(ground, around))
+    wide = course_of(ground, around)
+    unit = unit_torque(ground, link, wide)
+    near = np.flatnonzero((wide != 0.0).any(axis=0))
+    unit, samples = unit[near], len(unit)
     target = ground.target(upstream)
     bends = [name for name in shape if name.startswith("bend_")]
     size = 10 + len(bends)
@@ -95,7 +98,7 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
 
     def tangent_at(x: FloatArray) -> FloatArray:
         """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
-        factors = course_of(ground, shape_of(x))
+        factors = course_of(ground, shape_of(x))[:, near]
         force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
         by_force = unit @ arm
         torque = by_force @ force
@@ -105,9 +108,11 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
             step = np.zeros(size)
             step[number] = SLOPE
             slope = (course_of(ground, shape_of(x + step)) - course_of(ground, shape_of(x - step))) / (2.0 * SLOPE)
-            parts.append((slope[..., None] * torque)[..., None])
+            parts.append((slope[:, near, None] * torque)[..., None])
         parts.append((factors[..., None] * torque)[..., None])
-        return np.concatenate(parts, axis=-1)
+        result = np.zeros((len(factors), samples, len(upstream), size + 1))
+        result[:, near] = np.concatenate(parts, axis=-1)
+        return result
 
     known: dict[bytes, FloatArray] = {}
 

@@ -24,7 +24,7 @@ from identification.mismatch.extension import extend
 from identification.mismatch.heldout import residuals
 from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.motion import Motion
-from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
+from identification.mismatch.problem import BAND_EDGES_HZ, Problem
 from identification.mismatch.push_fit import WINDOW
 from identification.mismatch.refinement import Member
 from identification.mismatch.search import SearchResult
@@ -192,7 +192,9 @@ class MeanGround:
         columns = np.zeros((problem.n, problem.rows, values.shape[-1]))
         white = self.evidence.project(values[0]) * self.weight[:, chosen, None]
         columns[np.ix_(chosen, self._rows)] = white.transpose(1, 0, 2)
-        return off(problem.basis, columns.reshape(-1, values.shape[-1]))
+        flat = columns.reshape(-1, values.shape[-1])
+        # Once will do here: the residual that they are compared with is off the basis.
+        return np.asarray(flat - problem.basis @ (problem.basis.T @ flat), dtype=np.float64)
 
     def target(self, joints: Sequence[int]) -> FloatArray:
         """(n R,)."""
