@@ -81,7 +81,7 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
     """The members that may be named, some under another name, and sentences on those that may not."""
     before = exam.check(())
     searched, trial = trial, _generalising(exam, trial, before)
-    remarks = _choices(searched, trial)
+    remarks, refused = _choices(searched, trial), []
     while trial.members:
         now = exam.check(trial.members)
         failing = [index for index in range(len(trial.members)) if not _passes(exam, trial, index, before, now)]
@@ -98,10 +98,14 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
         scores = removal_scores(exam.problem, trial, exam.settings)
         worst = min(failing or undetermined, key=lambda index: scores[index])
         member = trial.members[worst]
-        named = name_of(member.effect.name, member.place.joint)
-        remarks.append(f"{named} describes part of the misfit, but not enough of it to be claimed")
+        refused.append(name_of(member.effect.name, member.place.joint))
         trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
-    return trial, remarks
+    why = (
+        "describes part of the misfit, but without it no more than noise is left: it is not claimed"
+        if trial.complete
+        else "describes part of the misfit, but not enough of it to be claimed"
+    )
+    return trial, [*remarks, *(f"{named} {why}" for named in refused)]
 
 
 def torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
