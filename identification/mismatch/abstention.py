@@ -281,9 +281,9 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
         there = now.heldout_after.log_likelihood - other.log_likelihood
         if removal_score(exam.problem, trial, index, settings) + there < settings.complete_score:
             return False
-        # A true effect gains a²/2 there, with a deviation of a.
+        # A true effect gains a²/2 there, with a deviation of a; and what comes out even refutes nothing.
         expected = now.heldout_after.squared_distance(other)
-        return there >= min(0.0, 0.5 * expected - REFUTED * float(np.sqrt(expected)))
+        return there >= min(-EVEN, 0.5 * expected - REFUTED * float(np.sqrt(expected)))
     gain = float((other.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
     variance = (other.excess_deviation[joints] ** 2 + now.heldout_after.excess_deviation[joints] ** 2).sum()
     return gain > -2.0 * float(np.sqrt(variance))

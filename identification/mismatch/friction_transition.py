@@ -58,7 +58,8 @@ def transition_velocity(
     The nominal model with the one is compared with the nominal model with the other: as many parameters, but for v.
     The joint that gains most has no say: what one joint alone asks for is an effect of that joint. The others must gain
     what an effect must (`complete_score`) against sign(q̇). Once there is a width, it is measured again beside the
-    effects found with it. Not asked where nothing is left to explain, nor where the noise is not measured.
+    effects found with it. A single effect that explains everything, and more than the width does, stands. Not asked
+    where nothing is left to explain, nor where the noise is not measured.
     """
     known = regressor.options.coulomb_velocity
     clean = result.trial.complete and not result.trial.members
@@ -87,6 +88,9 @@ def transition_velocity(
         inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         low, high = (low, outer) if gained(np.exp(inner)) > gained(np.exp(outer)) else (inner, high)
     velocity = float(np.exp(0.5 * (low + high)))
+    alone = result.trial.complete and len(result.trial.members) == 1 and known == 0.0
+    if alone and float(squares(velocity).sum()) >= result.trial.penalised:
+        return None  # a common lag blunts friction as well, and explains more
     return velocity if abs(velocity - known) > SAME * velocity else None
 
 

@@ -93,7 +93,7 @@ def local_is_likelier(
         others = [item for place, item in enumerate(trial.members) if place not in replaced]
         rest = fitted(nominal, others, settings, trial)
         known = 0.5 * (rest.penalised - trial.penalised)
-        rivals = [*_local_torques(rest.problem, library, joint)]
+        rivals = [*local_torques(rest.problem, library, joint)]
         wave = wandering(rest.problem, library, trial.members[index], settings) if replaced == [index] else None
         rivals = sorted([*rivals, wave] if wave is not None else rivals, key=lambda item: -item[0])
         if not trial.complete:
@@ -106,7 +106,7 @@ def local_is_likelier(
     return False
 
 
-def _local_torques(problem: Problem, library: Library, joint: int) -> Iterator[tuple[float, Member]]:
+def local_torques(problem: Problem, library: Library, joint: int) -> Iterator[tuple[float, Member]]:
     """Scores and torques, the best of each width and of each side and power; the choice costs what a grid costs.
 
     problem: with everything fitted but what is asked.

@@ -32,6 +32,8 @@ class DiagnosisSettings:
     weaker one on the same joint must explain more, or, where nothing but noise is left, score off_form_score beside all
     forms that the stronger ones may have: one question to one effect and no search, so that a chance of 10⁻⁵ will do.
     share_missed: share of what several effects explain on a joint that must be lost, one by one, without each of them.
+    largest_explanation: most effects that explain everything together by the noise alone; five smooth ones fitted a
+    weak background down to the noise (seed 9021), so beyond three each must stand as beside a background.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
     and harmonics of the position that count as motion. low_pass_hz: of recordings without periods, None = as the motion
     asks (`aperiodic_evidence.low_pass_of`). split: text of a `Split`, rows of such recordings to hold out where no
@@ -51,6 +53,7 @@ class DiagnosisSettings:
     share_of_form: float = 0.03
     off_form_score: float = 10.0
     share_missed: float = 0.3
+    largest_explanation: int = 3
     largest_findings: int = 5
     torque_bandwidth_hz: float = 60.0
     motion_bandwidth_hz: float = 20.0

@@ -1,6 +1,7 @@
 """A set of effects fitted together, and in which of the two regimes it stands.
 
-"complete": nothing but noise is left on every joint and in every band. "background": unknown model error remains.
+"complete": few effects leave nothing but noise on every joint and in every band. "background": unknown model error
+remains, or so many effects describe it that they are a series expansion of it.
 Called by the search, the pruning and the rule of abstention.
 """
 
@@ -97,7 +98,8 @@ def fitted(
         columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
         problem = extended(nominal, off(nominal.basis, columns))
     power = band_power(problem)
-    complete = problem.noise_is_measured and power.least_probability > settings.consistency_probability
+    few = problem.noise_is_measured and len(members) <= settings.largest_explanation
+    complete = few and power.least_probability > settings.consistency_probability
     # The power itself, not the trial, or each would keep the one before alive.
     afresh = complete or near is None or near.complete
     start, rounds = (power, FULL_ROUNDS) if afresh or near is None else (near.power, QUICK_ROUNDS)

@@ -13,8 +13,8 @@ from identification.mismatch.evidence import Evidence, build_evidence
 from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
-from identification.mismatch.local_torque import best_local
-from identification.mismatch.problem import build_problem
+from identification.mismatch.local_torque import local_torques
+from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.refinement import Member, score_of
 from identification.mismatch.verdict import contrast
 from identification.robots import RobotModel
@@ -22,6 +22,10 @@ from tests.identification.mismatch.plant import on_joint, record
 
 PROBABILITY = 1e-5
 CABLE = effect_named("cable_spring")
+
+
+def _best_local(problem: Problem, library: Library, joint: int) -> float:
+    return max(score for score, _ in local_torques(problem, library, joint))
 
 
 def test_noise_has_no_form_on_any_joint(clean_evidence: Evidence) -> None:
@@ -61,7 +65,7 @@ def test_a_stop_is_explained_best_by_what_acts_in_a_part_of_the_range_and_a_spri
         library = Library((CABLE,), [evidence])
         rows = library.rows(CABLE, Place(joint=6), ())
         assert rows is not None
-        named, local = score_of(problem, Member(rows, (0, 1))), best_local(problem, library, 5)[0]
+        named, local = score_of(problem, Member(rows, (0, 1))), _best_local(problem, library, 5)
         assert named > 20.0
         assert (local > named) == is_local
 
@@ -69,7 +73,7 @@ def test_a_stop_is_explained_best_by_what_acts_in_a_part_of_the_range_and_a_spri
 def test_noise_alone_has_no_local_torque(clean_evidence: Evidence) -> None:
     problem = build_problem([clean_evidence])
     library = Library((), [clean_evidence])
-    assert max(best_local(problem, library, joint)[0] for joint in range(7)) < 8.0
+    assert max(_best_local(problem, library, joint) for joint in range(7)) < 8.0
 
 
 def test_contrast_is_what_goes_on_the_joint_over_what_stays_elsewhere() -> None:
