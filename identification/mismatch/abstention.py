@@ -26,7 +26,15 @@ from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
-from identification.mismatch.verdict import contains, contrast, explains_enough, has_its_form, joints_of, rivals
+from identification.mismatch.verdict import (
+    contains,
+    contrast,
+    contrast_by_band,
+    explains_enough,
+    has_its_form,
+    joints_of,
+    rivals,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -264,6 +272,7 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
         or (
             trial.problem.noise_is_measured
             and contrast(rest.after, now.after, joints) < settings.contrast_to_background
+            and contrast_by_band(rest.after, now.after, joints, exam.problem.band, settings) < settings.background_score
         )
     ):
         return False
