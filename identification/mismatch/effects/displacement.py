@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from identification.base_parameters import direction_of
 from identification.mismatch.effects.dynamics import (
     chain_of,
     links_of,
@@ -18,6 +19,7 @@ from identification.mismatch.effects.dynamics import (
     rigid_torque,
     torque_derivatives,
 )
+from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
 from identification.mismatch.motion import Motion
 
@@ -43,7 +45,7 @@ def friction_of(motion: Motion) -> FloatArray:
     for joint in range(motion.n):
         velocity, acceleration = motion.velocity[:, joint], motion.acceleration[:, joint]
         # A nominal model may hold the motor's inertia and a constant torque too.
-        columns = np.stack([velocity, np.sign(velocity), acceleration, np.ones(motion.samples)], axis=1)
+        columns = np.stack([velocity, friction_sign(motion, joint), acceleration, np.ones(motion.samples)], axis=1)
         result[joint] = np.linalg.lstsq(columns, rest[:, joint])[0][:2]
     return result
 
@@ -106,7 +108,7 @@ def _wound_up(
     rigid, (viscous, coulomb) = rigid_torque(motion).torque, behind
 
     def friction(velocity: FloatArray) -> FloatArray:
-        return np.asarray(viscous * velocity + coulomb * np.sign(velocity))
+        return np.asarray(viscous * velocity + coulomb * direction_of(velocity, motion.coulomb_velocity))
 
     measured_friction = friction(motion.velocity[:, joint])
     load = rigid[:, joint] + measured_friction

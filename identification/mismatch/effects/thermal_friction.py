@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
@@ -58,7 +59,8 @@ class ThermalFriction(EnvelopedEffect):
         velocity = motion.velocity[:, place.joint - 1]
         if not np.any(velocity):
             return None
-        return (place.joint - 1,), np.stack([velocity, np.sign(velocity)], axis=1)[:, None, :]
+        direction = direction_of(velocity, motion.coulomb_velocity)
+        return (place.joint - 1,), np.stack([velocity, direction], axis=1)[:, None, :]
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """exp(−t/T)."""

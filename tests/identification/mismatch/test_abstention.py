@@ -74,3 +74,20 @@ def test_what_is_left_of_a_set_that_explained_all_is_judged_as_beside_a_backgrou
     diagnosis = diagnose([first], iiwa14, heldout=[second])
     assert diagnosis.verdict == "unexplained"
     assert not diagnosis.findings
+
+
+@pytest.mark.parametrize(
+    ("seed", "case", "names"),
+    [
+        # Five smooth effects explained a background down to the noise.
+        (9021, 62, []),
+        # The background of joint 1 is three times as strong as the ripple, and smooth.
+        (9023, 60, [("torque_ripple", 4)]),
+    ],
+)
+def test_beside_a_background_only_what_it_cannot_imitate_is_named(
+    iiwa14: RobotModel, tmp_path: Path, seed: int, case: int, names: list[tuple[str, int]]
+) -> None:
+    first, second = (read_recording(path) for path in write_recordings(draw_case(seed, case), tmp_path))
+    diagnosis = diagnose([first], iiwa14, heldout=[second])
+    assert [(item.effect, item.place.joint) for item in diagnosis.findings] == names
