@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from identification.mismatch.findings import Alternative, Curve, Finding
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
+from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.pruning import removal_scores
 from identification.mismatch.screening import build_screen
@@ -35,22 +36,6 @@ from identification.mismatch.verdict import (
 )
 
 FloatArray = npt.NDArray[np.float64]
-
-
-class Role(Protocol):
-    """Evidences of one role, their changes between periods, and their torque without those."""
-
-    @property
-    def evidences(self) -> tuple[Evidence, ...]:
-        """One per stretch."""
-
-    @property
-    def changes(self) -> tuple[Change, ...]:
-        """What differs between their periods."""
-
-    @property
-    def torque(self) -> tuple[FloatArray, ...]:
-        """(R, n) Nm per evidence, changes taken off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +59,8 @@ def build_findings(
     problem: Problem,
     library: Library,
     result: SearchResult,
-    fitted_role: Role,
-    unseen: Role | None,
+    fitted_role: Prepared,
+    unseen: Prepared | None,
     settings: DiagnosisSettings,
     *,
     physics: bool,

@@ -18,21 +18,19 @@ from identification.errors import EstimationError
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import choose_regressor, default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
-from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults
 from identification.mismatch.drift_in_mean import find_drift_in_mean
-from identification.mismatch.effects import EFFECTS
-from identification.mismatch.evidence import Evidence, build_evidence, fit_parameters, with_parameters
 from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.friction_transition import explains_better as turns_better
 from identification.mismatch.friction_transition import transition_sentence, transition_velocity
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
+from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact, misfit_elsewhere
-from identification.mismatch.search import search
+from identification.mismatch.search import SearchResult, search
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
@@ -50,12 +48,21 @@ MOST_TRANSITIONS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """Evidences of one role (fitted or held out), what changes between their periods, and torque without that."""
+class Explained:
+    """What the search settled on so far: the nominal model, what it was fitted to, and the effects beside it.
 
-    evidences: tuple[Evidence, ...]
-    changes: tuple[Change, ...]
-    torque: tuple[FloatArray, ...]
+    library: of the fitted evidences. problem: theirs, in which `result` was searched.
+    """
+
+    regressor: BaseRegressor
+    fitted: Prepared
+    library: Library
+    problem: Problem
+    result: SearchResult
+
+
+Preparing = Callable[[BaseRegressor], Prepared]
+Unseen = Callable[[BaseRegressor, Problem, Trial], Prepared | None]
 
 
 def diagnose(
@@ -88,68 +95,34 @@ def diagnose(
     faults = tuple(fault for recording in recordings for fault in find_data_faults(recording, robot, regressor))
     report("evidence", 0.1)
     upright = [_upright(item, faults) for item in recordings]
-    fitted = _prepare(upright, robot, regressor, settings, split)
-    report("search", 0.3)
-    problem = _problem(fitted)
-    library = Library(EFFECTS, fitted.evidences)
-    renewed = _renewal(fitted, regressor)
 
-    def unseen_by(problem: Problem, trial: Trial) -> Prepared | None:
+    def preparing(regressor: BaseRegressor) -> Prepared:
+        return prepare(upright, robot, regressor, settings, split)
+
+    def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
         """What was not fitted, its effects acting on the torque of a trial's base parameters."""
         if not heldout and split is None:
             return None
         values = extend(problem, trial.members).base[: regressor.size]
         others = [_upright(item, faults) for item in heldout] if heldout else upright
-        return _prepare(others, robot, regressor, settings, split, values)
+        return prepare(others, robot, regressor, settings, split, values)
 
-    inactive = library.candidates()[1]
-    if not problem.noise_is_measured:
-        # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
-        first = search(problem, library, renewed, settings)
-        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
-        problem, renewed = _problem(fitted), _renewal(fitted, regressor)
-    result = search(problem, library, renewed, settings)
-    for turn in range(MOST_TRANSITIONS):
-        velocity = transition_velocity(problem, fitted, regressor, result, settings)
-        if velocity is None:
-            break
-        turning = BaseRegressor(robot, replace(regressor.options, coulomb_velocity=velocity))
-        prepared = _prepare(upright, robot, turning, settings, split)
-        lately = search(_problem(prepared), Library(EFFECTS, prepared.evidences), _renewal(prepared, turning), settings)
-        if not turns_better(lately, result, settings, first=turn == 0):
-            break
-        regressor, fitted, problem, result = turning, prepared, _problem(prepared), lately
-        library, renewed = Library(EFFECTS, fitted.evidences), _renewal(fitted, regressor)
-    contact = find_repeated_contact(problem, fitted.evidences, result, settings)
-    if contact is not None:
-        other = search(_problem(_with_change(fitted, contact)), library, renewed, settings)
-        if explains_better(problem, contact, other, result, settings):
-            pushed = _with_change(fitted, beside(problem, fitted.evidences, contact, other, settings))
-            beside_it = _problem(pushed)
-            trial = fitted_again(beside_it, other.trial.members, settings)
-            elsewhere = unseen_by(beside_it, trial)
-            if elsewhere is None or not misfit_elsewhere(
-                pushed.changes[-1],
-                beside_it,
-                trial.members,
-                Library(EFFECTS, elsewhere.evidences),
-                elsewhere.torque,
-                settings,
-            ):
-                fitted, problem, result = pushed, beside_it, replace(other, trial=trial)
-    drift = find_drift_in_mean(problem, fitted.evidences, fitted.changes, result, settings)
-    if drift is not None:
-        fitted = _with_change(fitted, drift)
-        problem = _problem(fitted)
-        result = search(problem, library, renewed, settings)
+    fitted = preparing(regressor)
+    report("search", 0.3)
+    now = _explained(regressor, fitted, settings)
+    inactive = now.library.candidates()[1]
+    now = _with_gentle_friction(now, preparing, settings)
+    now = _with_push(now, unseen_by, settings)
+    now = _with_drift(now, settings)
+    regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
     report("held-out check", 0.8)
-    unseen = unseen_by(problem, result.trial)
+    unseen = unseen_by(regressor, problem, result.trial)
     claims = build_findings(
         problem, result.library, result, fitted, unseen, settings, physics=not _stops_physics(faults)
     )
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
-    plain = residuals(nominal, fitted.evidences, library)
+    plain = residuals(nominal, fitted.evidences, now.library)
     baseline = _baseline(plain, result.before.power.probability, claims)
     diagnosis = summarise(
         problem, result.library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
@@ -170,54 +143,61 @@ def diagnose(
     return diagnosis
 
 
-def _prepare(
-    recordings: Sequence[Recording],
-    robot: RobotModel,
-    regressor: BaseRegressor,
-    settings: DiagnosisSettings,
-    split: Split | None,
-    values: FloatArray | None = None,
-) -> Prepared:
-    """values: base parameters whose torque the effects see; with them the rows are those that the split holds out.
-
-    None: the rows to fit, and the parameters that fit them all together.
-    """
-    evidences = [
-        part
-        for recording in recordings
-        for part in build_evidence(recording, robot, regressor, settings, split, held_out=values is not None)
-    ]
-    if values is None and len(evidences) > 1:
-        values = fit_parameters(evidences)
-    if values is not None:
-        evidences = [with_parameters(evidence, regressor, values) for evidence in evidences]
-    changes = find_between_periods(evidences, EFFECTS)
-    torque = [evidence.torque.copy() for evidence in evidences]
-    for change in changes:
-        torque[change.evidence] -= change.contribution.mean(axis=0)
-    return Prepared(tuple(evidences), changes, tuple(torque))
+def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:
+    """The first search over the mean of the periods."""
+    problem, library = fitted.problem(), fitted.library()
+    if not problem.noise_is_measured:
+        # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
+        first = search(problem, library, fitted.renewal(regressor), settings)
+        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
+        problem = fitted.problem()
+    result = search(problem, library, fitted.renewal(regressor), settings)
+    return Explained(regressor, fitted, library, problem, result)
 
 
-def _with_change(prepared: Prepared, change: Change) -> Prepared:
-    torque = list(prepared.torque)
-    torque[change.evidence] = torque[change.evidence] - change.contribution.mean(axis=0)
-    return replace(prepared, changes=(*prepared.changes, change), torque=tuple(torque))
+def _with_gentle_friction(now: Explained, preparing: Preparing, settings: DiagnosisSettings) -> Explained:
+    """With friction that turns over as gently as all joints show, where less is needed beside it then."""
+    for turn in range(MOST_TRANSITIONS):
+        velocity = transition_velocity(now.problem, now.fitted, now.regressor, now.result, settings)
+        if velocity is None:
+            break
+        regressor = BaseRegressor(now.regressor.robot, replace(now.regressor.options, coulomb_velocity=velocity))
+        other = _explained(regressor, preparing(regressor), settings)
+        if not turns_better(other.result, now.result, settings, first=turn == 0):
+            break
+        now = other
+    return now
 
 
-def _renewal(prepared: Prepared, regressor: BaseRegressor) -> Callable[[FloatArray], Library]:
-    """The library seen from other base parameters (and whatever stands behind them), for the search."""
+def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
+    """With a push that comes in every period, where it explains more and another motion does not speak against it."""
+    contact = find_repeated_contact(now.problem, now.fitted.evidences, now.result, settings)
+    if contact is None:
+        return now
+    renewed = now.fitted.renewal(now.regressor)
+    other = search(now.fitted.with_change(contact).problem(), now.library, renewed, settings)
+    if not explains_better(now.problem, contact, other, now.result, settings):
+        return now
+    push = beside(now.problem, now.fitted.evidences, contact, other, settings)
+    pushed = now.fitted.with_change(push)
+    problem = pushed.problem()
+    trial = fitted_again(problem, other.trial.members, settings)
+    elsewhere = unseen_by(now.regressor, problem, trial)
+    if elsewhere is not None and misfit_elsewhere(
+        push, problem, trial.members, elsewhere.library(), elsewhere.torque, settings
+    ):
+        return now
+    return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial))
 
-    def renewed(values: FloatArray) -> Library:
-        base = values[: regressor.size]
-        return Library(EFFECTS, tuple(with_parameters(evidence, regressor, base) for evidence in prepared.evidences))
 
-    return renewed
-
-
-def _problem(prepared: Prepared) -> Problem:
-    """The rows of the fitted evidences, columns of changes between periods kept free."""
-    nuisance = [(change.evidence, change.mean_columns) for change in prepared.changes]
-    return build_problem(prepared.evidences, prepared.torque, nuisance)
+def _with_drift(now: Explained, settings: DiagnosisSettings) -> Explained:
+    """With a drift from zero that mean and contrasts prove together."""
+    drift = find_drift_in_mean(now.problem, now.fitted.evidences, now.fitted.changes, now.result, settings)
+    if drift is None:
+        return now
+    renewed, fitted = now.fitted.renewal(now.regressor), now.fitted.with_change(drift)
+    problem = fitted.problem()
+    return replace(now, fitted=fitted, problem=problem, result=search(problem, now.library, renewed, settings))
 
 
 def _baseline(nominal: Residuals, probability: FloatArray, claims: Claims) -> Baseline:

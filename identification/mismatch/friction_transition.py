@@ -9,14 +9,13 @@ diagnosis, which searches again with the wider transition and keeps it where tha
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, direction_of
-from identification.mismatch.between_periods import Change
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
@@ -34,24 +33,8 @@ AT_REVERSALS = ("stribeck_friction", "presliding_hysteresis")
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
-class Fitted(Protocol):
-    """Evidences, what changes between their periods, and their torque without that."""
-
-    @property
-    def evidences(self) -> tuple[Evidence, ...]:
-        """One per stretch."""
-
-    @property
-    def changes(self) -> tuple[Change, ...]:
-        """Between periods."""
-
-    @property
-    def torque(self) -> tuple[FloatArray, ...]:
-        """(R, n) Nm each."""
-
-
 def transition_velocity(
-    problem: Problem, fitted: Fitted, regressor: BaseRegressor, result: SearchResult, settings: DiagnosisSettings
+    problem: Problem, fitted: Prepared, regressor: BaseRegressor, result: SearchResult, settings: DiagnosisSettings
 ) -> float | None:
     """Velocity v (rad/s) with which tanh(q̇/v) fits all joints better; None where the regressor's own transition stands.
 
@@ -65,12 +48,11 @@ def transition_velocity(
     clean = result.trial.complete and not result.trial.members
     if (clean and known == 0.0) or not problem.noise_is_measured or not regressor.options.coulomb:
         return None
-    nuisance = [(change.evidence, change.mean_columns) for change in fitted.changes]
     beside = [item for item in result.trial.members if known > 0.0 and item.effect.name not in AT_REVERSALS]
 
     def squares(velocity: float) -> FloatArray:
         seen = [_with_transition(item, regressor, velocity) for item in fitted.evidences]
-        left = with_members(build_problem(seen, fitted.torque, nuisance), beside, settings).problem.residual
+        left = with_members(build_problem(seen, fitted.torque, fitted.nuisance), beside, settings).problem.residual
         return np.asarray((left.reshape(problem.n, -1) ** 2).sum(axis=1))
 
     now = squares(known)

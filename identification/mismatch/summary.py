@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
-from identification.mismatch.claims import Claims, Role
+from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
 from identification.mismatch.effects.base import Effect, Place
@@ -32,6 +32,7 @@ from identification.mismatch.findings import (
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.localisation import best_curve
+from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
@@ -47,8 +48,8 @@ def summarise(
     inactive: Sequence[tuple[Effect, Place]],
     claims: Claims,
     baseline: Baseline,
-    fitted: Role,
-    unseen: Role | None,
+    fitted: Prepared,
+    unseen: Prepared | None,
     faults: tuple[DataFault, ...],
     regressor: BaseRegressor,
     settings: DiagnosisSettings,
@@ -204,7 +205,7 @@ def _series(evidences: Sequence[Evidence], before: Residuals, after: Residuals) 
     return found
 
 
-def _notes(fitted: Role, unseen: Role | None) -> tuple[str, ...]:
+def _notes(fitted: Prepared, unseen: Prepared | None) -> tuple[str, ...]:
     evidences = [*fitted.evidences, *(() if unseen is None else unseen.evidences)]
     notes = []
     if any(not evidence.noise_is_measured for evidence in evidences):

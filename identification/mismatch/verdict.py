@@ -75,12 +75,12 @@ def alternatives(
     Of two that explain alike the simpler one is reported.
     """
     others = [other for position, other in enumerate(trial.members) if position != index]
-    rest = fitted(nominal, others, settings).problem
-    own = _own_score(nominal, trial, fitted(nominal, others, settings), others, trial.members[index], settings)
+    rest = fitted(nominal, others, settings)
+    own = _own_score(nominal, trial, rest, others, trial.members[index], settings)
     return tuple(
         Alternative(rival.effect.name, rival.place.joint, score)
         for score, rival in rivals(nominal, trial, index, screen, library, settings)
-        if score > own - EXPLAINS_MORE or not contains(rest, rival, trial.members[index])
+        if score > own - EXPLAINS_MORE or not contains(rest.problem, rival, trial.members[index])
     )
 
 

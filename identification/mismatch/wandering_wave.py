@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Estimate, Parameter
 from identification.mismatch.effects.own_joint import OwnJointEffect
+from identification.mismatch.effects.position_dependent_torque import PositionDependentTorque
+from identification.mismatch.effects.torque_ripple import TorqueRipple
 from identification.mismatch.library import Library
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem
@@ -31,7 +33,7 @@ EVALUATIONS = 60
 
 
 class WanderingWave(OwnJointEffect):
-    """A named wave at the angle q + d (q − p)²/N, N any number."""
+    """A named wave at the angle q + d (q − p)²/N, N any number. Never named: it has no words for itself."""
 
     code = "wandering"
     equation = "τ_j = a sin(N q_j + d (q_j − p)²) + b cos(N q_j + d (q_j − p)²)"
@@ -39,33 +41,40 @@ class WanderingWave(OwnJointEffect):
     units = ("Nm", "Nm")
     plausible = "any"
     separating_experiment = "Repeat the motion about another centre."
-
-    def __init__(self, wave: OwnJointEffect) -> None:
-        self.name = f"wandering_{wave.name}"  # type: ignore[misc]
-        self._wave = wave
+    wave: ClassVar[OwnJointEffect]
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Sine and cosine, as the named wave has them."""
         position = motion.position.copy()
         position[:, joint] += shape["drift"] / shape["order"] * (position[:, joint] - shape["place"]) ** 2
-        return self._wave.own_torque(replace(motion, position=position), joint, shape)
+        return self.wave.own_torque(replace(motion, position=position), joint, shape)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """None: it is never named."""
+        """None."""
         del estimate
         return ()
 
     def sentence(self, estimate: Estimate) -> str:
-        """None: it is never named."""
+        """None."""
         del estimate
         return ""
 
 
-WAVES = {
-    name: WanderingWave(effect)
-    for name in ("position_dependent_torque", "torque_ripple")
-    if isinstance(effect := effect_named(name), OwnJointEffect)
-}
+class WanderingTorque(WanderingWave):
+    """Of a low order."""
+
+    name = "wandering_torque"
+    wave = PositionDependentTorque()
+
+
+class WanderingRipple(WanderingWave):
+    """Of a gear's order."""
+
+    name = "wandering_ripple"
+    wave = TorqueRipple()
+
+
+WAVES: Mapping[str, WanderingWave] = {form.wave.name: form for form in (WanderingTorque(), WanderingRipple())}
 
 
 def wandering(
