@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -72,6 +72,23 @@ class RegressorOptions:
         """Symbols of the chosen effects in the order of the columns: FV, FS, IA, OFF."""
         chosen = (("FV", self.viscous), ("FS", self.coulomb), ("IA", self.rotor_inertia), ("OFF", self.offset))
         return tuple(symbol for symbol, wanted in chosen if wanted)
+
+    def to_json(self) -> dict[str, bool | float]:
+        """Every option by name, as plain JSON types."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> RegressorOptions:
+        """The options a file notes; one that an older file does not name has its default.
+
+        Raises TypeError or ValueError for a value that is none, such as a width below zero.
+        """
+        known = cls().to_json()
+        return cls(**{name: type(default)(data[name]) for name, default in known.items() if name in data})  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.coulomb_velocity < np.inf:
+            raise ValueError(f"coulomb_velocity is {self.coulomb_velocity}; it must be a number from 0 on")
 
 
 class BaseRegressor:

@@ -166,12 +166,13 @@ def _blocks_with_drives(
         choice = getattr(settings, name)
         choices[name] = choice == "yes" if choice != "auto" else (False if robot.name in BUILT_IN_ROBOTS else None)
     wanted = {name: choice is not False for name, choice in choices.items()}
-    regressor = BaseRegressor(robot, RegressorOptions(**wanted))
+    velocity = settings.coulomb_velocity or 0.0
+    regressor = BaseRegressor(robot, RegressorOptions(**wanted, coulomb_velocity=velocity))
     blocks = _build_blocks(processed, regressor, settings)
     if None not in choices.values():
         return regressor, blocks, {}
     decision = choose_drive_parameters(blocks, regressor, **choices)
-    chosen = RegressorOptions(rotor_inertia=decision.rotor_inertia, offset=decision.offset)
+    chosen = replace(regressor.options, rotor_inertia=decision.rotor_inertia, offset=decision.offset)
     if chosen != regressor.options:
         regressor = BaseRegressor(robot, chosen)
         blocks = _build_blocks(processed, regressor, settings)
@@ -287,7 +288,6 @@ def _provenance(
     settings: FitSettings,
     facts: dict[str, Any],
 ) -> dict[str, Any]:
-    options = regressor.options
     return {
         "inputs": [
             {
@@ -305,12 +305,7 @@ def _provenance(
             for item in processed
         ],
         "robot": {"name": robot.name, "source": Path(robot.source).name, "digest": robot.digest},
-        "regressor": {
-            "viscous": options.viscous,
-            "coulomb": options.coulomb,
-            "rotor_inertia": options.rotor_inertia,
-            "offset": options.offset,
-        },
+        "regressor": regressor.options.to_json(),
         "settings": settings.to_json(),
         "seed": settings.seed,
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},

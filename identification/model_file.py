@@ -126,10 +126,7 @@ def read_model(path: str | Path) -> Model:
         where = "physical_parameters"
         physical = _physical(data.get(where, []), viscous, coulomb)
         where = "provenance.regressor"
-        chosen = data.get("provenance", {}).get("regressor", {})
-        options = RegressorOptions(
-            **{name: bool(chosen[name]) for name in ("viscous", "coulomb", "rotor_inertia", "offset") if name in chosen}
-        )
+        options = RegressorOptions.from_json(data.get("provenance", {}).get("regressor", {}))
         where = "robot"
         robot = str(data[where])
     except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -10,6 +10,7 @@ import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +100,12 @@ def export_model(
         )
     effects = effects_note(model)
     notes = (*notes, *effects.sentences)
+    if model.options.coulomb_velocity > 0.0:
+        notes = (
+            *notes,
+            f"Coulomb friction was identified as F_s tanh(q̇/v) with v = {model.options.coulomb_velocity:.3g} rad/s "
+            "(m/s); the format has no place for v, which stands in the file beside this one.",
+        )
     skeleton = _skeleton(robot, path)
     if form == "urdf":
         root = write_urdf(skeleton, robot, parameters)
@@ -108,9 +115,16 @@ def export_model(
     source = f"{robot.name}, identified; from {Path(model.path).name or 'a model'}, {parameter_set} parameters."
     path.write_text(document(root, (source, *notes)), encoding="utf-8")
     beside = None
-    if effects.left_out:
+    width = model.options.coulomb_velocity
+    if effects.left_out or width > 0.0:
         beside = path.with_name(path.name + ".effects.json")
-        content = {"format": "iiwa-ident/effects/1", "model": path.name, "effects": list(effects.left_out)}
+        content: dict[str, Any] = {
+            "format": "iiwa-ident/effects/1",
+            "model": path.name,
+            "effects": list(effects.left_out),
+        }
+        if width > 0.0:
+            content["friction_transition"] = {"velocity": width, "unit": "rad/s", "law": "F_s tanh(q̇/velocity)"}
         beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return ExportResult(path, check_export(path, form, robot, parameters), notes, beside)
 

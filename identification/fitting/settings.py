@@ -79,7 +79,8 @@ class FitSettings:
     delay_correction: shift the torque by the delay estimated against the position, one for all joints or one each;
     "no" only reports it.
     rotor_inertia, offset: whether each joint gets that parameter; "auto" = no for the built-in arms, whose torque
-    sensors sit behind the gear, else as `fitting.drives` decides. flip_torque: turn the sign of all torques first.
+    sensors sit behind the gear, else as `fitting.drives` decides. coulomb_velocity: rad/s (m/s) over which Coulomb
+    friction turns over on all joints, 0 or None = sign(q̇). flip_torque: turn the sign of all torques first.
     check_torque_sign: refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible
     parameters. bounds: entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency:
     program (10) also asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
@@ -94,6 +95,7 @@ class FitSettings:
     delay_correction: DelayCorrection = "no"
     rotor_inertia: Choice = "auto"
     offset: Choice = "auto"
+    coulomb_velocity: float | None = None
     flip_torque: bool = False
     check_torque_sign: bool = True
     physical: bool = True

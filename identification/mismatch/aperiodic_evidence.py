@@ -283,6 +283,7 @@ def _evidence(
         full_parameters=np.zeros(len(regressor.full_names)),
         periodic=False,
         start_s=np.array([float(signals.time[0] - recording.time[0])]),
+        coulomb_velocity=regressor.options.coulomb_velocity,
     )
     density = np.asarray(signals.facts["noise_density"])
     cutoff = float(signals.facts["low_pass_hz"])

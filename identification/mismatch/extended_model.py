@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import EstimationError, IdentificationError
+from identification.errors import IdentificationError
 from identification.fit import FitSettings, Progress, fit_recordings
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import without_effects
@@ -38,12 +37,13 @@ def extended_model(
     recordings, the model holds base parameters only and a note says why.
     """
     extended = diagnosis.extended_model_json()
+    regressor = BaseRegressor(robot, RegressorOptions.from_json(diagnosis.provenance["regressor"]))
     known = {item.name: item.after for item in diagnosis.parameter_shift}
-    regressor = _regressor_of(set(known), robot)
     values = np.array([known[name] for name in regressor.names])
     settings = FitSettings(
         rotor_inertia="yes" if regressor.options.rotor_inertia else "no",
         offset="yes" if regressor.options.offset else "no",
+        coulomb_velocity=regressor.options.coulomb_velocity,
         check_torque_sign=False,
     )
     turned = {
@@ -69,12 +69,3 @@ def extended_model(
         "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }
-
-
-def _regressor_of(names: set[str], robot: RobotModel) -> BaseRegressor:
-    """The regressor whose base parameters have these names. Raises EstimationError if none has."""
-    for rotor_inertia, offset in product((False, True), repeat=2):
-        regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=rotor_inertia, offset=offset))
-        if set(regressor.names) == names:
-            return regressor
-    raise EstimationError(f"The diagnosis names parameters that {robot.name} does not have")

@@ -132,6 +132,7 @@ def torque_along(
         full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
         periodic=True,
         start_s=np.zeros(1),
+        coulomb_velocity=regressor.options.coulomb_velocity,
     )
     return _by_time(effects, motion)
 

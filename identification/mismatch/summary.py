@@ -79,7 +79,11 @@ def summarise(
         else tuple(_series(unseen.evidences, claims.heldout_before, claims.heldout_after)),
         rms_after_nm=claims.after.rms_nm,
         notes=_notes(fitted, unseen),
-        provenance={"library": len(library.effects), "candidates": len(result.candidates)},
+        provenance={
+            "library": len(library.effects),
+            "candidates": len(result.candidates),
+            "regressor": regressor.options.to_json(),
+        },
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -157,3 +158,21 @@ def test_numbers_that_json_does_not_know_are_not_written(result: FitResult, tmp_
     with pytest.raises(ModelFileError, match="not finite"):
         write_model(data, tmp_path / "model.json")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["viscous", "coulomb", "rotor_inertia", "offset", "coulomb_velocity"])
+def test_every_option_of_the_regressor_survives_the_file(result: FitResult, tmp_path: Path, option: str) -> None:
+    """Each turned from its default in turn: what a model.json does not note is lost to all who read it."""
+    plain = RegressorOptions().to_json()
+    turned = RegressorOptions(**{**plain, option: 0.02 if option == "coulomb_velocity" else not plain[option]})  # type: ignore[arg-type]
+    data = result.to_model_json()
+    noted = {**data, "provenance": {**data["provenance"], "regressor": turned.to_json()}}
+    assert read_model(write_model(noted, tmp_path / "model.json")).options == turned
+    assert set(plain) == {field.name for field in fields(RegressorOptions)}
+
+
+def test_a_width_of_friction_that_is_no_number_is_refused(result: FitResult, tmp_path: Path) -> None:
+    data = result.to_model_json()
+    data["provenance"]["regressor"] = {"coulomb_velocity": -0.01}
+    with pytest.raises(ModelFileError, match="coulomb_velocity"):
+        read_model(write_model(data, tmp_path / "model.json"))

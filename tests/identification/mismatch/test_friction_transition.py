@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,11 @@ import pytest
 
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.extended_model import extended_model
+from identification.mismatch.prediction import validate_with_effects
+from identification.model_file import read_model, write_model
 from identification.robots import RobotModel
-from tests.identification.mismatch.plant import Hidden, on_joint, record
+from tests.identification.mismatch.plant import NOISE_NM, Hidden, on_joint, record
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,8 +32,9 @@ def blunted(coulomb: FloatArray, velocity: float, joints: list[int]) -> Hidden:
 
 @pytest.mark.parametrize("velocity", [5e-3, 2e-2])
 def test_a_width_that_all_joints_share_is_measured_and_called_no_missing_physics(
-    iiwa14: RobotModel, table3: PhysicalParameters, velocity: float
+    iiwa14: RobotModel, table3: PhysicalParameters, velocity: float, tmp_path: Path
 ) -> None:
+    """And the model that is exported keeps it: validated, it leaves the noise on the same rows and on others."""
     hidden = blunted(table3.coulomb, velocity, list(range(1, 8)))
     fitted = record(iiwa14, table3, hidden)
     unseen = record(iiwa14, table3, hidden, periods=4, motion=9, seed=2)
@@ -38,6 +43,12 @@ def test_a_width_that_all_joints_share_is_measured_and_called_no_missing_physics
     (said,) = (note for note in found.notes if "turns over" in note)
     (width,) = re.findall(r"±([0-9.]+) mrad/s", said)
     assert float(width) == pytest.approx(1000.0 * velocity, rel=0.15)
+    model = read_model(write_model(extended_model(found, [fitted], iiwa14), tmp_path / "model.json"))
+    assert model.options.coulomb_velocity == pytest.approx(velocity, rel=0.15)
+    # The mean of eight periods holds the noise that was added and nothing else.
+    for recording, periods in ((fitted, 8), (unseen, 4)):
+        rms = validate_with_effects(model, [recording]).rows[0].rms_nm
+        np.testing.assert_allclose(rms, NOISE_NM / np.sqrt(periods), rtol=0.05)
 
 
 def test_an_effect_is_found_beside_it(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
