@@ -53,6 +53,12 @@ class Model:
             return load_robot(self.robot)
         return load_robot(Path(self.path).parent / self.robot)
 
+    @property
+    def fitted_digests(self) -> frozenset[str]:
+        """SHA-256 of the recordings it was fitted to, as far as the file says."""
+        inputs = self.data.get("provenance", {}).get("inputs", [])
+        return frozenset(str(item.get("sha256")) for item in inputs)
+
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
         """(p,) base parameters in the order of a regressor. Raises ModelFileError if the names are not the same."""
         mine = dict(zip(self.names, self.values, strict=True))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.model_file import Model
+from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -62,7 +62,7 @@ def validate_model(
             sets["physical"] = physical
         chosen = settings if settings is not None else _of_file(model)
     rows = []
-    for number, (recording, name) in enumerate(zip(recordings, _names(recordings), strict=True)):
+    for number, (recording, name) in enumerate(zip(recordings, recording_names(recordings), strict=True)):
         if progress is not None:
             progress(f"validating on {name}", number / len(recordings))
         blocks = _blocks(recording, robot, regressor, chosen)
@@ -106,7 +106,7 @@ def cross_validate(
     labels = ("base", "physical")
     lines = [
         replace(row, label=f"{name}, {label}")
-        for name, rows in zip(_names(recordings), of_recording, strict=True)
+        for name, rows in zip(recording_names(recordings), of_recording, strict=True)
         for label, row in zip(labels, rows, strict=False)
     ]
     together = []
@@ -117,14 +117,6 @@ def cross_validate(
         )
         together.append(RmsRow(f"all left out, {label}", rms, torque, floor))
     return RmsTable((*lines, *together))
-
-
-def _names(recordings: Sequence[Recording]) -> list[str]:
-    """File names, with their folders where the names alone are the same (every run calls its log alike)."""
-    files = [Path(recording.source.path) for recording in recordings]
-    if len({file.name for file in files}) == len(files):
-        return [file.name for file in files]
-    return [str(Path(file.parent.name, file.name)) for file in files]
 
 
 def _blocks(recording: Recording, robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> list[Block]:

@@ -223,8 +223,10 @@ def validate(
     """
     from identification.mismatch.prediction import validate_with_effects
     from identification.model_file import read_model
+    from identification.recordings.independence import recording_names
 
-    table = validate_with_effects(read_model(model_file), load_recordings(logs, robot))
+    model, recordings = read_model(model_file), load_recordings(logs, robot)
+    table = validate_with_effects(model, recordings)
     if json_file is not None:
         write_json(json_file, table.to_json())
     if not wants_json_on_stdout(json_file):
@@ -232,3 +234,6 @@ def validate(
         data(table.text())
         data("the same in % of the RMS torque:")
         data(table.text(percent=True))
+    for recording, name in zip(recordings, recording_names(recordings), strict=True):
+        if recording.source.sha256 in model.fitted_digests:
+            message(f"{name}: the model was fitted to this very recording, so its RMS is no check; give another run.")

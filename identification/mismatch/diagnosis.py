@@ -37,6 +37,7 @@ from identification.mismatch.summary import summarise
 from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
 from identification.model_file import Model
+from identification.recordings.independence import refuse_shared_samples
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -78,7 +79,7 @@ def diagnose(
 
     model: a model.json or a simulator's file to compare with first; what of it is wrong parameters, and what is left,
     stands in `model_comparison`. Raises EstimationError when no recording is given, RecordingError for one that cannot
-    be used, ModelFileError or RobotError for such a model.
+    be used or that is held out and fitted, ModelFileError or RobotError for such a model.
     """
     settings = settings if settings is not None else DiagnosisSettings()
     if not heldout:
@@ -86,6 +87,7 @@ def diagnose(
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
+    refuse_shared_samples(recordings, heldout)
     split = None
     if not heldout and not any(recording.is_periodic for recording in recordings):
         split = default_split(recordings) if settings.split is None else Split.parse(settings.split)

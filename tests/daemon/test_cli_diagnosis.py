@@ -149,6 +149,26 @@ def test_a_file_that_is_no_recording_is_bad_data(tmp_path: Path) -> None:
     assert run("diagnose", str(file)) == 65
 
 
+def test_no_recording_confirms_itself(logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--heldout", str(logs[0]), "--out", str(tmp_path / "out"))
+    assert run("diagnose", str(logs[0]), *words) == 65
+    assert "fitted.npz: is the fitted recording fitted.npz itself" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert run("batch", "diagnose", str(logs[0]), *words, "--jobs", "1", "--json", str(tmp_path / "items.json")) == 1
+    (item,) = json.loads((tmp_path / "items.json").read_text(encoding="utf-8"))
+    assert item["exit_code"] == 65
+    assert "cannot confirm" in item["sentence"]
+
+
+def test_validate_says_that_a_model_was_fitted_to_the_recording(
+    diagnosed: Path, logs: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("validate", str(diagnosed / "model.json"), *map(str, logs)) == 0
+    said = capsys.readouterr().err
+    assert "fitted.npz: the model was fitted to this very recording" in said
+    assert "heldout.npz: the model" not in said
+
+
 def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_path: Path) -> None:
     bad = tmp_path / "bad.npz"
     np.savez(bad, a=np.zeros(3))

@@ -5,6 +5,7 @@ The plant is Table 3 of the paper; the motion is a random Fourier series within 
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def recording_of(
         position=position,
         torque=torque,
         sampling_period_s=step,
-        source=RecordingSource("synthetic.mcap", "0" * 64, kind),
+        source=RecordingSource("synthetic.mcap", hashlib.sha256(torque.tobytes()).hexdigest(), kind),
         report=ImportReport(rows, rows),
         robot=robot,
         period_index=np.arange(rows) // per_period,

@@ -47,7 +47,7 @@ def test_model_has_the_contracts_fields(result: FitResult, tmp_path: Path) -> No
     assert [item["link"] for item in data["physical_parameters"]] == list(range(1, 8))
     assert [item["joint"] for item in data["friction"]] == list(range(1, 8))
     assert len(data["rms_nm"]["fit"]) == 7
-    assert data["provenance"]["inputs"][0]["sha256"] == "0" * 64
+    assert data["provenance"]["inputs"][0]["sha256"] == result.recordings[0].source.sha256
     assert data["provenance"]["seed"] == result.settings.seed
     assert data["provenance"]["versions"]["numpy"] == np.__version__
 
