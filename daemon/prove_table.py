@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.stats import beta
 
 from daemon.prove_score import CaseScore, EffectScore
 
@@ -59,7 +57,9 @@ class Rate:
     @property
     def upper_bound(self) -> float:
         """One-sided 95 % upper bound of the true share (Clopper and Pearson 1934)."""
-        return 1.0 if self.hits >= self.count else float(beta.ppf(0.95, self.hits + 1, self.count - self.hits))
+        from scipy.special import betaincinv
+
+        return 1.0 if self.hits >= self.count else float(betaincinv(self.hits + 1, self.count - self.hits, 0.95))
 
     def __str__(self) -> str:
         return f"{self.hits}/{self.count} ({100 * self.share:.1f} %)" if self.count else "-"
@@ -105,6 +105,8 @@ def visibility_for(pairs: Sequence[tuple[float, bool]], share: float) -> float |
         likelihood = np.sum(np.where(y > 0.0, log_named, np.log1p(-np.exp(np.minimum(log_named, -1e-12)))))
         # Weak priors: the slope of perfectly separated cases stays finite, and few cases show no lapse.
         return float(-likelihood + 0.005 * curve[1] ** 2 - CASES_WITHOUT_LAPSE * log_end + 1e-3 * curve[2] ** 2)
+
+    from scipy.optimize import minimize
 
     fits = [minimize(cost, np.array([start, 2.0, 3.0]), method="Nelder-Mead") for start in (-2.0, 0.0, 2.0)]
     offset, slope, end = min(fits, key=lambda fit: float(fit.fun)).x

@@ -7,18 +7,19 @@ import os
 import sys
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
+from typer.core import TyperCommand
 
-from daemon.api import RunEvent
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.cli.worker_view import wait_for_worker
-from daemon.commissioning import admit
-from daemon.preparation import PreparedMotion, new_run_id, prepare_motion, write_run_request
-from safety.collision import Clearance
+
+if TYPE_CHECKING:
+    from daemon.api import RunEvent
+    from daemon.preparation import PreparedMotion
+    from safety.collision import Clearance
 
 TrajectoryArgument = Annotated[
     Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
@@ -37,17 +38,35 @@ AmplitudeOption = Annotated[
 ]
 
 
+# The simulator is a process of its own, as a robot is: nothing of it is ever imported here.
+_FAKE_ROBOT = (sys.executable, "-m", "fixtures.fake_robot")
+
+
+class FakeRobotCommand(TyperCommand):
+    """Hands over to the fake robot's process, which knows its options, also when a shell asks to complete them."""
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Let the fake robot answer the shell, with the words before its own name taken away."""
+        del ctx, incomplete
+        environment = dict(os.environ)
+        for name in ("COMP_WORDS", "_TYPER_COMPLETE_ARGS"):
+            if name in environment:
+                before, command, after = environment[name].partition("fake-robot")
+                environment[name] = command + after
+                place = int(environment.get("COMP_CWORD", 0)) - len(before.split())
+                environment["COMP_CWORD"] = str(place)
+        os.execve(sys.executable, _FAKE_ROBOT, environment)
+
+
 @app.command(
     "fake-robot",
+    cls=FakeRobotCommand,
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
 )
 def fake_robot(context: typer.Context) -> None:
-    """Robot side without a robot: sends first, like a cabinet. `iiwa-ident fake-robot --help` shows its options.
-
-    Example: iiwa-ident fake-robot --client 127.0.0.1:30200 --lockstep --duration 30
-    """
-    # The simulator is a program of its own: nothing of it is ever imported here.
-    os.execv(sys.executable, [sys.executable, "-m", "fixtures.fake_robot", *context.args])
+    """Stand in for the robot. Options and help are the fake robot's own: `fixtures.fake_robot.command_line`."""
+    quiet = ["--quiet"] if context.find_root().params["quiet"] else []
+    os.execv(sys.executable, [*_FAKE_ROBOT, *quiet, *context.args])
 
 
 def show_preflight(motion: PreparedMotion) -> None:
@@ -98,6 +117,8 @@ def check(
 
     Example: iiwa-ident check excitation.json --workspace cell.yaml --picture path.png
     """
+    from daemon.preparation import prepare_motion
+
     motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model)
     if picture is not None:
         from daemon.picture import draw_motion
@@ -188,6 +209,9 @@ def run(
 
     Example: iiwa-ident run --periods 1 --out runs/first --no-fit
     """
+    from daemon.cli.worker_view import wait_for_worker
+    from daemon.commissioning import admit
+    from daemon.preparation import new_run_id, prepare_motion, write_run_request
     from daemon.service import run_acquisition
     from fri_client.messages import FriVersion
 

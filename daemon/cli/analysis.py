@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from identification.fit import FitResult, FitSettings, fit_recordings
-from identification.fitting.settings import Choice, DelayCorrection, Estimator, Pipeline
-from identification.recordings import Recording, read_recording, write_recording
-from identification.recordings.reader import robot_of
-from identification.robots import load_robot
+from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
+
+if TYPE_CHECKING:
+    from identification.fit import FitResult
+    from identification.recordings import Recording
 
 LogsArgument = Annotated[list[Path], typer.Argument(help="Recordings: .mcap, .npz or .csv.")]
 RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
@@ -23,6 +23,8 @@ RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7,
 
 def load_recordings(logs: list[Path], robot: str | None) -> list[Recording]:
     """Read all logs and say on stderr what was found wrong in each."""
+    from identification.recordings import read_recording
+
     recordings = []
     for log in logs:
         recording = read_recording(log, robot=robot)
@@ -43,6 +45,8 @@ def import_recording(
 
     Example: iiwa-ident import measured.npz --robot arm.urdf --out measured.mcap
     """
+    from identification.recordings import read_recording, write_recording
+
     if out is not None and len(files) > 1:
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
     results = []
@@ -102,6 +106,10 @@ def fit(
 
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
+    from identification.fit import FitSettings, fit_recordings
+    from identification.recordings.reader import robot_of
+    from identification.robots import load_robot
+
     settings = FitSettings(
         pipeline=pipeline,
         low_pass_hz=low_pass,

@@ -1,19 +1,21 @@
 """The application object of the command line and the one place where errors become exit codes.
 
 0 done, 1 the answer is no, 2 usage, 65 bad data, 66 missing input, 69 unreachable, 70 internal, 74 I/O, 76 protocol,
-78 configuration, 130 interrupted. Commands register themselves on `app` from the sibling modules.
+78 configuration, 130 interrupted. Commands register themselves on `app` from the sibling modules, each of which is
+loaded when one of its commands is called: the list of commands stands in `catalogue`.
 """
 
 from __future__ import annotations
 
 import importlib
 import sys
-import traceback
-from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_group
 
+from daemon.cli.catalogue import COMMANDS, GROUPS
 from daemon.cli.output import data, set_verbosity
 
 EXIT_INTERNAL = 70
@@ -21,28 +23,45 @@ EXIT_INPUT_OUTPUT = 74
 EXIT_MISSING_INPUT = 66
 EXIT_INTERRUPTED = 130
 
+
+class CatalogueGroup(TyperGroup):
+    """The commands of the catalogue: listed without their modules, which are loaded when a command is called."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.registered = dict(self.commands)
+        self.commands = {
+            name: TyperCommand(name, help=entry.line, short_help=entry.line) for name, entry in COMMANDS.items()
+        }
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """Replace the line of the catalogue that was named by the command itself."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if name is not None:
+            importlib.import_module(f"daemon.cli.{COMMANDS[name].module}")
+            loaded = get_group(app)
+            assert isinstance(loaded, CatalogueGroup)
+            command = loaded.registered[name]
+        return name, command, rest
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The commands by who needs them, each line in full."""
+        del ctx
+        wide = max(map(len, COMMANDS))
+        for title, entries in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(entry.name.ljust(wide), entry.line) for entry in entries])
+
+
 app = typer.Typer(
     name="iiwa-ident",
+    cls=CatalogueGroup,
     help="Record a KUKA LBR iiwa over FRI and identify its dynamic parameters.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 _GLOBAL_FLAGS = {"-v", "-vv", "-vvv", "--verbose", "-q", "--quiet"}
-_COMMAND_MODULES = (
-    "acquisition",
-    "analysis",
-    "demonstration",
-    "design",
-    "diagnosis",
-    "examination",
-    "feasibility",
-    "prove",
-    "service",
-    "simulation",
-    "wire",
-)
 
 
 @app.callback(invoke_without_command=True)
@@ -52,6 +71,8 @@ def _common_options(
     show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if show_version:
+        from importlib.metadata import version
+
         data(version("iiwa-ident"))
         raise typer.Exit
     set_verbosity(verbose, quiet)
@@ -59,8 +80,6 @@ def _common_options(
 
 def _flags_first(arguments: list[str]) -> list[str]:
     """Move -v and -q to the front, so that they may stand before or after the command's name."""
-    if "fake-robot" in arguments:  # a program of its own with flags of its own
-        return arguments
     end = arguments.index("--") if "--" in arguments else len(arguments)
     flags = [a for a in arguments[:end] if a in _GLOBAL_FLAGS]
     return flags + [a for i, a in enumerate(arguments) if i >= end or a not in _GLOBAL_FLAGS]
@@ -79,8 +98,6 @@ def exit_code_of(error: BaseException) -> int:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with the contract's exit code; a traceback is printed only with -vv."""
     words = _flags_first(sys.argv[1:] if arguments is None else arguments)
-    for name in _COMMAND_MODULES:
-        importlib.import_module(f"daemon.cli.{name}")
     try:
         app(args=words, prog_name="iiwa-ident")
     except KeyboardInterrupt:
@@ -90,6 +107,8 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(EXIT_INPUT_OUTPUT)
     except Exception as error:
         if words.count("-v") + 2 * words.count("-vv") + 3 * words.count("-vvv") >= 2:
+            import traceback
+
             traceback.print_exc()
         text = str(error) or type(error).__name__
         if exit_code_of(error) == EXIT_INTERNAL:

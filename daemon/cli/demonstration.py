@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 
-from daemon.api import RunOutcome
 from daemon.cli.acquisition import show_event, show_preflight
 from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
 from daemon.cli.diagnosis import VERDICTS
 from daemon.cli.output import JsonOption, data, show_table, write_json
-from daemon.cli.worker_view import wait_for_worker
-from daemon.preparation import PreparedMotion, prepare_motion
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from daemon.api import RunOutcome
+    from daemon.preparation import PreparedMotion
 
 PERIODS_UNUSED = 4
 
@@ -44,6 +46,8 @@ def demo(
     Example: iiwa-ident demo --seed 7 --out demo-output
     """
     from daemon import demonstration
+    from daemon.cli.worker_view import wait_for_worker
+    from daemon.preparation import prepare_motion
     from identification.excitation import validation_trajectory
 
     out = fresh_folder(out)
@@ -188,6 +192,8 @@ def show_rms(out: Path, recordings: dict[str, tuple[str, int]]) -> dict[str, Any
 
 def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
     """Write a shipped trajectory into the demo's folder and prepare it as any user's file."""
+    from daemon.preparation import prepare_motion
+
     out.mkdir(parents=True, exist_ok=True)
     file = out / "unused-trajectory.json"
     file.write_text(json.dumps(trajectory.to_json(), indent=1) + "\n", encoding="utf-8")

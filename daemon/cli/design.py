@@ -13,7 +13,6 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from identification.robots import BUILT_IN_ROBOTS, load_robot
 
 if TYPE_CHECKING:
     from identification.excitation import DesignProgress, PredictedDeviations, ShownEffect, Trajectory
@@ -76,6 +75,7 @@ def design(
         reference_trajectory,
         torque_noise,
     )
+    from identification.robots import BUILT_IN_ROBOTS, load_robot
 
     model = load_robot(robot)
     # Only the built-in arms have a geometry to check self-collision and workspace on.

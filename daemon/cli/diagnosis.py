@@ -13,7 +13,6 @@ from daemon.batch import Task
 from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from identification.report.numbers import UNKNOWN, chance, with_sigma
 
 if TYPE_CHECKING:
     from identification.mismatch.effects.base import Parameter
@@ -103,6 +102,8 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 
 def finding_lines(finding: Finding) -> Sequence[str]:
     """Numbers of one finding: parameters with σ, how sure, how much of it base parameters hide, held-out gain."""
+    from identification.report.numbers import chance
+
     lines = [
         "; ".join(_in_numbers(item) for item in finding.parameters),
         f"score {finding.score:.0f}, chance by noise {chance(finding.significance)}, "
@@ -118,6 +119,8 @@ def finding_lines(finding: Finding) -> Sequence[str]:
 
 def _in_numbers(parameter: Parameter) -> str:
     """Value and σ; ± is left to the sentences, where it is half of the 95 % interval."""
+    from identification.report.numbers import UNKNOWN, with_sigma
+
     value, sigma = with_sigma(parameter.value, parameter.std)
     text = f"{parameter.name} {value} {parameter.unit}".rstrip()
     return text if sigma == UNKNOWN else f"{text} (σ {sigma})"

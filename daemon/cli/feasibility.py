@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from daemon.cli.analysis import RobotOption, load_recordings
@@ -28,6 +27,8 @@ def feasibility(
 
     Example: iiwa-ident feasibility model.json
     """
+    import numpy as np
+
     from identification.base_parameters import BaseRegressor
     from identification.estimators import nearest_physical
     from identification.excitation import default_trajectory

@@ -7,11 +7,12 @@ import logging
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 JsonOption = Annotated[
     Path | None,
@@ -42,6 +43,8 @@ def data(text: str) -> None:
 
 def show_table(table: Table) -> None:
     """A table on stdout, as wide as it needs to be: a piped table must not be cut to a terminal that is not there."""
+    from rich.console import Console
+
     width = None if sys.stdout.isatty() else max(100, int(os.environ.get("COLUMNS", "120")))
     Console(file=sys.stdout, width=width, highlight=False).print(table)
 

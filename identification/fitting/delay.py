@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import Block, RowsOverTime
@@ -94,6 +93,8 @@ def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
         cycles = np.fft.rfftfreq(len(signals.torque), _step(signals))[:, None]
         moved = np.fft.irfft(spectrum * np.exp(2j * np.pi * cycles * delay), n=len(signals.torque), axis=0)
         return replace(signals, torque=moved)
+    from scipy.interpolate import CubicSpline  # slow to load, and periodic recordings do without
+
     splines = CubicSpline(signals.time, signals.torque)
     times = np.clip(signals.time[:, None] + delay, signals.time[0], signals.time[-1])
     moved = np.column_stack([splines(times[:, joint])[:, joint] for joint in range(signals.n)])

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.errors import EstimationError
 from identification.estimators.feasibility import FeasibilityRules
+from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-
-Pipeline = Literal["auto", "periodic", "paper", "aperiodic"]
-Estimator = Literal["auto", "ols", "weighted", "maximum_likelihood", "huber", "instrumental"]
-DelayCorrection = Literal["no", "common", "per_joint"]
-Choice = Literal["auto", "yes", "no"]
 
 
 @dataclass(frozen=True, slots=True)

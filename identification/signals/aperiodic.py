@@ -18,8 +18,6 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
@@ -152,11 +150,15 @@ def uniform_grid(
     grid = np.linspace(time[0], time[-1], count)
     if count == time.size and np.abs(time - grid).max() <= EVEN_STAMPS * step:
         return grid, position, torque
+    from scipy.interpolate import CubicSpline  # slow to load, and the periodic pipeline does without
+
     return grid, CubicSpline(time, position)(grid), CubicSpline(time, torque)(grid)
 
 
 def zero_phase_low_pass(values: FloatArray, step: float, cutoff_hz: float) -> FloatArray:
     """Butterworth low-pass of order 4 run forward and backward along axis 0; ends are mirrored through their value."""
+    from scipy.signal import butter, sosfiltfilt  # slow to load, and the periodic pipeline does without
+
     sections = butter(FILTER_ORDER, cutoff_hz, fs=1.0 / step, output="sos")
     padding = min(values.shape[0] - 1, int(3.0 / cutoff_hz / step))
     return np.asarray(sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=padding), dtype=np.float64)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, sosfreqz
 
 from identification.recordings.recording import Recording
 from identification.signals.periods import average_periods, period_table
@@ -60,6 +59,8 @@ def process_as_in_paper(recording: Recording) -> ProcessedSignals:
 
 def zero_phase_response(samples: int, sampling_period_s: float, order: int, cutoff_hz: float) -> FloatArray:
     """|H|² of a Butterworth low-pass run forward and backward, on the lines of a period of that many samples."""
+    from scipy.signal import butter, sosfreqz  # slow to load, and the periodic pipeline does without
+
     sections = butter(order, cutoff_hz, fs=1.0 / sampling_period_s, output="sos")
     frequencies = 2.0 * np.pi * np.arange(samples // 2 + 1) / samples
     _, response = sosfreqz(sections, worN=frequencies)
