@@ -25,6 +25,20 @@ LoopOutcome = Literal[
     "refused",  # the request itself cannot be run (table, limits, ramp)
     "fault",  # an internal error; `reason` has its text
 ]
+EXIT_CODES: dict[LoopOutcome, int] = {
+    "completed": 0,
+    "stopped": 1,
+    "dropped": 1,
+    "no_robot": 69,
+    "not_started": 69,
+    "port_in_use": 69,
+    "version_mismatch": 76,
+    "refused": 65,
+    "fault": 70,
+}
+"""Of the process, for each outcome of its loop (contract)."""
+RUN_NAME, REPORT_NAME, LAST_SAMPLES_NAME = "run.json", "loop_report.json", "last_samples.json"
+"""Files in the folder of a run: its account, the loop's report, the seconds around an end that was not planned."""
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 _FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
 WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]

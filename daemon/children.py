@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import IO
 
+import psutil
+
 from daemon.errors import ChildProcessFailedError
 from fri_client.handover import HandoverRing
 
@@ -36,6 +38,13 @@ class Child:
     def alive(self) -> bool:
         """True while it runs."""
         return self.process.poll() is None
+
+    @property
+    def is_stopped(self) -> bool:
+        """True while a signal holds it (SIGSTOP)."""
+        with contextlib.suppress(psutil.Error):
+            return psutil.Process(self.process.pid).status() == psutil.STATUS_STOPPED
+        return False
 
     @property
     def last_words(self) -> str:

@@ -27,6 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import (
+    EXIT_CODES,
+    LAST_SAMPLES_NAME,
+    REPORT_NAME,
     Histogram,
     LoopOutcome,
     LoopReport,
@@ -36,6 +39,7 @@ from daemon.api import (
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
 from daemon.json_files import read_json
 from daemon.spare_folder import write_run_file
+from daemon.supervision import Supervision
 from fri_client.channel import unbound_socket
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
@@ -48,24 +52,9 @@ from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for
 
-__all__ = ["EXIT_CODES", "REPORT_NAME", "load_table", "main", "motion_of", "run_loop"]
-
-REPORT_NAME = "loop_report.json"
-LAST_SAMPLES_NAME = "last_samples.json"
+__all__ = ["load_table", "main", "motion_of", "run_loop"]
 
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-
-EXIT_CODES: dict[LoopOutcome, int] = {
-    "completed": 0,
-    "stopped": 1,
-    "dropped": 1,
-    "no_robot": 69,
-    "not_started": 69,
-    "port_in_use": 69,
-    "version_mismatch": 76,
-    "refused": 65,
-    "fault": 70,
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -74,13 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--request", required=True, help="run request (JSON)")
     parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the hand-over ring")
     options = parser.parse_args(arguments)
-    supervisor = os.getppid()
     try:
         ring = HandoverRing.attach(options.ring_fd)
     except FriError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    supervision = Supervision(ring)
     request = report = None
+    code = DaemonError.exit_code
     try:
         request = read_json(options.request, RunRequest)
         report, code = run_loop(request, ring)
@@ -90,13 +80,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     finally:
         ring.finish()
-        if request is not None and os.getppid() != supervisor:
+        if request is not None and supervision.has_ended():
             # Imported here: what it needs has no place in the process while it answers a robot.
-            from daemon.rescue import leave_outcome, rescue_if_abandoned
+            from daemon.rescue import close_books_alone
 
-            rescue_if_abandoned(request, ring)
-            if report is not None:
-                leave_outcome(request, report, code)
+            close_books_alone(request, ring, report, code)
     if code:
         with contextlib.suppress(OSError):  # the log may lie on the disk that is full
             print(report.sentence, file=sys.stderr)

@@ -10,16 +10,22 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from daemon.api import FileDigest, LoopReport, RunRequest
+from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
 from daemon.errors import LogIOError
-from daemon.loop_process import EXIT_CODES, LAST_SAMPLES_NAME
 from daemon.spare_folder import write_run_file
 from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
 from fri_client.last_samples import read_last_samples
 from fri_client.messages import FriVersion
 
-__all__ = ["EXIT_CODES", "digests_of", "keep_last_samples", "loop_report_without_loop", "outcome_sentences"]
+__all__ = [
+    "digests_of",
+    "keep_last_samples",
+    "loop_report_without_loop",
+    "lost_between",
+    "outcome_sentences",
+    "tidy",
+]
 
 
 def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
@@ -27,7 +33,7 @@ def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
     files = sorted(
         file
         for file in folder.iterdir()
-        if file.is_file() and not file.name.startswith(".") and file.name != "run.json"
+        if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
     )
     if recording.is_file() and recording not in files:
         files.append(recording)
@@ -38,6 +44,22 @@ def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
         name = file.name if file.parent == folder else str(file)
         digests.append(FileDigest(name=name, bytes=file.stat().st_size, sha256=digest))
     return tuple(digests)
+
+
+def tidy(folder: Path) -> None:
+    """Remove what only the processes of a run needed: the recorders' jobs, and what nobody wrote a word into."""
+    for file in (*folder.glob("recorder*.json"), *folder.glob("*.log")):
+        with contextlib.suppress(OSError):
+            if file.suffix == ".json" or not file.stat().st_size:
+                file.unlink()
+
+
+def lost_between(ring: HandoverRing, gaps: int, next_index: int) -> int:
+    """Records that stand in no file: those that found the ring full, the holes in the file, and those after its end.
+
+    gaps: holes between the indexes in the file; next_index: the first index after its last one (0: nothing in it).
+    """
+    return max(ring.lost, gaps + max(0, ring.produced + ring.lost - next_index))
 
 
 def keep_last_samples(ring: HandoverRing, request: RunRequest, return_code: int | None) -> None:
@@ -52,11 +74,16 @@ def keep_last_samples(ring: HandoverRing, request: RunRequest, return_code: int 
 
 
 def _how(return_code: int | None) -> str:
-    return f"was killed by signal {-return_code}" if return_code is not None and return_code < 0 else "crashed"
+    if return_code is None:
+        return "ended without a report"
+    return f"was killed by signal {-return_code}" if return_code < 0 else "crashed"
 
 
 def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_words: str) -> LoopReport:
-    """The report of a loop that was killed or crashed, from the last status it left in the ring."""
+    """The report of a loop that was killed or crashed, from the last status it left in the ring.
+
+    return_code: None where nobody knows it.
+    """
     status = ring.status
     words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
     return LoopReport(

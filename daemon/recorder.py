@@ -9,7 +9,8 @@ Nothing is lost silently:
   - a full disk is answered with the reserve that was allocated at the start, and reported, so that the supervisor ends
     the run by a stop ramp; when that is used up too, the recorder stops draining, tries again and finally says which
     sample is the first that is not in the file: the ring still holds it;
-  - a recorder whose supervisor is gone goes on until the loop says it is finished, or is silent for good.
+  - a recorder whose supervisor is gone goes on until the loop says it is finished, or is silent for good; then it also
+    writes run.json.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from typing import Any
 
 import zmq
 
+from daemon.account import leave_outcome
 from daemon.api import (
+    EXIT_CODES,
     ControlMessage,
     RecorderFailed,
     RecorderFinished,
@@ -38,12 +41,15 @@ from daemon.api import (
     encode_control,
 )
 from daemon.errors import DaemonError, LogIOError
-from daemon.event_text import event_name, event_sentence, phase_name
+from daemon.event_text import event_name, event_sentence
 from daemon.json_files import read_json
-from daemon.log.cdr import DiagnosticStatus, SampleLabels
+from daemon.link_diagnostics import diagnostics_of
+from daemon.log.cdr import SampleLabels
 from daemon.log.stream import DiskReserve, is_full
 from daemon.log.writer import LogWriter
 from daemon.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
+from daemon.outcome import keep_last_samples, loop_report_without_loop
+from daemon.supervision import Supervision
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
@@ -90,7 +96,7 @@ class Recorder:
             self._reserve.give_back()
             raise
         self._epoch_offset_ns = ring.epoch_offset_ns
-        self._parent = os.getppid()
+        self._supervision = Supervision(ring)
         self._expected_index: int | None = None
         self._counter = RobotCounter()
         self._first_index = -1
@@ -254,39 +260,19 @@ class Recorder:
             )
         if now >= self._next_diagnostics:
             self._next_diagnostics = now + DIAGNOSTICS_S
-            self._writer.write_diagnostics(self._diagnostics(), self._job.request.robot, time.time_ns())
-
-    def _diagnostics(self) -> list[DiagnosticStatus]:
-        status = self._ring.status
-        link = {
-            name: str(getattr(status, name))
-            for name in ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
-        }
-        lost = self._ring.lost
-        return [
-            DiagnosticStatus(
-                int(status.late + status.missing > 0),
-                "FRI link",
-                f"{phase_name(status.phase)}, {status.missing} missing, {status.late} late",
-                tuple(link.items()),
-            ),
-            DiagnosticStatus(
-                2 if lost else 0,
-                "recorder",
-                f"{lost} samples lost between loop and file" if lost else "nothing lost",
-                (("backlog", str(self._ring.backlog)), ("samples", str(self._writer.samples)), ("lost", str(lost))),
-            ),
-        ]
+            statuses = diagnostics_of(self._ring, self._writer.samples)
+            self._writer.write_diagnostics(statuses, self._job.request.robot, time.time_ns())
 
     def _is_abandoned(self) -> bool:
         """True when the supervisor is gone and the loop has been silent for ORPHAN_PATIENCE_S."""
-        if os.getppid() == self._parent:
+        if not self._supervision.is_orphan:
             return False
         last_word = self._ring.status.time_ns * 1e-9
         return time.monotonic() - last_word > ORPHAN_PATIENCE_S
 
     def _close(self) -> int:
         if not self._ring.finished:
+            keep_last_samples(self._ring, self._job.request, None)
             self._writer.write_event(
                 RECORDING_ENDED,
                 "RECORDING_ENDED",
@@ -385,8 +371,13 @@ def main(arguments: list[str] | None = None) -> int:
                 socket.send(encode_control(message), zmq.NOBLOCK)
 
     try:
-        job = read_json(options.request, RecorderJob)
-        return Recorder(job, HandoverRing.attach(options.ring_fd), report).run()
+        job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
+        code = Recorder(job, ring, report).run()
+        if not ring.finished:
+            # Nobody else is left to say how the run ended.
+            loss = loop_report_without_loop(ring, None, "")
+            leave_outcome(job.request, loss, EXIT_CODES[loss.outcome], writer="the recorder", ring=ring)
+        return code
     except DaemonError as error:
         print(error, file=sys.stderr)
         return error.exit_code

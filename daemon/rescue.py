@@ -8,6 +8,7 @@ its very end.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import signal
@@ -15,37 +16,46 @@ import sys
 import time
 from pathlib import Path
 
-from daemon.api import LoopReport, RecorderJob, RunOutcome, RunRequest
-from daemon.commissioning import tags
+import psutil
+
+from daemon.account import leave_outcome
+from daemon.api import LoopReport, RecorderJob, RunRequest
 from daemon.errors import DaemonError, LogIOError
-from daemon.host import software_versions
-from daemon.log.parts import RECORDING_NAME, join_parts, part_path, parts_of, recover
+from daemon.log.parts import join_parts, part_path, parts_of
 from daemon.log.recover import RecoverReport
 from daemon.log.stream import is_being_written
-from daemon.outcome import digests_of, outcome_sentences
 from daemon.recorder import Recorder
-from daemon.spare_folder import spare_folder, write_run_file
-from daemon.times import now_text
+from daemon.spare_folder import spare_folder
 from fri_client.handover import HandoverRing
 
-__all__ = ["leave_outcome", "rescue_if_abandoned"]
+__all__ = ["close_books_alone", "rescue_if_abandoned"]
 
-RECORDER_PATIENCE_S = 60.0
+RECORDER_PATIENCE_S = 10.0
+"""A recorder that takes nothing out of a ring that holds something for so long does not come back."""
+CLOSING_PATIENCE_S = 60.0
+"""So long it may take to close its file once the ring is empty."""
 POLL_S = 0.1
+
+
+def close_books_alone(request: RunRequest, ring: HandoverRing, report: LoopReport | None, exit_code: int) -> None:
+    """Everything that is left to do for a run whose supervisor is gone: the rest of its samples, and run.json.
+
+    report: the loop's own, None where it could make none.
+    """
+    rescue_if_abandoned(request, ring)
+    if report is not None:
+        leave_outcome(request, report, exit_code, writer="the loop's process", ring=ring)
 
 
 def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverReport | None:
     """Write what the finished ring still holds and join it with what the killed recorder left; None where all is well.
 
-    To be called when the supervisor is gone. While a recorder lives it is waited for: it may be killed too, and the
-    memory of the ring would go with this process. What goes wrong is said on stderr.
+    To be called when the supervisor is gone. While a recorder is at work it is waited for: it may be killed too, and
+    the memory of the ring would go with this process. One that does not go on (SIGSTOP) is killed for that reason.
+    What goes wrong is said on stderr.
     """
     folder = Path(request.out_dir)
-    deadline = time.monotonic() + RECORDER_PATIENCE_S
-    while any(is_being_written(part) for part in parts_of(folder)):
-        if time.monotonic() > deadline:
-            return None
-        time.sleep(POLL_S)
+    _wait_for_recorder(folder, ring)
     if not ring.backlog:
         return None
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -61,46 +71,27 @@ def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverRepor
     return report
 
 
-def leave_outcome(request: RunRequest, report: LoopReport, exit_code: int) -> None:
-    """run.json of a run whose supervisor is gone, where it left none; a sentence says who wrote it.
+def _wait_for_recorder(folder: Path, ring: HandoverRing) -> None:
+    """Return when no recorder writes into the folder, if need be by killing one that does not go on."""
+    backlog, since, ended = ring.backlog, time.monotonic(), False
+    while any(is_being_written(part) for part in parts_of(folder)):
+        time.sleep(POLL_S)
+        if ring.backlog != backlog:
+            backlog, since = ring.backlog, time.monotonic()
+        elif time.monotonic() - since > (RECORDER_PATIENCE_S if backlog or ended else CLOSING_PATIENCE_S):
+            if ended:
+                return
+            _end_recorders(folder)
+            ended, since = True, time.monotonic()
 
-    The samples in the periods are not counted, and no fit was started. What the disk refuses is said on stderr.
-    """
-    folder = Path(request.out_dir)
-    if (folder / "run.json").exists():
-        return
-    gone = (
-        "The supervising process was gone at the end: this account was written by the loop's process, and no fit was "
-        "started; `iiwa-ident fit` takes the recording."
-    )
-    samples = missing = lost = 0
-    try:
-        held = recover(folder)
-        samples, missing, lost = held.samples, held.missing, held.missing_in_handover
-    except DaemonError as error:
-        gone += f" {error}"
-    recording = folder / RECORDING_NAME
-    outcome = RunOutcome(
-        run_id=request.run_id,
-        outcome=report.outcome,
-        exit_code=exit_code,
-        sentences=outcome_sentences(report, request, samples, missing, lost, (gone,)),
-        out_dir=str(folder),
-        recordings=(str(recording),) if recording.is_file() else (),
-        samples=samples,
-        sequence_gaps=missing,
-        handover_gaps=lost,
-        loop=report,
-        files=digests_of(folder, recording),
-        software=software_versions(),
-        request=request,
-        finished_at=now_text(),
-        commissioning=tags(request),
-    )
-    try:
-        write_run_file(request, "run.json", outcome)
-    except LogIOError as error:
-        print(error, file=sys.stderr)
+
+def _end_recorders(folder: Path) -> None:
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            words = process.cmdline()
+            if "daemon.recorder" in words and any(Path(word).parent == folder for word in words):
+                process.kill()
+                print(f"The recorder (process {process.pid}) did not go on and was ended.", file=sys.stderr)
 
 
 def _write_rest(request: RunRequest, ring: HandoverRing, folder: Path) -> list[Path]:

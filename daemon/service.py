@@ -9,23 +9,26 @@ What happens when a child dies:
     is not safe) into a part of its own, and both parts are joined into recording.mcap; the broken one is kept too.
     When the disk is what failed, the part goes to the system's temporary folder.
   - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds.
-  - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended.
+  - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended; the
+    loop's process then writes run.json.
+  - loop and supervisor together: the recorder closes its file and writes run.json.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from daemon.api import (
+    EXIT_CODES,
+    REPORT_NAME,
+    RUN_NAME,
     LoopReport,
     RecorderFailed,
     RecorderFinished,
     RecorderJob,
-    RecorderProgress,
     RecorderReady,
     RecorderTrouble,
     RunEvent,
@@ -45,8 +48,16 @@ from daemon.errors import (
 from daemon.host import software_versions
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import join_parts, part_path
-from daemon.outcome import EXIT_CODES, digests_of, keep_last_samples, loop_report_without_loop, outcome_sentences
+from daemon.outcome import (
+    digests_of,
+    keep_last_samples,
+    loop_report_without_loop,
+    lost_between,
+    outcome_sentences,
+    tidy,
+)
 from daemon.run_folder import prepare_folder
+from daemon.run_narrator import Observer, RunNarrator, unfailing
 from daemon.runtime_folder import lock_port
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from daemon.start_check import StartCheck
@@ -54,18 +65,14 @@ from daemon.stop_handle import StopHandle
 from daemon.times import now_text
 from daemon.worker_start import start_worker
 from fri_client.handover import EventCode, HandoverRing
-from fri_client.messages import SessionState
-from fri_client.motion_phase import MotionPhase
 
 __all__ = ["run_acquisition"]
 
 RECORDER_START_S = 60.0
 RECORDER_SILENCE_S = 120.0
+RECORDER_STOPPED_S = 10.0
 MAXIMUM_PARTS = 4
 POLL_S = 0.05
-PROGRESS_S = 10.0
-
-Observer = Callable[[RunEvent], None]
 
 
 def run_acquisition(
@@ -79,6 +86,7 @@ def run_acquisition(
     LogIOError, ChildProcessFailedError, LadderError. A run that was stopped, dropped or never began is an outcome, not
     an error.
     """
+    observe = unfailing(observe)
     _tell_if(observe, admit(request))
     with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
         outcome = _Acquisition(prepare_folder(request), observe, stop or StopHandle()).run()
@@ -103,15 +111,8 @@ class _Acquisition:
         self._parts: list[Path] = []
         self._finished: dict[int, RecorderFinished] = {}
         self._disk_failed = False
-        self._remarks: list[str] = []
         self._recorder: Child | None = None
         self._ready_parts: set[int] = set()
-        self._samples = 0
-        self._rate_base = (time.monotonic(), 0)
-        self._last_phase = -1
-        self._last_state = -1
-        self._last_period = -1
-        self._next_progress = 0.0
 
     def run(self) -> RunOutcome:
         """The whole acquisition."""
@@ -119,18 +120,21 @@ class _Acquisition:
             self._inbox = inbox
             self._ring = HandoverRing.create(self._request.ring_slots)
             stack.callback(self._ring.close)
+            self._narrator = RunNarrator(self._request, self._ring, self._observe)
             # Beaten before the loop starts: a supervisor that never beat is not watched.
             self._ring.beat()
             self._start_check = StartCheck(self._request, self._ring.gate)
             stack.enter_context(self._stop.attached(self._ring))
             stack.enter_context(self._stop.on_signals())
-            self._tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
+            self._narrator.tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
             self._start_recorder()
             self._wait_ready()
             report = self._run_loop()
-            self._finish_recording()
-            outcome = self._close_books(report)
-            self._tell("finished", outcome.sentences[0])
+            outcome = self._closed_by_loop()
+            if outcome is None:
+                self._finish_recording()
+                outcome = self._close_books(report)
+            self._narrator.tell("finished", outcome.sentences[0])
             return outcome
 
     # ---- children
@@ -140,7 +144,9 @@ class _Acquisition:
         folder = self._folder
         if self._disk_failed:
             folder = spare_folder(self._request)
-            self._remark(f"The rest of the recording goes to {folder}, because {self._folder} cannot be written.")
+            self._narrator.remark(
+                f"The rest of the recording goes to {folder}, because {self._folder} cannot be written."
+            )
         path = part_path(folder, part)
         job_file = folder / f"recorder{part}.json"
         try:
@@ -149,6 +155,7 @@ class _Acquisition:
             raise LogIOError(str(job_file), error) from error
         self._parts.append(path)
         arguments = ["--request", str(job_file), "--endpoint", self._inbox.endpoint]
+        self._last_heard = time.monotonic()
         self._recorder = Child("recorder", "daemon.recorder", arguments, self._ring, folder)
 
     def _wait_ready(self) -> None:
@@ -173,7 +180,7 @@ class _Acquisition:
             "loop", "daemon.loop_process", ["--request", str(self._folder / "request.json")], self._ring, self._folder
         )
         host, port = self._request.bind_host, self._request.bind_port
-        self._tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
+        self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
         # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
         checker = ThreadPoolExecutor(1, thread_name_prefix="start-check")
         check = checker.submit(self._start_check.poll)
@@ -184,10 +191,10 @@ class _Acquisition:
                     self._ring.beat()
                 self._listen(POLL_S)
                 self._watch_recorder()
-                self._follow_loop()
+                self._narrator.follow()
                 if check.done():
                     if sentence := check.result():
-                        self._tell("preflight", sentence)
+                        self._narrator.tell("preflight", sentence)
                     check = checker.submit(self._start_check.poll)
         finally:
             checker.shutdown()
@@ -196,7 +203,7 @@ class _Acquisition:
             # A killed loop can neither keep what it saw last nor say that no record will follow.
             keep_last_samples(self._ring, self._request, loop.process.returncode)
             self._ring.finish()
-        file = find_run_file(self._request, "loop_report.json")
+        file = find_run_file(self._request, REPORT_NAME)
         with contextlib.suppress(DaemonError):
             report = read_json(file, LoopReport)
             self._loop_exit_code = loop.process.returncode
@@ -216,7 +223,7 @@ class _Acquisition:
             return
         recorder.close()
         self._request_stop(EventCode.DISK_FULL if self._disk_failed else EventCode.RECORDER_LOST)
-        self._remark(
+        self._narrator.remark(
             f"The recorder ended during the run (return code {recorder.process.returncode}); the motion was stopped "
             "and another recorder took over."
         )
@@ -225,12 +232,13 @@ class _Acquisition:
             self._start_recorder()
 
     def _finish_recording(self) -> None:
-        """Wait until the recorder has emptied the ring; replace one that dies meanwhile."""
+        """Wait until the recorder has emptied the ring; replace one that dies meanwhile or does not go on (SIGSTOP)."""
         self._last_heard = time.monotonic()
         while self._recorder is not None:
             if self._recorder.alive:
                 self._listen(POLL_S)
-                if time.monotonic() - self._last_heard > RECORDER_SILENCE_S:
+                patience_s = RECORDER_STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
+                if time.monotonic() - self._last_heard > patience_s:
                     self._recorder.process.kill()
                     self._recorder.process.wait()
                 continue
@@ -238,7 +246,7 @@ class _Acquisition:
             self._recorder.close()
             if len(self._parts) - 1 in self._finished:
                 return
-            self._remark(
+            self._narrator.remark(
                 f"A recorder ended before its file was closed (return code {self._recorder.process.returncode})."
             )
             self._recorder = None
@@ -252,101 +260,59 @@ class _Acquisition:
             self._last_heard = time.monotonic()
             if isinstance(message, RecorderReady):
                 self._ready_parts.add(message.part)
-            elif isinstance(message, RecorderProgress):
-                self._samples = message.samples
             elif isinstance(message, RecorderFinished):
                 self._finished[message.part] = message
             elif isinstance(message, RecorderTrouble):
                 self._disk_failed = self._disk_failed or not message.reserve_opened
                 self._request_stop(EventCode.DISK_FULL)
-                self._remark(f"The recording has trouble: {message.sentence}")
+                self._narrator.remark(f"The recording has trouble: {message.sentence}")
             elif isinstance(message, RecorderFailed):
                 self._disk_failed = True
-                self._remark(message.sentence)
+                self._narrator.remark(message.sentence)
 
     def _request_stop(self, code: EventCode) -> None:
         if not self._ring.stop_request:
             self._ring.request_stop(code)
 
-    def _follow_loop(self) -> None:
-        """Turn the loop's status into events for the operator: states, phases, periods, and the count now and then."""
-        status = self._ring.status
-        periods = self._request.periods
-        if not status.received:
-            return
-        if status.session_state != self._last_state:
-            self._last_state = status.session_state
-            self._tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
-        if status.phase != self._last_phase:
-            self._last_phase = status.phase
-            self._tell("phase", f"Motion: {_name(MotionPhase, status.phase).lower().replace('_', ' ')}.")
-        now = time.monotonic()
-        begun = status.period != self._last_period and status.period >= 0
-        if begun or now >= self._next_progress:
-            self._last_period = status.period
-            self._next_progress = now + PROGRESS_S
-            then, count = self._rate_base
-            rate = (status.received - count) / max(now - then, 1e-3)
-            self._rate_base = (now, status.received)
-            place = f"Period {status.period + 1} of {periods}" if status.period >= 0 else "Link"
-            self._tell(
-                "progress",
-                f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
-                period=status.period,
-                rate=rate,
-            )
-
-    def _tell(self, kind: str, sentence: str, *, period: int = -1, rate: float = 0.0) -> None:
-        status = self._ring.status
-        self._observe(
-            RunEvent(
-                kind=kind,
-                sentence=sentence,
-                phase=_name(MotionPhase, status.phase),
-                period=period,
-                periods=self._request.periods,
-                samples=status.received,
-                rate=rate,
-                missing=status.missing,
-                lost_in_handover=self._ring.lost,
-            )
-        )
-
-    def _remark(self, sentence: str) -> None:
-        if sentence not in self._remarks:
-            self._remarks.append(sentence)
-            self._tell("warning", sentence)
-
     # ---- the end
+
+    def _closed_by_loop(self) -> RunOutcome | None:
+        """The account that the loop's process wrote because this one was held (SIGSTOP) or hung; None: it did not."""
+        with contextlib.suppress(MissingInputError):
+            outcome = read_json(find_run_file(self._request, RUN_NAME), RunOutcome)
+            if self._recorder is not None:
+                self._recorder.process.kill()
+                self._recorder.close()
+            tidy(self._folder)
+            return outcome
+        return None
 
     def _close_books(self, report: LoopReport) -> RunOutcome:
         ends = [self._finished.get(part) for part in range(len(self._parts))]
         first = ends[0]
         if first is not None:
             recording = self._parts[0]
-            samples, in_periods = first.samples, first.samples_in_periods
-            sequence_gaps, handover_gaps = first.sequence_gaps, first.handover_gaps
+            samples, in_periods, gaps = first.samples, first.samples_in_periods, first.sequence_gaps
+            lost = lost_between(self._ring, first.handover_gaps, first.last_index + 1)
         else:
-            recording, samples, sequence_gaps, handover_gaps = self._join_parts()
+            recording, samples, gaps, lost = self._join_parts()
             in_periods = sum(end.samples_in_periods for end in ends if end is not None)
-        for part in range(len(self._parts)):
-            (self._parts[part].parent / f"recorder{part}.json").unlink(missing_ok=True)
+        for folder in {part.parent for part in self._parts}:
+            tidy(folder)
         exit_code = self._exit_code(report)
-        if first is None and not exit_code:
+        if (first is None or lost) and not exit_code:
             exit_code = 1
         outcome = RunOutcome(
             run_id=self._request.run_id,
             outcome=report.outcome,
             exit_code=exit_code,
-            sentences=outcome_sentences(
-                report, self._request, samples, sequence_gaps, max(handover_gaps, self._ring.lost), self._remarks
-            ),
+            sentences=outcome_sentences(report, self._request, samples, gaps, lost, self._narrator.remarks),
             out_dir=str(self._folder),
             recordings=(str(recording),),
             samples=samples,
             samples_in_periods=in_periods,
-            sequence_gaps=sequence_gaps,
-            handover_gaps=max(handover_gaps, self._ring.lost),
+            sequence_gaps=gaps,
+            handover_gaps=lost,
             loop=report,
             files=digests_of(self._folder, recording),
             software=software_versions(),
@@ -357,8 +323,8 @@ class _Acquisition:
         )
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)
-            self._tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
-        write_run_file(self._request, "run.json", outcome)
+            self._narrator.tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
+        write_run_file(self._request, RUN_NAME, outcome)
         return outcome
 
     def _join_parts(self) -> tuple[Path, int, int, int]:
@@ -369,9 +335,10 @@ class _Acquisition:
                 raise MissingInputError(str(self._parts[0]), "the recording of this run")
             merged = join_parts(existing)
         except (BadLogError, LogIOError, MissingInputError) as error:
-            self._remark(f"The parts of the recording could not be joined: {error}")
-            return existing[-1] if existing else self._parts[0], 0, 0, 0
-        return merged.recovered, merged.samples, merged.missing, merged.missing_in_handover
+            self._narrator.remark(f"The parts of the recording could not be joined: {error}")
+            return existing[-1] if existing else self._parts[0], 0, 0, self._ring.lost + self._ring.backlog
+        lost = lost_between(self._ring, merged.missing_in_handover, merged.next_index)
+        return merged.recovered, merged.samples, merged.missing, lost
 
     def _exit_code(self, report: LoopReport) -> int:
         code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]
@@ -386,10 +353,3 @@ class _SpokenError(DaemonError):
     def __init__(self, sentence: str, exit_code: int) -> None:
         self.exit_code = exit_code
         super().__init__(sentence)
-
-
-def _name(kind: type[SessionState] | type[MotionPhase], value: int) -> str:
-    try:
-        return kind(value).name
-    except ValueError:
-        return str(value)

@@ -277,13 +277,19 @@ def recover(
 ) -> None:
     """Make a broken-off log whole again as far as its bytes go, and say what is missing. The original is kept.
 
-    Example: iiwa-ident recover runs/first/recording.mcap
+    A run's folder also gets its run.json where its processes left none.
+
+    Example: iiwa-ident recover runs/first
     """
+    from daemon.account import account_for_folder
     from daemon.log.parts import recover as recover_recording
 
     report = recover_recording(log)
+    outcome = account_for_folder(log, report) if log.is_dir() else None
     if json_file is not None:
         write_json(json_file, report.to_json())
     if not wants_json_on_stdout(json_file):
         for sentence in report.sentences:
             data(sentence)
+        if outcome is not None:
+            data(f"{log / 'run.json'} was missing and is written: {outcome.sentences[0]}")

@@ -36,7 +36,8 @@ class RecoverReport:
 
     whole: the file was complete and nothing was written; recovered: the file to use (the original when whole).
     samples: messages on /fri/state; missing: gaps in the robot's sequence counter; missing_in_handover: gaps in the
-    loop's sample index; bytes_used of bytes_total were readable. damaged_chunks: complete in length, wrong in content.
+    loop's sample index; next_index: the first index after the last one in the file; last_period: the highest number of
+    a period (-1: none). bytes_used of bytes_total were readable. damaged_chunks: complete in length, wrong in content.
     """
 
     source: Path
@@ -48,6 +49,8 @@ class RecoverReport:
     last_counter: int | None
     missing: int
     missing_in_handover: int
+    next_index: int
+    last_period: int
     damaged_chunks: int
     bytes_used: int
     bytes_total: int
@@ -110,6 +113,7 @@ class _Counts:
     missing: int = 0
     missing_in_handover: int = 0
     next_index: int | None = None
+    last_period: int = -1
     order: RobotCounter = field(default_factory=RobotCounter)
 
     def add(self, topic: str, data: bytes) -> None:
@@ -121,10 +125,11 @@ class _Counts:
             if topic != "/fri/state":
                 return
             self.samples += 1
-            index, counter, _ = state_counters(data)
+            index, counter, period = state_counters(data)
         except struct.error:
             return
         self._follow_index(index)
+        self.last_period = max(self.last_period, period)
         if self.first_counter is None:
             self.first_counter = counter
         order = self.order.judge(counter)
@@ -161,6 +166,8 @@ class _Counts:
             self.last_counter,
             self.missing,
             self.missing_in_handover,
+            self.next_index or 0,
+            self.last_period,
             damaged,
             used,
             total,

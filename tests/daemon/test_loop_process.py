@@ -142,7 +142,7 @@ def test_a_signal_stops_the_arm_by_ramp_and_the_report_is_written(tmp_path: Path
                 time.sleep(0.002)
             process.send_signal(number)
             drain(process, ring)
-            assert process.wait(20.0) == 1
+            assert process.wait(60.0) == 1
             assert process.stderr is not None
             said = process.stderr.read()
     report = read_json(tmp_path / "loop_report.json", LoopReport)
@@ -171,7 +171,7 @@ def test_a_supervisor_that_falls_silent_and_a_recorder_that_is_gone_leave_a_stop
             while ring.status.phase != MotionPhase.EXCITATION:
                 ring.beat()
                 time.sleep(0.005)
-            assert process.wait(20.0) == 1  # nobody beats any more, nobody reads
+            assert process.wait(60.0) == 1  # nobody beats any more, nobody reads
     report = read_json(tmp_path / "loop_report.json", LoopReport)
     assert report.reason in ("SUPERVISOR_LOST", "RECORDER_LOST")
     assert (report.outcome, report.standstill_confirmed, report.lost_in_handover) == ("stopped", True, 0)

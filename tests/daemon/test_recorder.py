@@ -30,12 +30,14 @@ from daemon.api import (
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,
+    RunOutcome,
 )
 from daemon.errors import LogIOError
-from daemon.json_files import write_json
+from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.log.stream import PatientFile
-from daemon.recorder import Recorder
+from daemon.recorder import Recorder, main
+from daemon.supervision import Supervision
 from fri_client.handover import EventCode, HandoverRing
 
 from .producer import Producer, make_job
@@ -425,3 +427,24 @@ def test_a_patient_file_is_not_created_over_another(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"x")
     with pytest.raises(LogIOError):
         PatientFile(tmp_path / "a")
+
+
+def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loop and supervisor were killed together: the ring was never marked as finished."""
+    monkeypatch.setattr("daemon.recorder.ORPHAN_PATIENCE_S", 0.1)
+    monkeypatch.setattr(Supervision, "is_orphan", True)
+    Producer(ring).push(250)
+    write_json(tmp_path / "recorder0.json", make_job(tmp_path))
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)}
+    try:
+        assert main(["--request", str(tmp_path / "recorder0.json"), "--ring-fd", str(ring.fd)]) == 0
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    outcome = read_json(tmp_path / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.handover_gaps) == ("fault", 70, 250, 0)
+    assert "brakes by itself" in outcome.sentences[0]
+    assert "written by the recorder" in outcome.sentences[-1]
+    assert not (tmp_path / "recorder0.json").exists()

@@ -6,6 +6,7 @@ Truth: the indexes this test pushed, read back by rosbags. Whole runs with real 
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -13,18 +14,19 @@ from pathlib import Path
 
 import pytest
 
+from daemon.account import leave_outcome
 from daemon.api import LoopReport, RunOutcome
 from daemon.errors import LogIOError
 from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile
 from daemon.recorder import Recorder
-from daemon.rescue import leave_outcome, rescue_if_abandoned
+from daemon.rescue import rescue_if_abandoned
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover import HandoverRing
 
 from .producer import Producer, make_job, make_request
-from .test_recorder import read_states
+from .test_recorder import read_states, start_process, wait_until
 
 
 @pytest.fixture
@@ -113,11 +115,47 @@ def test_a_run_without_supervisor_has_an_account_that_says_who_wrote_it(tmp_path
     request = make_request(tmp_path)
     rescue_if_abandoned(request, ring)
     report = LoopReport(outcome="stopped", reason="SUPERVISOR_LOST", sentence="The supervising process was lost.")
-    leave_outcome(request, report, 1)
+    (tmp_path / "recorder0.json").write_text("{}")
+    (tmp_path / "recorder.log").touch()
+    (tmp_path / "loop.log").write_text("It said something.")
+    leave_outcome(request, report, 1, writer="the loop's process", ring=ring)
     outcome = read_json(tmp_path / "run.json", RunOutcome)
     assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.loop) == ("stopped", 1, 40, report)
     assert "written by the loop's process" in outcome.sentences[-1]
     assert "recording.mcap" in {file.name for file in outcome.files}
     written = (tmp_path / "run.json").read_bytes()
-    leave_outcome(request, report, 70)
+    leave_outcome(request, report, 70, writer="the loop's process", ring=ring)
     assert (tmp_path / "run.json").read_bytes() == written
+    assert not (tmp_path / "recorder0.json").exists()
+    assert [file.name for file in tmp_path.glob("*.log")] == ["loop.log"]
+
+
+def test_what_stands_in_no_file_is_counted_as_lost(tmp_path: Path, ring: HandoverRing) -> None:
+    """120 of 300 are in the file; the rest is in the ring alone, which is about to go."""
+    Producer(ring).push(300)
+    leave_a_broken_part(tmp_path, ring, 120)
+    report = LoopReport(outcome="stopped", reason="SUPERVISOR_LOST", sentence="The supervising process was lost.")
+    leave_outcome(make_request(tmp_path), report, 1, writer="the loop's process", ring=ring)
+    outcome = read_json(tmp_path / "run.json", RunOutcome)
+    assert (outcome.samples, outcome.handover_gaps) == (120, 180)
+    assert "180 lost between loop and file" in " ".join(outcome.sentences)
+
+
+def test_a_recorder_that_is_stopped_for_ever_is_ended_and_its_samples_are_written(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.rescue.RECORDER_PATIENCE_S", 0.2)
+    producer = Producer(ring)
+    recorder = start_process(make_job(tmp_path), ring)
+    try:
+        producer.push(100)
+        wait_until(lambda: ring.backlog == 0)
+        recorder.send_signal(signal.SIGSTOP)
+        producer.push(200)
+        ring.finish()
+        assert rescue_if_abandoned(make_request(tmp_path), ring) is not None
+        recorder.wait(30)  # it is gone; raises where it is not
+    finally:
+        recorder.kill()
+        recorder.wait()
+    assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(300))

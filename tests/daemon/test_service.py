@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import signal
 import socket
 import subprocess
@@ -23,6 +24,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from daemon.account import account_for_folder
 from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
 from daemon.json_files import read_json, write_json
@@ -168,6 +170,62 @@ def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
     assert "RECORDER_LOST" in {event.name for event in events_of(Path(outcome.recordings[0]))}
 
 
+def test_a_recorder_stopped_for_ever_costs_no_sample(
+    robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.service.RECORDER_STOPPED_S", 0.3)
+    stopped: list[psutil.Process] = []
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1 and not stopped:
+            stopped.append(child_of(psutil.Process(), "daemon.recorder"))
+            stopped[0].suspend()
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=600, ring_slots=2048), observe=observe)
+    assert (outcome.exit_code, outcome.outcome) == (1, "stopped"), outcome.sentences
+    assert outcome.loop is not None
+    assert outcome.loop.reason == "RECORDER_LOST"
+    # No number for what a machine may make of the moment: what is not in the file is counted, to the last one.
+    states = states_of(Path(outcome.recordings[0]))
+    assert len(states) == outcome.samples == outcome.loop.received
+    assert outcome.handover_gaps == 0
+    assert_nothing_missing(Path(outcome.recordings[0]))
+    assert not stopped[0].is_running()
+
+
+def test_an_observer_that_fails_ends_no_run(robot: tuple[int, Path], tmp_path: Path) -> None:
+    def observe(event: RunEvent) -> None:
+        raise OSError("the terminal is gone")
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=1), observe=observe)
+    assert (outcome.exit_code, outcome.outcome) == (0, "completed"), outcome.sentences
+
+
+def test_a_closed_terminal_stops_the_arm_by_ramp_and_the_books_are_closed(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    """The run has a terminal of its own, which goes in the excitation: SIGHUP, and EIO for every further word."""
+    file = tmp_path / "input.json"
+    write_json(file, gentle_request(tmp_path, robot[0], periods=600))
+    process, terminal = pty.fork()
+    if not process:
+        os.chdir(REPOSITORY)
+        os.execv(sys.executable, [sys.executable, "-c", RUN_CODE, str(file)])
+    heard = b""
+    while b"Period 2" not in heard:
+        heard += os.read(terminal, 4096)
+    os.close(terminal)
+    os.waitpid(process, 0)
+    outcome = read_json(tmp_path / "run" / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.exit_code) == ("stopped", 130)
+    assert outcome.loop is not None
+    assert outcome.loop.standstill_confirmed
+    assert outcome.samples == outcome.loop.received
+    names = {each.name for each in (tmp_path / "run").iterdir()}
+    assert not {name for name in names if name.startswith("recorder")}
+    assert "last_samples.json" in names
+
+
 def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tuple[int, Path], tmp_path: Path) -> None:
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period == 1:
@@ -288,6 +346,13 @@ def test_all_processes_killed_at_once_leave_all_but_the_last_half_second_and_rec
     with pytest.raises(ConfigurationError, match="recover"):
         run_acquisition(gentle_request(tmp_path, free_port()), observe=lambda _: None)
     report = recover(tmp_path / "run")
+    outcome = account_for_folder(tmp_path / "run", report)
+    assert outcome is not None
+    assert (outcome.outcome, outcome.exit_code, outcome.samples) == ("fault", 70, report.samples)
+    assert outcome.loop is not None
+    assert outcome.loop.periods_completed >= 1
+    assert read_json(tmp_path / "run" / "run.json", RunOutcome) == outcome
+    assert account_for_folder(tmp_path / "run", report) is None
     assert not report.whole
     assert (report.missing, report.missing_in_handover) == (0, 0)
     states = states_of(report.recovered)

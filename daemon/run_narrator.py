@@ -1,0 +1,111 @@
+"""What the operator hears of a run while it goes on: the loop's status turned into events, and what was remarkable.
+
+Here: sentences and when they are said. Not here: who shows them (the command line, the service) and what is done about
+anything (`service`). An observer that fails, say because its terminal was closed, ends no run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+
+from daemon.api import RunEvent, RunRequest
+from fri_client.handover import HandoverRing
+from fri_client.messages import SessionState
+from fri_client.motion_phase import MotionPhase
+
+__all__ = ["Observer", "RunNarrator", "unfailing"]
+
+PROGRESS_S = 10.0
+Observer = Callable[[RunEvent], None]
+
+
+def unfailing(observe: Observer) -> Observer:
+    """The observer, whose own errors are logged once and otherwise passed over."""
+    failed = False
+
+    def tell(event: RunEvent) -> None:
+        nonlocal failed
+        try:
+            observe(event)
+        except Exception as error:
+            if not failed:
+                failed = True
+                with contextlib.suppress(OSError):
+                    logging.getLogger(__name__).warning("Events of the run cannot be shown any more: %s", error)
+
+    return tell
+
+
+class RunNarrator:
+    """Tells the events of one run; `follow` is called a few times a second while its loop lives."""
+
+    def __init__(self, request: RunRequest, ring: HandoverRing, observe: Observer) -> None:
+        self._periods = request.periods
+        self._ring = ring
+        self._observe = observe
+        self.remarks: list[str] = []
+        self._rate_base = (time.monotonic(), 0)
+        self._last_phase = -1
+        self._last_state = -1
+        self._last_period = -1
+        self._next_progress = 0.0
+
+    def tell(self, kind: str, sentence: str, *, period: int = -1, rate: float = 0.0) -> None:
+        """One event."""
+        status = self._ring.status
+        self._observe(
+            RunEvent(
+                kind=kind,
+                sentence=sentence,
+                phase=_name(MotionPhase, status.phase),
+                period=period,
+                periods=self._periods,
+                samples=status.received,
+                rate=rate,
+                missing=status.missing,
+                lost_in_handover=self._ring.lost,
+            )
+        )
+
+    def remark(self, sentence: str) -> None:
+        """A warning that also belongs into run.json; said once."""
+        if sentence not in self.remarks:
+            self.remarks.append(sentence)
+            self.tell("warning", sentence)
+
+    def follow(self) -> None:
+        """The loop's states, phases and periods as they change, and the count now and then."""
+        status = self._ring.status
+        if not status.received:
+            return
+        if status.session_state != self._last_state:
+            self._last_state = status.session_state
+            self.tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
+        if status.phase != self._last_phase:
+            self._last_phase = status.phase
+            self.tell("phase", f"Motion: {_name(MotionPhase, status.phase).lower().replace('_', ' ')}.")
+        now = time.monotonic()
+        begun = status.period != self._last_period and status.period >= 0
+        if begun or now >= self._next_progress:
+            self._last_period = status.period
+            self._next_progress = now + PROGRESS_S
+            then, count = self._rate_base
+            rate = (status.received - count) / max(now - then, 1e-3)
+            self._rate_base = (now, status.received)
+            place = f"Period {status.period + 1} of {self._periods}" if status.period >= 0 else "Link"
+            self.tell(
+                "progress",
+                f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
+                period=status.period,
+                rate=rate,
+            )
+
+
+def _name(kind: type[SessionState] | type[MotionPhase], value: int) -> str:
+    try:
+        return kind(value).name
+    except ValueError:
+        return str(value)
