@@ -19,6 +19,13 @@ A stop of the motion is not an error: it is a `RunOutcome` with exit code 1 and 
 from __future__ import annotations
 
 
+def sentence_of(error: Exception) -> str:
+    """What an error says to an operator; one of the operating system names its file and gives no number."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}." if error.filename is not None else f"{error.strerror}."
+    return str(error) or type(error).__name__
+
+
 class DaemonError(Exception):
     """Root of the tree; the text is one sentence an operator can act on."""
 

@@ -31,7 +31,7 @@ from daemon.api import (
     WorkerStatus,
     encode_control,
 )
-from daemon.errors import DaemonError, MissingInputError
+from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
 
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 __all__ = ["main", "run_job"]
 
 REPORT_NAME = "report.html"
+_SHARE_OF_FIT = 0.3
+"""Of the time of a fit and the diagnosis after it."""
 
 _KEYWORDS: tuple[tuple[str, WorkerPhase], ...] = (
     ("process", "averaging"),
@@ -87,6 +89,7 @@ class StatusFile:
 
 def run_job(job: WorkerJob, status: StatusFile) -> int:
     """Fit the job's recordings and write the model. Returns the exit code; every error becomes a status."""
+    whole = 1.0 if job.diagnosis_folder is None else _SHARE_OF_FIT
     try:
         status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
         # The numerical libraries take a second to load: the status stands before that.
@@ -102,15 +105,15 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         recordings = [read_recording(file, robot=job.robot) for file in job.recordings]
         settings = FitSettings(pipeline=job.pipeline)
         phase: WorkerPhase = "averaging"
-        status.write(phase, "Averaging the periods.", 0.1)
+        status.write(phase, "Averaging the periods.", 0.1 * whole)
 
         def progress(text: str, share: float) -> None:
             nonlocal phase
             phase = next((name for key, name in _KEYWORDS if key in text.lower()), "fitting")
-            status.write(phase, f"{text[:1].upper()}{text[1:]}.", 0.1 + 0.85 * share)
+            status.write(phase, f"{text[:1].upper()}{text[1:]}.", (0.1 + 0.85 * share) * whole)
 
         result = fit_recordings(recordings, robot, settings, progress=progress)
-        status.write("writing", f"Writing {job.model_file}.", 0.96)
+        status.write("writing", f"Writing {job.model_file}.", 0.96 * whole)
         write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
         write_report(Path(job.model_file).with_name(REPORT_NAME), fit=result)
         sentence = f"The model is in {job.model_file}, {REPORT_NAME} beside it shows it."
@@ -135,7 +138,8 @@ def _diagnose(job: WorkerJob, recordings: Sequence[Recording], status: StatusFil
     from identification.recordings import read_recording
 
     def progress(text: str, share: float) -> None:
-        status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share)
+        share_of_all = _SHARE_OF_FIT + (1.0 - _SHARE_OF_FIT) * share
+        status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share_of_all)
 
     assert job.diagnosis_folder is not None
     found = diagnose_recordings(
@@ -151,12 +155,12 @@ def _diagnose(job: WorkerJob, recordings: Sequence[Recording], status: StatusFil
 def _said(error: Exception) -> tuple[str, int]:
     """What an error says to an operator, and its exit code; the place of one that nobody expected goes to the log."""
     if isinstance(error, OSError):
-        return f"{error.filename}: {error.strerror}.", 74
+        return sentence_of(error), 74
     code = getattr(error, "exit_code", None)
     if code is None:
         traceback.print_exc()
         code = DaemonError.exit_code
-    return str(error) or type(error).__name__, int(code)
+    return sentence_of(error), int(code)
 
 
 def _json_bytes(model: dict[str, Any]) -> bytes:

@@ -15,9 +15,9 @@ from typer.core import TyperCommand
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.run_view import run_shown
 
 if TYPE_CHECKING:
-    from daemon.api import RunEvent
     from daemon.preparation import PreparedMotion
     from safety.collision import Clearance
 
@@ -76,6 +76,7 @@ def show_preflight(motion: PreparedMotion) -> None:
     for check in report.checks:
         table.add_row(check.name.replace("_", " "), "ok" if check.passed else "NOT SAFE", check.sentence)
     show_table(table)
+    data("")
     data(motion.foresight_sentence())
     if report.clearances:
         paths = list(dict.fromkeys(each.along for each in report.clearances))
@@ -159,11 +160,6 @@ def confirm_motion(motion: PreparedMotion, host: str, periods: int) -> None:
     message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
     message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
     typer.confirm("Start", abort=True, err=True)
-
-
-def show_event(event: RunEvent) -> None:
-    """One line for the operator on stderr."""
-    message(f"[{event.kind}] {event.sentence}")
 
 
 @app.command()
@@ -254,15 +250,15 @@ def run(
     if not no_confirm:
         confirm_motion(motion, host, periods)
     request = write_run_request(motion, out or Path("runs") / run_id, **settings)
-    outcome = run_acquisition(request, observe=show_event)
+    with run_shown() as view:
+        outcome = run_acquisition(request, observe=view.observe)
     fit = wait_for_worker(Path(outcome.worker_status_file)) if outcome.worker_status_file is not None else None
     if json_file is not None:
         import msgspec
 
         write_json(json_file, msgspec.to_builtins(outcome))
     if not wants_json_on_stdout(json_file):
-        for sentence in outcome.sentences:
-            data(sentence)
+        view.show_outcome(outcome.sentences)
         data(f"Everything is in {outcome.out_dir}")
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)

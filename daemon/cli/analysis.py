@@ -11,6 +11,8 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.progress import progress_shown
+from daemon.cli.rms_view import show_rms
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
 
 if TYPE_CHECKING:
@@ -127,15 +129,14 @@ def fit(
     recordings = load_recordings(logs, robot)
     robot_model = load_robot(robot or robot_of(recordings))
 
-    def show(phase: str, share: float) -> None:
-        message(f"[{100 * share:3.0f} %] {phase}")
-
     left_out = None
     if folds is not None:
         from identification.validation import cross_validate
 
-        left_out = cross_validate(recordings, robot_model, settings, folds, progress=show)
-    result = fit_recordings(recordings, robot_model, settings, progress=show)
+        with progress_shown() as show:
+            left_out = cross_validate(recordings, robot_model, settings, folds, progress=show)
+    with progress_shown() as show:
+        result = fit_recordings(recordings, robot_model, settings, progress=show)
     model = result.to_model_json()
     if left_out is not None:
         model["left_out"] = left_out.to_json()
@@ -150,8 +151,7 @@ def fit(
     if not wants_json_on_stdout(json_file):
         show_fit(result)
         if left_out is not None:
-            data(f"RMS on recordings that the fit had not seen, {folds} folds, Nm:")
-            data(left_out.text())
+            show_rms(left_out, f"RMS on recordings that the fit had not seen, {folds} folds")
         data(f"Model written to {target}" + ("" if report is None else f", report to {report}"))
 
 
@@ -175,10 +175,7 @@ def show_fit(result: FitResult) -> None:
         f"σ: of the estimator {result.estimator}, with the noise as measured, coloured; beside it the paper's eq. (15) "
         "of the unweighted fit, which takes all residuals as white and alike."
     )
-    data("RMS of measured minus modelled torque per joint, Nm:")
-    data(result.rms.text())
-    data("the same in % of the RMS torque:")
-    data(result.rms.text(percent=True))
+    show_rms(result.rms, "RMS of measured minus modelled torque per joint")
     if result.constrained is not None:
         show_certificate(result.to_model_json()["certificate"])
     if result.feasibility is not None:
@@ -238,10 +235,7 @@ def validate(
     if json_file is not None:
         write_json(json_file, table.to_json())
     if not wants_json_on_stdout(json_file):
-        data("RMS of measured minus modelled torque per joint, Nm:")
-        data(table.text())
-        data("the same in % of the RMS torque:")
-        data(table.text(percent=True))
+        show_rms(table, "RMS of measured minus modelled torque per joint")
     for recording, name in zip(recordings, recording_names(recordings), strict=True):
         if recording.source.sha256 in model.fitted_digests:
             message(f"{name}: the model was fitted to this very recording, so its RMS is no check; give another run.")

@@ -16,7 +16,8 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
 from daemon.cli.catalogue import COMMANDS, GROUPS
-from daemon.cli.output import data, set_verbosity
+from daemon.cli.output import data, prepare_streams, set_verbosity
+from daemon.errors import sentence_of
 
 EXIT_INTERNAL = 70
 EXIT_INPUT_OUTPUT = 74
@@ -97,20 +98,18 @@ def exit_code_of(error: BaseException) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with the contract's exit code; a traceback is printed only with -vv."""
+    prepare_streams()
     words = _flags_first(sys.argv[1:] if arguments is None else arguments)
     try:
         app(args=words, prog_name="iiwa-ident")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(EXIT_INPUT_OUTPUT)
     except Exception as error:
         if words.count("-v") + 2 * words.count("-vv") + 3 * words.count("-vvv") >= 2:
             import traceback
 
             traceback.print_exc()
-        text = str(error) or type(error).__name__
+        text = sentence_of(error)
         if exit_code_of(error) == EXIT_INTERNAL:
             text = f"internal error ({type(error).__name__}): {text}; run again with -vv for the traceback"
         print(f"iiwa-ident: {text}", file=sys.stderr)

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import json
+import sys
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from daemon.cli.acquisition import show_event, show_preflight
+from daemon.cli.acquisition import show_preflight
 from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
 from daemon.cli.diagnosis import VERDICTS
-from daemon.cli.output import JsonOption, data, show_table, write_json
+from daemon.cli.output import JsonOption, data, is_verbose, show_table, wants_json_on_stdout, write_json
+from daemon.cli.rms_view import show_rms
+from daemon.cli.run_view import run_shown
 
 if TYPE_CHECKING:
     import numpy as np
 
     from daemon.api import RunOutcome
     from daemon.preparation import PreparedMotion
+    from identification.fitting.rms import RmsTable
 
 PERIODS_UNUSED = 4
 
@@ -45,15 +50,25 @@ def demo(
 
     Example: iiwa-ident demo --seed 7 --out demo-output
     """
+    # The story is no part of a result that another program reads from stdout.
+    with redirect_stdout(sys.stderr) if wants_json_on_stdout(json_file) else nullcontext():
+        result = demonstrate(fresh_folder(out), periods, realtime=realtime, seed=seed)
+    if json_file is not None:
+        write_json(json_file, result)
+
+
+def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[str, Any]:
+    """The demo's steps, told on stdout as they happen, and what came of them as plain JSON types."""
     from daemon import demonstration
     from daemon.cli.worker_view import wait_for_worker
     from daemon.preparation import prepare_motion
     from identification.excitation import validation_trajectory
 
-    out = fresh_folder(out)
     motion = prepare_motion(None)
-    data(f"1. Motion: {motion.name}, {motion.trajectory.period_s:g} s a period; preflight:")
-    show_preflight(motion)
+    safe = "safe to run" if motion.preflight.safe else "NOT safe"
+    data(f"1. Motion: {motion.name}, {motion.trajectory.period_s:g} s a period: {safe}")
+    if is_verbose() or not motion.preflight.safe:
+        show_preflight(motion)
     if not motion.preflight.safe:
         raise typer.Exit(1)
 
@@ -62,15 +77,17 @@ def demo(
 
     def publish(commitment: str) -> None:
         commitments.append(commitment)
-        data(f"   The fake robot hides one effect, drawn from seed {seed}. SHA-256 of its salted label: {commitment}")
+        hides = f"The fake robot hides one effect, drawn from seed {seed}" if len(commitments) == 1 else "Salted anew"
+        data(f"   {hides}. SHA-256 of the sealed label:")
+        data(f"   {commitment}")
 
     def acquire(chosen: PreparedMotion, name: str, count: int, heldout: tuple[str, ...], fit: bool) -> RunOutcome:
-        outcome = demonstration.record(
-            chosen, out / name, periods=count, seed=seed if fit else seed + 1, realtime=realtime, fit=fit,
-            observe=show_event, hidden_effect=seed, publish=publish, heldout=heldout,
-        )  # fmt: skip
-        for sentence in outcome.sentences:
-            data(f"   {sentence}")
+        with run_shown() as view:
+            outcome = demonstration.record(
+                chosen, out / name, periods=count, seed=seed if fit else seed + 1, realtime=realtime, fit=fit,
+                observe=view.observe, hidden_effect=seed, publish=publish, heldout=heldout,
+            )  # fmt: skip
+        view.show_outcome(outcome.sentences, indent="   ")
         if outcome.exit_code:
             raise typer.Exit(outcome.exit_code)
         return outcome
@@ -91,55 +108,68 @@ def demo(
         json.loads((folder / name).read_text(encoding="utf-8"))
         for name in ("model.json", "diagnosis/model.json", "diagnosis/diagnosis.json")
     )
-    data("4. Verdict")
-    show_verdict(diagnosis)
     label = demonstration.opened_effect(folder / "fake_robot.json", commitments[-1])
-    data("5. The seal is opened; its hash is the one published at the start")
-    data(f"   hidden: {in_words(label)}")
+    truth = demonstration.true_base_parameters(folder / "fake_robot.json", demonstration.demo_regressor())
+    tables = rms_tables(out, {"fitted motion": "excitation", "unused motion": "unused"})
+    files = sorted(str(path) for path in out.rglob("*") if path.is_file() and not path.name.startswith("."))
+    if is_verbose():
+        data("4. Base parameters beside the fake robot's true ones: fitted together with the effects, and without them")
+        show_comparison(extended["base_parameters"], document["base_parameters"], truth)
+        data("5. How well the models fit, base and feasible parameters")
+        for what, table in tables.items():
+            show_rms(table, f"{what[:1].upper()}{what[1:]}: RMS of measured minus modelled torque", percent=False)
+        show_certificate(document["certificate"])
+        data("6. Files")
+        for file in files:
+            data(f"   {file}")
+    data("")
+    data("What was found in the recordings:")
+    show_verdict(diagnosis)
+    data("What was hidden (the seal is opened; its hash is the one published before the motion):")
+    data(f"   {in_words(label)}")
     data(f"   {judgement(diagnosis, label)}")
-
-    data("6. Base parameters beside the fake robot's true ones: fitted together with the effects, and without them")
-    regressor = demonstration.demo_regressor()
-    truth = demonstration.true_base_parameters(folder / "fake_robot.json", regressor)
-    show_comparison(extended["base_parameters"], document["base_parameters"], truth)
-    data("7. RMS of measured minus modelled torque per joint, Nm, of the base and of the feasible parameters")
-    tables = show_rms(out, {"fitted": ("excitation", periods), "unused": ("unused", PERIODS_UNUSED)})
-    show_certificate(document["certificate"])
-    files = show_files(out)
-    if json_file is not None:
-        write_json(
-            json_file,
-            {
-                "base_parameters": [
-                    {**p, "true": float(t)} for p, t in zip(extended["base_parameters"], truth, strict=True)
-                ],
-                "rms": tables,
-                "verdict": diagnosis["verdict"],
-                "findings": diagnosis["findings"],
-                "hidden": label,
-                "commitment": commitments[-1],
-                "right": is_right(diagnosis, label),
-                "files": files,
-                "seed": seed,
-            },
-        )
+    data(f"   {parameters_in_words(extended['base_parameters'], truth)}")
+    data("The page to open:")
+    data(f"   {folder / 'diagnosis' / 'report.html'}")
+    return {
+        "base_parameters": [{**p, "true": float(t)} for p, t in zip(extended["base_parameters"], truth, strict=True)],
+        "rms": {name: table.to_json() for name, table in tables.items()},
+        "verdict": diagnosis["verdict"],
+        "findings": diagnosis["findings"],
+        "hidden": label,
+        "commitment": commitments[-1],
+        "right": is_right(diagnosis, label),
+        "files": files,
+        "seed": seed,
+    }
 
 
 def show_verdict(diagnosis: dict[str, Any]) -> None:
-    """Verdict, findings and what remains, as `diagnose` says them."""
+    """Verdict, findings and what remains, as `diagnose` says them, and the joint that gains most on unused data."""
     data(f"   {VERDICTS[diagnosis['verdict']]}")
     for finding in diagnosis["findings"]:
         data(f"   - {finding['sentence']}")
     data(f"   {diagnosis['remaining']}")
     heldout = diagnosis["heldout"]
-    if heldout is not None:
-        for name, key in (("before", "rms_before_nm"), ("after", "rms_after_nm"), ("noise", "noise_floor_nm")):
-            data(f"   unused motion, RMS {name:<7s} Nm:" + "".join(f"{value:8.4f}" for value in heldout[key]))
+    if heldout is not None and diagnosis["findings"]:
+        before, after, noise = (heldout[key] for key in ("rms_before_nm", "rms_after_nm", "noise_floor_nm"))
+        joint = max(range(len(before)), key=lambda place: abs(before[place] - after[place]))
+        verb = "falls" if after[joint] <= before[joint] else "RISES"
+        data(
+            f"   On the motion that was not fitted, the RMS of joint {joint + 1} {verb} from {before[joint]:.3f} to "
+            f"{after[joint]:.3f} Nm; the noise alone gives {noise[joint]:.3f} Nm."
+        )
 
 
 def in_words(label: dict[str, Any]) -> str:
-    """A label on one line, numbers with four digits."""
-    return ", ".join(f"{name} {_short(value)}" for name, value in label.items() if value is not None)
+    """A label on one line: effect and place first, then its numbers with four digits."""
+    place = "" if label.get("joint") is None else f" of joint {label['joint']}"
+    numbers = [
+        f"{name} {_short(value)}"
+        for name, value in label.items()
+        if name not in ("effect", "joint") and value is not None
+    ]
+    return f"{label['effect'].replace('_', ' ')}{place}: {', '.join(numbers)}"
 
 
 def _short(value: Any) -> str:
@@ -170,23 +200,17 @@ def judgement(diagnosis: dict[str, Any], label: dict[str, Any]) -> str:
     return "Not named." if not named else "WRONG: what was named is not what was hidden."
 
 
-def show_rms(out: Path, recordings: dict[str, tuple[str, int]]) -> dict[str, Any]:
-    """RMS tables of the fit and of the extended model on recordings, given as folder and number of periods."""
+def rms_tables(out: Path, folders: dict[str, str]) -> dict[str, RmsTable]:
+    """RMS of the fit and of the extended model on the recordings in these folders of `out`."""
     from identification.mismatch.prediction import validate_with_effects
     from identification.model_file import read_model
     from identification.recordings import read_recording
 
     tables = {}
-    for what, (folder, averaged) in recordings.items():
+    for what, folder in folders.items():
         recording = read_recording(out / folder / "recording.mcap")
         for kind, file in (("", "model.json"), (", effects included", "diagnosis/model.json")):
-            table = validate_with_effects(read_model(out / "excitation" / file), [recording])
-            if not kind:
-                data(f"   {what} motion, mean of {averaged} period(s); the noise alone would give:")
-                data(f"   {'':24s}" + "".join(f"{floor:8.3f}" for floor in table.rows[0].noise_floor_nm))
-            data(f"   the {'extended' if kind else 'nominal'} model{kind}:")
-            data(table.text())
-            tables[what + kind] = table.to_json()
+            tables[what + kind] = validate_with_effects(read_model(out / "excitation" / file), [recording])
     return tables
 
 
@@ -200,31 +224,28 @@ def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
     return prepare_motion(file)
 
 
+def parameters_in_words(parameters: list[dict[str, Any]], truth: np.ndarray[Any, Any]) -> str:
+    """How many of the well-determined parameters lie within 3 σ of the truth."""
+    close = [
+        abs(item["value"] - true) <= 3.0 * item["std"]
+        for item, true in zip(parameters, truth, strict=True)
+        if item["std"] < 0.05 * abs(item["value"])
+    ]
+    return (
+        f"{sum(close)} of the {len(close)} parameters whose σ is below 5 % of their value are within 3 σ of the truth."
+    )
+
+
 def show_comparison(
     parameters: list[dict[str, Any]], nominal: list[dict[str, Any]], truth: np.ndarray[Any, Any]
 ) -> None:
-    """Value, σ and truth of each base parameter, the nominal fit's value, and how many lie within 3 σ."""
-    table = Table("parameter", "identified", "σ", "true", "difference in σ", "without effects", "unit")
+    """Value, σ and truth of each base parameter, and the nominal fit's value, as a table."""
+    table = Table("parameter", "identified", "σ", "true", "off, in σ", "without effects", "unit")
     without = {parameter["name"]: parameter["value"] for parameter in nominal}
-    within, determined = 0, 0
     for parameter, true in zip(parameters, truth, strict=True):
         value, std = parameter["value"], parameter["std"]
-        distance = (value - true) / std
-        if std < 0.05 * abs(value):
-            determined += 1
-            within += abs(distance) <= 3.0
         table.add_row(
-            parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{distance:+.1f}",
+            parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{(value - true) / std:+.1f}",
             f"{without[parameter['name']]:.5f}", parameter["unit"],
         )  # fmt: skip
     show_table(table)
-    data(f"{within} of the {determined} parameters whose σ is below 5 % of their value are within 3 σ of the truth.")
-
-
-def show_files(out: Path) -> list[str]:
-    """Print where everything is, and return it."""
-    files = sorted(path for path in out.rglob("*") if path.is_file() and not path.name.startswith("."))
-    data("Files:")
-    for file in files:
-        data(f"  {file}  ({file.stat().st_size / 1e6:.2f} MB)")
-    return [str(file) for file in files]

@@ -13,6 +13,7 @@ from daemon.batch import Task
 from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.progress import progress_shown
 
 if TYPE_CHECKING:
     from identification.mismatch.effects.base import Parameter
@@ -66,15 +67,16 @@ def diagnose(
         raise typer.BadParameter("--split is for recordings without periods, where no --heldout is given.")
     if low_pass_hz is not None and all(periodic):
         raise typer.BadParameter("--low-pass-hz is for recordings without periods; these have lines to choose from.")
-    result = diagnose_recordings(
-        recordings,
-        unseen,
-        out or logs[0].with_name("diagnosis"),
-        robot=robot,
-        baseline=model,
-        settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
-        progress=lambda phase, share: message(f"[{100 * share:3.0f} %] {phase}"),
-    )
+    with progress_shown() as show:
+        result = diagnose_recordings(
+            recordings,
+            unseen,
+            out or logs[0].with_name("diagnosis"),
+            robot=robot,
+            baseline=model,
+            settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
+            progress=show,
+        )
     if json_file is not None:
         write_json(json_file, result.diagnosis.to_json())
     if not wants_json_on_stdout(json_file):

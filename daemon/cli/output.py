@@ -1,13 +1,20 @@
-"""Where the command line prints: data on stdout, messages on stderr, results as JSON where asked for."""
+"""Where the command line prints: data on stdout, messages on stderr, results as JSON where asked for.
+
+Here: a stream of any encoding, and one whose reader has gone. Not here: what lines, tables and bars look like at a
+terminal (`terminal`, `progress`), which is loaded only where it is wanted.
+"""
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import json
 import logging
 import os
 import sys
+import unicodedata
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -19,43 +26,140 @@ JsonOption = Annotated[
     typer.Option("--json", metavar="FILE", help="Write the result as JSON; '-' = stdout, in place of the text."),
 ]
 
+_SPELLING = {
+    "σ": "sigma", "λ": "lambda", "τ": "tau", "φ": "phi", "²": "^2", "³": "^3", "µ": "u", "μ": "u", "°": " deg",
+    "±": "+/-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "‘": "'", "’": "'", "“": '"', "”": '"', "…": "...",
+    "→": "->", "≤": "<=", "≥": ">=", "√": "sqrt ", "ß": "ss", "─": "-", "━": "-", "│": "|", "╸": "-", "╺": "-",
+}  # fmt: skip
+
 _quiet = False
+_verbose = 0
+
+
+def prepare_streams() -> None:
+    """Let stdout and stderr spell what their encoding does not have: no sign may cost the result that it stands in."""
+    codecs.register_error("iiwa_ident_spelled", _spell_error)
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)  # a test's stream may have none
+        if reconfigure is not None:
+            reconfigure(errors="iiwa_ident_spelled")
+
+
+def _spell_error(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return _in_ascii(error.object[error.start : error.end]), error.end
+
+
+def _in_ascii(text: str) -> str:
+    """The text in ASCII: signs spelled, letters without their accents, '?' where nothing else is known."""
+    spelled = "".join(_SPELLING.get(sign) or unicodedata.normalize("NFKD", sign) for sign in text)
+    kept = "".join(sign for sign in spelled if not unicodedata.combining(sign))
+    return kept.encode("ascii", "replace").decode("ascii")
+
+
+def _spelled(text: str, stream: TextIO) -> str:
+    """The text as the stream will show it, so that columns are as wide as what stands in them."""
+    try:
+        encoding = stream.encoding or "utf-8"
+        return text.encode(encoding, "iiwa_ident_spelled").decode(encoding)
+    except LookupError:  # streams were not prepared: a library caller's own
+        return text
 
 
 def set_verbosity(verbose: int, quiet: bool) -> None:
     """Set what reaches stderr: -q errors only, default progress, -v more, -vv tracebacks."""
-    global _quiet
-    _quiet = quiet
+    global _quiet, _verbose
+    _quiet, _verbose = quiet, verbose
     level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+
+
+def is_quiet() -> bool:
+    """Whether -q was given."""
+    return _quiet
+
+
+def is_verbose() -> bool:
+    """Whether -v was given: tables behind a result are then shown as well."""
+    return _verbose > 0
 
 
 def message(text: str) -> None:
     """One line of progress on stderr, unless -q."""
     if not _quiet:
-        print(text, file=sys.stderr, flush=True)
+        _print(sys.stderr, text)
 
 
-def data(text: str) -> None:
-    """One piece of the result on stdout."""
-    print(text, flush=True)
+def data(text: str) -> bool:
+    """One piece of the result on stdout; False when nobody reads it any more."""
+    return _print(sys.stdout, text)
+
+
+def _print(stream: TextIO, text: str) -> bool:
+    if not stream.isatty():
+        return _write(stream, text + "\n")
+    from daemon.cli.terminal import drawn_lines
+
+    return _write(stream, drawn_lines(text, stream))
+
+
+def _write(stream: TextIO, text: str) -> bool:
+    """Write and flush. A reader that has gone (`| head`) is no failure: the command still comes to its own end."""
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        _to_nowhere(stream)
+        return False
+    return True
+
+
+def _to_nowhere(stream: TextIO) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 def show_table(table: Table) -> None:
-    """A table on stdout, as wide as it needs to be: a piped table must not be cut to a terminal that is not there."""
-    from rich.console import Console
+    """A table on stdout: no wider than a terminal and no word cut; as wide as it needs to be, a row a line, elsewhere.
 
-    width = None if sys.stdout.isatty() else max(100, int(os.environ.get("COLUMNS", "120")))
-    Console(file=sys.stdout, width=width, highlight=False).print(table)
+    Where a terminal is too narrow for the longest words side by side, each row becomes a block of lines.
+    """
+    from daemon.cli.terminal import drawn_table
+
+    heads = [_spelled(str(column.header), sys.stdout) for column in table.columns]
+    rows = [
+        [_spelled(str(cell), sys.stdout) for cell in cells]
+        for cells in zip(*(column.cells for column in table.columns), strict=True)
+    ]
+    drawn = drawn_table(heads, rows, sys.stdout)
+    if drawn is not None:
+        _write(sys.stdout, drawn)
+        return
+    for row in rows:
+        data(row[0])
+        for head, cell in zip(heads[1:], row[1:], strict=True):
+            data(f"  {head}: {cell}")
 
 
 def write_json(destination: Path, result: Any) -> None:
     """Write `result` as JSON; '-' is stdout."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)
     if str(destination) == "-":
-        data(text)
+        # Numbers and names have to come back as they were: JSON has its own escapes for what a stream cannot show.
+        _write(sys.stdout, (text if _holds(sys.stdout, text) else json.dumps(result, indent=1, allow_nan=False)) + "\n")
     else:
         destination.write_text(text + "\n", encoding="utf-8")
+
+
+def _holds(stream: TextIO, text: str) -> bool:
+    try:
+        text.encode(stream.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def wants_json_on_stdout(destination: Path | None) -> bool:

@@ -6,16 +6,15 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import msgspec
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.config import DaemonConfig, load_config
 from daemon.control_api import (
     CancelJob,
@@ -217,11 +216,27 @@ def jobs(
     if json_file is not None:
         write_json(json_file, msgspec.to_builtins(reply))
     if not wants_json_on_stdout(json_file):
-        table = Table("job", "kind", "phase", "motion", "periods", "what happened", "folder")
-        for job in reply.jobs:
-            count = "" if job.periods is None else str(job.periods)
-            table.add_row(job.job_id, job.kind, job.phase, escape(job.name), count, escape(job.sentence), job.folder)
-        show_table(table)
+        show_jobs(reply.jobs)
+
+
+def show_jobs(listed: Sequence[JobView]) -> None:
+    """Jobs in columns of plain text, one line a job with the folder last.
+
+    On a terminal, sentence and folder stand below the line: a whole folder can then be copied.
+    """
+    beside = not sys.stdout.isatty()
+    heads = ("job", "kind", "phase", "periods", "motion", *(("what happened", "folder") if beside else ()))
+    rows = [
+        (job.job_id, job.kind, job.phase, "-" if job.periods is None else str(job.periods), job.name)
+        + ((job.sentence, job.folder) if beside else ())
+        for job in listed
+    ]
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    for index, row in enumerate((heads, *rows)):
+        data("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        if not beside and index:
+            data(f"  {listed[index - 1].sentence}")
+            data(f"  {listed[index - 1].folder}")
 
 
 @app.command()

@@ -7,9 +7,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.table import Table
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.rms_view import show_rms
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
@@ -134,13 +136,13 @@ def simulate(
         data(line)
     data("RMS of position differences per joint, mrad (mm):")
     positions = comparison.position_rms()
-    width = max(len(name) for name in positions)
+    table = Table("joint", *(str(joint + 1) for joint in range(len(next(iter(positions.values()))))))
     for name, values in positions.items():
-        data(f"{name:<{width}s}" + "".join(f"{1e3 * value:10.3f}" for value in values))
+        table.add_row(name, *(f"{1e3 * value:.3f}" for value in values))
+    show_table(table)
     if float(positions["simulated minus commanded"].max()) > _BADLY_FOLLOWED:
         message("The simulated arm follows badly: the controller neglects friction. Raise --bandwidth or --stiffness.")
-    data("RMS of torque differences per joint, Nm:")
-    data(comparison.torque_rms().text())
+    show_rms(comparison.torque_rms(), "RMS of torque differences per joint", percent=False)
     for name, file in (("Figure", figure), ("Series", out)):
         if file is not None:
             data(f"{name} written to {file}")

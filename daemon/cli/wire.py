@@ -49,7 +49,8 @@ def decode(fri_version: VersionOption, direction: DirectionOption) -> None:
     """
     version = _version(fri_version)
     for line in _lines():
-        data(json.dumps(decode_line(version, direction.value, line), allow_nan=False))
+        if not data(json.dumps(decode_line(version, direction.value, line), allow_nan=False)):
+            return
 
 
 @fri_app.command()
@@ -60,4 +61,5 @@ def encode(fri_version: VersionOption, direction: DirectionOption) -> None:
     """
     version = _version(fri_version)
     for line in _lines():
-        data(encode_line(version, direction.value, line))
+        if not data(encode_line(version, direction.value, line)):
+            return

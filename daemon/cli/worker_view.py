@@ -9,6 +9,7 @@ import psutil
 
 from daemon.api import WorkerStatus
 from daemon.cli.output import message
+from daemon.cli.progress import progress_shown
 from daemon.errors import ChildProcessFailedError
 from daemon.json_files import read_json
 
@@ -21,18 +22,18 @@ def wait_for_worker(status_file: Path) -> WorkerStatus:
 
     Raises ChildProcessFailedError when the worker's process is gone without having said so.
     """
-    last = ""
     waited_s = 0.0
-    while True:
-        status = read_json(status_file, WorkerStatus) if status_file.exists() else None
-        if status is not None:
-            if status.sentence != last:
-                last = status.sentence
-                message(f"[fit] {status.sentence}")
-            if status.phase in ("done", "failed"):
-                return status
-        alive = status is None or not status.pid or psutil.pid_exists(status.pid)
-        if not alive or (status is None and waited_s > _START_ALLOWANCE_S):
-            raise ChildProcessFailedError("fit", None, "its status file stopped changing")
-        time.sleep(_POLL_S)
-        waited_s += _POLL_S
+    with progress_shown() as show:
+        while True:
+            status = read_json(status_file, WorkerStatus) if status_file.exists() else None
+            if status is not None:
+                if status.phase in ("done", "failed"):
+                    break
+                show(status.sentence.rstrip("."), status.fraction)
+            alive = status is None or not status.pid or psutil.pid_exists(status.pid)
+            if not alive or (status is None and waited_s > _START_ALLOWANCE_S):
+                raise ChildProcessFailedError("fit", None, "its status file stopped changing")
+            time.sleep(_POLL_S)
+            waited_s += _POLL_S
+    message(f"Fit: {status.sentence}")
+    return status

@@ -1,0 +1,29 @@
+"""RMS per joint as tables for a terminal: of fits, validations and simulations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from daemon.cli.output import data, show_table
+
+if TYPE_CHECKING:
+    from identification.fitting.rms import RmsTable
+
+__all__ = ["show_rms"]
+
+
+def show_rms(rms: RmsTable, title: str, *, percent: bool = True) -> None:
+    """The table in Nm with the sum over the joints, and in percent of the RMS torque, on stdout."""
+    joints = len(rms.rows[0].rms_nm) if rms.rows else 0
+    heads = [str(joint) for joint in range(1, joints + 1)]
+    absolute, relative = Table("joint", *heads, "sum"), Table("joint", *heads)
+    for row in rms.rows:
+        absolute.add_row(row.label, *(f"{value:.3f}" for value in row.rms_nm), f"{row.total_nm:.3f}")
+        relative.add_row(row.label, *(f"{value:.1f}" for value in row.percent))
+    data(f"{title}, Nm:")
+    show_table(absolute)
+    if percent:
+        data("The same in % of the RMS torque:")
+        show_table(relative)

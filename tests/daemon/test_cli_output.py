@@ -1,0 +1,250 @@
+"""Claims about what a reader sees: whole words at any width, colour on a terminal only, every encoding, a closed pipe.
+
+Truth: the words that were given, by `str.split`; Python's own codecs; closed pipes of the operating system.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+from daemon.api import RunEvent
+from daemon.cli import output
+from daemon.cli.output import data, message, prepare_streams, show_table, write_json
+from daemon.cli.progress import progress_shown
+from daemon.cli.run_view import run_shown
+from daemon.cli.service import show_jobs
+from daemon.cli.terminal import wrapped
+from daemon.control_api import JobView
+from daemon.errors import sentence_of
+
+SENTENCE = (
+    "   - Joint 4 shows torque ripple of 0.517 ± 0.004 Nm that repeats 160.0 times per turn; see "
+    "/home/lab/runs/2026-11-22/excitation-of-the-left-arm/diagnosis/report.html for more."
+)
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def on_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """A screen 80 wide in the place of both streams; not a fixture, because pytest sets the streams after those."""
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("COLUMNS", "80")
+    return screen
+
+
+def table() -> Table:
+    made = Table("recording", "1", "2", "what was found")
+    made.add_row("excitation/recording.mcap", "0.0931", "-12.0864", "acceleration of joint 3 is within its limit, ok")
+    made.add_row("unused/recording.mcap", "0.0590", "0.1", "NOT SAFE")
+    return made
+
+
+@pytest.mark.parametrize("width", [20, 60, 80, 120])
+def test_no_line_is_broken_inside_a_word(width: int) -> None:
+    pieces = wrapped(SENTENCE, width)
+    assert " ".join(pieces).split() == SENTENCE.split()
+    assert all(len(piece) <= width or len(piece.split()) == 1 for piece in pieces)
+    assert all(piece.startswith("   ") for piece in pieces)
+
+
+@pytest.mark.parametrize("width", [12, 30, 44, 60, 80, 200])
+def test_no_table_cuts_a_word(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = on_terminal(monkeypatch)
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("NO_COLOR", "1")
+    show_table(table())
+    words = terminal.getvalue().split()
+    for cell in ("excitation/recording.mcap", "-12.0864", "acceleration", "0.0590", "SAFE"):
+        assert cell in words
+    longest = max(len(line) for line in terminal.getvalue().splitlines())
+    assert longest <= max(width, len("excitation/recording.mcap") + 2)
+
+
+def test_a_piped_table_has_one_line_a_row(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    show_table(table())
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert lines[2].endswith("acceleration of joint 3 is within its limit, ok")
+
+
+def test_a_terminal_sees_colour_and_a_log_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    terminal = on_terminal(monkeypatch)
+    bad, good, doubt = "\x1b[1;31m", "\x1b[32m", "\x1b[33m"
+    data("the motion is NOT safe, the check failed")
+    assert terminal.getvalue().count(bad) == 2
+    data("safe to run")
+    assert good in terminal.getvalue()
+    data("the name is NOT confirmed")
+    assert doubt in terminal.getvalue()
+    monkeypatch.setenv("NO_COLOR", "1")
+    terminal.truncate(0)
+    data("NOT safe")
+    assert "\x1b[" not in terminal.getvalue()
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    data("NOT safe")
+    assert isinstance(sys.stdout, io.StringIO)
+    assert sys.stdout.getvalue() == "NOT safe\n"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("ascii", "sigma 0.1 rad/s^2 +/- 2, ok"), ("latin-1", "sigma 0.1 rad/s² ± 2, ok")]
+)
+def test_every_encoding_shows_the_result(encoding: str, shown: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
+    prepare_streams()
+    data("σ 0.1 rad/s² ± 2, ok")
+    assert raw.getvalue().decode(encoding) == shown + "\n"
+    made = Table("σ", "what")
+    made.add_row("0.1", "joint 1 → 2 λ …")
+    show_table(made)
+    assert "sigma" in raw.getvalue().decode(encoding)
+    assert "joint 1 -> 2 lambda ..." in raw.getvalue().decode(encoding)
+    heads, _, row = raw.getvalue().decode(encoding).splitlines()[1:4]
+    assert heads.index("what") == row.index("joint")
+    start = len(raw.getvalue())
+    write_json(Path("-"), {"unit": "rad/s² σ"})
+    assert json.loads(raw.getvalue()[start:].decode(encoding)) == {"unit": "rad/s² σ"}
+
+
+def test_a_reader_that_has_gone_is_no_failure() -> None:
+    script = (
+        "from daemon.cli.output import data, message, show_table\n"
+        "from rich.table import Table\n"
+        "import sys\n"
+        "sys.stdin.readline()\n"
+        "table = Table('a'); table.add_row('b')\n"
+        "first = data('x'); show_table(table); second = data('y'); message('done')\n"
+        "sys.exit(3 if (first, second) == (False, True) else 4)\n"
+    )
+    reading, writing = os.pipe()
+    child = subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=writing, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writing)
+    os.close(reading)  # as `head` does once it has its lines
+    _, errors = child.communicate("\n")
+    assert child.returncode == 3, errors
+    assert errors == "done\n"
+
+
+def test_a_filter_ends_when_nobody_reads_it() -> None:
+    line = "0a080881800d10001801\n"
+    reading, writing = os.pipe()
+    command = [
+        sys.executable,
+        "-c",
+        "from daemon.cli import main; main()",
+        "fri",
+        "decode",
+        "--fri-version",
+        "1.15",
+        "--direction",
+        "command",
+    ]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=writing, stderr=subprocess.PIPE, text=True)
+    os.close(writing)
+    os.close(reading)
+    assert child.stdin is not None
+    child.stdin.write(line)  # and its end of the pipe stays open: a capture that goes on
+    child.stdin.flush()
+    assert child.wait(60) == 0
+    assert child.stderr is not None
+    assert child.stderr.read() == ""
+
+
+def test_the_operating_systems_errors_have_no_number() -> None:
+    with pytest.raises(FileNotFoundError) as missing:
+        Path("/no/such/folder/model.json").write_text("")
+    assert sentence_of(missing.value) == "/no/such/folder/model.json: No such file or directory."
+    assert sentence_of(OSError(28, "No space left on device")) == "No space left on device."
+    assert sentence_of(ValueError("joint 8 of 7")) == "joint 8 of 7"
+
+
+def test_a_log_has_one_line_a_phase_and_a_terminal_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = on_terminal(monkeypatch)
+    with progress_shown() as show:
+        show("least squares", 0.25)
+        message("recording.mcap: a gap of 3 ms")
+    assert "least squares" in terminal.getvalue()
+    assert "25%" in terminal.getvalue()
+    assert "recording.mcap: a gap of 3 ms\n" in terminal.getvalue()
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with progress_shown() as show:
+        for text, share in (("least squares", 0.0), ("least squares", 0.2), ("validation", 0.9)):
+            show(text, share)
+    assert isinstance(sys.stderr, io.StringIO)
+    assert sys.stderr.getvalue() == "[  0 %] least squares\n[ 90 %] validation\n"
+
+
+def test_a_run_says_nothing_twice_on_one_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = on_terminal(monkeypatch)
+    sentences = ("All 4 periods were driven.", "The recording has trouble: the disk is slow.")
+    events = [RunEvent(kind="warning", sentence=sentences[1]), RunEvent(kind="finished", sentence=sentences[0])]
+    with run_shown() as view:
+        for event in events:
+            view.observe(event)
+    view.show_outcome(sentences)
+    said = " ".join(terminal.getvalue().split())
+    assert [said.count(sentence) for sentence in sentences] == [1, 1]
+    monkeypatch.setattr(sys, "stdout", io.StringIO())  # a file holds all of it
+    view.show_outcome(sentences)
+    assert isinstance(sys.stdout, io.StringIO)
+    assert sys.stdout.getvalue().splitlines() == list(sentences)
+
+
+JOB = JobView(
+    job_id="20261122T030440707Z", kind="run", phase="finished", name="excitation [2].json", periods=16,
+    sentence="All 16 periods were driven; the arm was stopped by ramp, along its path, in 0.14 s, and then some more.",
+    submitted_at="2026-11-22T03:04:40Z", updated_at="2026-11-22T03:09:40Z",
+    folder="/var/lib/iiwa-ident/runs/20261122T030440707Z-of-the-left-arm-in-the-cell-by-the-window/part",
+)  # fmt: skip
+
+
+def test_jobs_can_be_copied_and_cut_into_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = on_terminal(monkeypatch)
+    show_jobs([JOB])
+    assert JOB.folder in [line.strip() for line in terminal.getvalue().splitlines()]
+    assert JOB.job_id in terminal.getvalue().split()
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    show_jobs([JOB, JOB])
+    assert isinstance(sys.stdout, io.StringIO)
+    head, *rows = sys.stdout.getvalue().splitlines()
+    assert len(rows) == 2
+    assert rows[0].split()[:4] == [JOB.job_id, "run", "finished", "16"]
+    assert rows[0].endswith(JOB.folder)
+    for name, value in (("phase", "finished"), ("motion", JOB.name), ("folder", JOB.folder)):
+        assert rows[0][head.index(name) :].startswith(value)
+
+
+def test_quiet_is_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+    output.set_verbosity(0, True)
+    try:
+        message("progress")
+        with progress_shown() as show:
+            show("fit", 0.5)
+    finally:
+        output.set_verbosity(0, False)
+    assert capsys.readouterr().err == ""
