@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from identification.errors import RecordingError
-from identification.recordings.npz_reader import resolve_robot
+from identification.errors import RecordingError, RobotError
+from identification.recordings.npz_reader import BROKEN_ARCHIVE, load_arrays, resolve_robot
 from identification.recordings.recording import OPTIONAL_ARRAYS, ImportReport, Recording, RecordingSource
+from identification.recordings.unpacking import Allowance
+from identification.robots.installation import Installation
 
 ATTACHMENT_NAME = "recording.npz"
 FORMAT = "iiwa-ident/recording/1"
@@ -37,6 +38,7 @@ def pack(recording: Recording, *, robot: str | None = None) -> bytes:
         "sampling_period_s": recording.sampling_period_s,
         "robot": robot,
         "joint_names": recording.joint_names,
+        "installation": recording.installation.to_json(),
         "torque_unit": recording.torque_unit,
         "period_s": recording.period_s,
         "samples_per_period": recording.samples_per_period,
@@ -53,20 +55,18 @@ def pack(recording: Recording, *, robot: str | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def unpack(data: bytes, path: Path, *, robot: str | None = None) -> Recording:
-    """The recording that `pack` wrote; path is the file it stands in, robot overrides the robot it names.
+def unpack(data: bytes, path: Path) -> Recording:
+    """The recording that `pack` wrote; path is the file it stands in.
 
     The source's name, digest and report stay those of the original file. Raises RecordingError for other bytes.
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = load_arrays(io.BytesIO(data), Allowance(path))
         description = json.loads(str(arrays.pop("description")))
         if description["format"] != FORMAT:
             raise ValueError(f"its format is {description['format']}")
         source = description["source"]
         names = description["joint_names"]
-        named = resolve_robot(path, description["robot"] or "")
         return Recording(
             sampling_period_s=float(description["sampling_period_s"]),
             source=RecordingSource(
@@ -76,14 +76,17 @@ def unpack(data: bytes, path: Path, *, robot: str | None = None) -> Recording:
                 {**source["metadata"], "imported_from": source["path"]},
             ),
             report=ImportReport.from_json(description["report"]),
-            robot=robot if robot is not None else named,
+            robot=resolve_robot(path, description["robot"] or ""),
             joint_names=None if names is None else tuple(names),
+            installation=Installation.from_json(description.get("installation")),
             torque_unit=description["torque_unit"],
             period_s=description["period_s"],
             samples_per_period=description["samples_per_period"],
             **arrays,
         )
-    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except RecordingError:
+        raise
+    except (*BROKEN_ARCHIVE, TypeError, MemoryError, RobotError) as error:
         raise RecordingError(
             f"{path.name}: its attachment {ATTACHMENT_NAME} cannot be read ({error})", file=path
         ) from error

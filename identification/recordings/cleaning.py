@@ -35,13 +35,12 @@ SPIKE_STEPS = 10.0
 SPIKE_SCATTER = 15.0
 
 
-def build_recording(table: RawTable, *, sha256: str, robot: str | None = None) -> Recording:
-    """Judge the rows of a table and build the Recording of those that hold.
+def build_recording(table: RawTable, *, sha256: str) -> Recording:
+    """Judge the rows of a table in SI units, its shapes checked, and build the Recording of those that hold.
 
-    robot: name or path that overrides what the file says. Raises RecordingError when the arrays do not fit together,
+    Raises RecordingError when the arrays do not fit together,
     when more than a fifth of the rows is unusable, when time does not advance, or when less than half a second is left.
     """
-    _check_shapes(table)
     rows_read = table.time.shape[0]
     number = np.arange(1, rows_read + 1, dtype=np.int64)
     findings = list(table.findings)
@@ -106,14 +105,16 @@ def build_recording(table: RawTable, *, sha256: str, robot: str | None = None) -
         sampling_period_s=sampling_period_s,
         source=RecordingSource(str(table.path), sha256, table.kind, table.metadata),
         report=ImportReport(rows_read, int(keep.sum()), tuple(findings)),
-        robot=robot if robot is not None else table.robot,
+        robot=table.robot,
         joint_names=table.joint_names,
+        installation=table.installation,
         torque_unit=table.torque_unit,
         **arrays,
     )
 
 
-def _check_shapes(table: RawTable) -> None:
+def check_shapes(table: RawTable) -> None:
+    """Raises RecordingError unless t is (N,) and q, tau and all that is optional are (N, n), N and n at least 1."""
     name = table.path.name
     if table.time.ndim != 1:
         raise RecordingError(f"{name}: t has shape {table.time.shape}, one column of N times is needed", file=name)

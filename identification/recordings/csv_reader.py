@@ -9,15 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from identification.errors import RecordingError
-from identification.recordings.npz_reader import OPTIONAL_FIELDS, resolve_robot
+from identification.recordings.npz_reader import OPTIONAL_FIELDS, UNIT_FIELDS, resolve_robot
 from identification.recordings.recording import Finding, FloatArray
 from identification.recordings.table import RawTable
 
 COLUMN = re.compile(r"^(q_link|q_cmd|tau_ext|temperature|tau|dq|q)_?(\d+)$")
 
+SETTING = re.compile(r"^#\s*(\w+)\s*[=:](.*)$")
 
-def read_csv(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one signature for all readers
-    """Rows of a .csv file; lines that start with # may carry `robot=...`, `period_s=...`, `tau_unit=...`.
+
+def read_csv(path: Path) -> list[RawTable]:
+    """Rows of a .csv file; lines that start with # may carry `robot=…` (or `robot: …`), `period_s=…`,
+    `joint_names=A,B,…`, `q_unit=…`, `t_unit=…`, `dq_unit=…`, `tau_unit=…`.
 
     Raises RecordingError naming line and column for a cell that is no number. An empty cell counts as not a number
     (the row is left out later); an incomplete last line is left out with a finding.
@@ -40,7 +43,8 @@ def read_csv(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one s
         if name != "t"
     }
     period = _setting_number(path, settings, "period_s")
-    return RawTable(
+    names = settings.get("joint_names")
+    table = RawTable(
         path=path,
         kind="csv",
         time=values[:, columns[("t", "")]],
@@ -49,9 +53,11 @@ def read_csv(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one s
         optional={OPTIONAL_FIELDS[name]: arrays[name] for name in arrays if name in OPTIONAL_FIELDS},
         period_s=period if period else None,
         robot=resolve_robot(path, settings.get("robot", "")),
-        torque_unit=settings.get("tau_unit", "Nm"),
+        joint_names=None if names is None else tuple(name.strip() for name in names.split(",")),
+        units={quantity: settings[name] for name, quantity in UNIT_FIELDS.items() if name in settings},
         findings=findings,
     )
+    return [table]
 
 
 def _settings(lines: list[str]) -> tuple[dict[str, str], int]:
@@ -60,9 +66,9 @@ def _settings(lines: list[str]) -> tuple[dict[str, str], int]:
         text = line.strip()
         if text and not text.startswith("#"):
             return settings, index
-        key, separator, value = text.lstrip("# ").partition("=")
-        if separator:
-            settings[key.strip()] = value.strip()
+        found = SETTING.match(text)
+        if found is not None:
+            settings[found.group(1)] = found.group(2).strip()
     return settings, len(lines)
 
 

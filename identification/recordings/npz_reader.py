@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
+import zlib
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from identification.errors import RecordingError
 from identification.recordings.recording import FloatArray
 from identification.recordings.table import RawTable
+from identification.recordings.unpacking import Allowance
 
 OPTIONAL_FIELDS = {
     "dq": "velocity",
@@ -19,28 +23,61 @@ OPTIONAL_FIELDS = {
     "tau_ext": "external_torque",
     "temperature": "temperature",
 }
+BROKEN_ARCHIVE = (ValueError, KeyError, OSError, EOFError, NotImplementedError, zlib.error, zipfile.BadZipFile)
+"""What zipfile and numpy raise for bytes that are no .npz."""
+UNIT_FIELDS = {"t_unit": "t", "q_unit": "q", "dq_unit": "dq", "tau_unit": "tau"}
+"""Field of a file and the quantity whose unit it states."""
 
 
-def read_npz(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one signature for all readers
+KNOWN_FIELDS = ("t", "q", "tau", *OPTIONAL_FIELDS, "period_s", "tau_unit", "robot", "joint_names", *UNIT_FIELDS)
+
+
+def load_arrays(file: Path | IO[bytes], allowance: Allowance, wanted: Collection[str] | None = None) -> dict[str, Any]:
+    """The arrays of an .npz by name, those of `wanted` where it is given; no more is unpacked than `allowance` grants.
+
+    Raises RecordingError for more than that, and what zipfile and numpy raise for other bytes.
+    """
+    with zipfile.ZipFile(file) as archive:
+        members = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
+        arrays = {}
+        for name, item in members.items():
+            if wanted is not None and name not in wanted:
+                continue
+            allowance.take(item.file_size)
+            # A ZIP member gives no more bytes than it states; an array's header is not believed beyond those.
+            arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(item)), allow_pickle=False)
+    return arrays
+
+
+def read_npz(path: Path) -> list[RawTable]:
     """Rows of a .npz file. Raises RecordingError for a file that is no .npz, or lacks t, q or tau."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            fields: dict[str, Any] = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        fields = load_arrays(path, Allowance(path), KNOWN_FIELDS)
+        held = zipfile.ZipFile(path).namelist()
+    except RecordingError:
+        raise
+    except (
+        ValueError,
+        OSError,
+        MemoryError,
+        EOFError,
+        zlib.error,
+        zipfile.BadZipFile,
+        KeyError,
+        NotImplementedError,
+    ) as error:
         raise RecordingError(f"{path.name}: cannot be read as .npz ({error})", file=path) from error
     for name in ("t", "q", "tau"):
         if name not in fields:
             raise RecordingError(
-                f"{path.name}: field '{name}' is missing; it holds {', '.join(sorted(fields)) or 'nothing'}",
+                f"{path.name}: field '{name}' is missing; it holds "
+                f"{', '.join(sorted(item.removesuffix('.npy') for item in held)[:30]) or 'nothing'}",
                 file=path,
                 field=name,
             )
     period = _scalar(path, fields, "period_s")
-    unit = _text(fields.get("tau_unit"), "Nm")
-    if unit not in ("Nm", "A"):
-        raise RecordingError(f"{path.name}: tau_unit is '{unit}'; known are 'Nm' and 'A'", file=path, field="tau_unit")
     names = fields.get("joint_names")
-    return RawTable(
+    table = RawTable(
         path=path,
         kind="npz",
         time=_numbers(path, fields, "t"),
@@ -50,8 +87,9 @@ def read_npz(path: Path, robot: str | None) -> RawTable:  # noqa: ARG001 - one s
         period_s=period if period else None,
         robot=resolve_robot(path, _text(fields.get("robot"), "")),
         joint_names=None if names is None else tuple(str(name) for name in np.ravel(names)),
-        torque_unit=unit,
+        units={quantity: _text(fields[name], "") for name, quantity in UNIT_FIELDS.items() if name in fields},
     )
+    return [table]
 
 
 def resolve_robot(path: Path, robot: str) -> str | None:

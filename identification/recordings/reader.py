@@ -1,57 +1,269 @@
-"""One entry for every recording: picks the reader by the file's suffix and hands its rows to the cleaning.
-
-Called by the fit, the diagnosis and the command line. The parsing of each format lives in its own module.
-"""
+"""One door for all recordings: by what a path is to the right reader, then joints, units and rows are judged alike."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from identification.errors import RecordingError, RecordingNotFoundError
-from identification.recordings.cleaning import build_recording
+from identification.errors import RecordingError, RecordingNotFoundError, RobotError
+from identification.recordings.bag import bag_files
+from identification.recordings.cleaning import build_recording, check_shapes
 from identification.recordings.csv_reader import read_csv
-from identification.recordings.mcap_reader import read_mcap
+from identification.recordings.joint_choice import for_robot, select_joints
+from identification.recordings.log_reader import read_bag_folder, read_log
 from identification.recordings.npz_reader import read_npz
-from identification.recordings.recording import Recording
+from identification.recordings.recording import Finding, ImportReport, Recording
 from identification.recordings.table import RawTable
+from identification.recordings.units import check_units, in_si
+from identification.robots import Installation, RobotModel, load_robot
+from identification.robots.installation import ON_THE_FLOOR
+from identification.robots.same_arm import difference_of_arms
 
-READERS: dict[str, Callable[[Path, str | None], RawTable | Recording]] = {
+__all__ = ["READERS", "Inputs", "file_digest", "read_inputs", "read_recording", "recording_file", "robot_of"]
+
+Tables = list[RawTable] | Recording
+READERS: dict[str, Callable[[Path], Tables]] = {
     ".npz": read_npz,
     ".csv": read_csv,
-    ".mcap": read_mcap,
+    ".mcap": read_log,
+    ".db3": read_log,
 }
+RUN_RECORDING = "recording.mcap"
+RUN_PARTS = "recording.part*.mcap"
+RUN_BROKEN = "recording.broken.mcap"
+"""Kept beside the recording once its parts were joined."""
+NOT_MEASURED = ("desired", "command", "target", "reference", "goal", "setpoint")
+"""In the last word of a topic's name: what was wanted, not what was measured."""
+NEARLY_AS_MANY = 0.8
 
 
-def read_recording(path: str | Path, *, robot: str | Path | None = None) -> Recording:
-    """Read a recording: .npz and .csv as described in the README, .mcap of this project or of ROS 2.
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """Recordings of one robot, and the robot, all with the same joints in the same order."""
 
-    path: the file. robot: name or path of the robot; overrides what the file says. Doubtful rows are found, named in
-    `Recording.report` and left out. Raises RecordingNotFoundError (exit 66) when there is no such file, RecordingError
-    (exit 65) when the file cannot be used; the text says why.
+    recordings: tuple[Recording, ...]
+    robot: RobotModel
+
+
+def read_inputs(
+    files: Iterable[str | Path],
+    *,
+    robot: str | Path | None = None,
+    installation: Installation | None = None,
+    joints: Sequence[str] | None = None,
+    model_robot: RobotModel | None = None,
+) -> Inputs:
+    """Recordings and their robot, as every command reads them; arguments as of `read_recording`.
+
+    Raises RecordingError where two recordings name different robots or installations and nobody says which.
+    """
+    recordings = [
+        read_recording(file, robot=robot, installation=installation, joints=joints, model_robot=model_robot)
+        for file in files
+    ]
+    if robot is None and model_robot is not None:
+        arm = model_robot
+    else:
+        arm = load_robot(robot or robot_of(recordings), installation or _installation_of(recordings))
+    return Inputs(tuple(for_robot(recording, arm) for recording in recordings), arm)
+
+
+def read_recording(
+    path: str | Path,
+    *,
+    robot: str | Path | RobotModel | None = None,
+    installation: Installation | None = None,
+    joints: Sequence[str] | None = None,
+    model_robot: RobotModel | None = None,
+    units: dict[str, str] | None = None,
+    topic: str | None = None,
+) -> Recording:
+    """Read a recording: .npz, .csv, .mcap, .db3, the folder of a run or of a ROS 2 bag.
+
+    robot: overrides the robot that the file names. installation: how it stands, overrides the file's. joints: which of
+    the recorded joints are the robot's, in its order; default: by their names. model_robot: robot of the model that the
+    recording is for, taken where the file names none; where it names another arm, that is an error. units: of t, q, dq
+    and tau, over what the file states. topic: of a bag with several.
+    Doubtful rows are found, named in `Recording.report` and left out. Raises RecordingNotFoundError (exit 66) when
+    there is no such file, RecordingError (exit 65) when it cannot be used; the text says why.
     """
     path = Path(path)
     if not path.exists():
         raise RecordingNotFoundError(f"{path}: there is no such recording", file=path)
+    file = recording_file(path)
+    found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
+    if isinstance(found, Recording):
+        arm, notes = _arm(found, robot, installation, model_robot)
+        recording = found if arm is None else for_robot(found, arm, joints)
+        stated = {**dict.fromkeys(found.source.metadata.get("units_stated", "").split(), ""), **(units or {})}
+    else:
+        table, arm, notes = _chosen(found, robot, installation, joints, model_robot, topic)
+        table = in_si(table, arm, units)
+        stated = table.units
+        recording = build_recording(table, sha256=_digest(file))
+        if stated:
+            metadata = {**recording.source.metadata, "units_stated": " ".join(stated)}
+            recording = replace(recording, source=replace(recording.source, metadata=metadata))
+    if arm is not None:
+        recording = replace(recording, robot=arm.spec, installation=arm.installation)
+    elif installation is not None:
+        recording = replace(recording, installation=installation)
+    return _noted(check_units(recording, arm, stated), notes)
+
+
+def recording_file(path: Path) -> Path:
+    """The recording that a path stands for: the file itself, a run folder's log, or the folder of a bag.
+
+    Raises RecordingError for a run whose log is in parts.
+    """
+    if not path.is_dir():
+        return path
+    if list(path.glob(RUN_PARTS)) and not (path / RUN_BROKEN).is_file():
+        raise RecordingError(
+            f"{path}: its recording is in parts; make it whole with: iiwa-ident recover {path}", file=path
+        )
+    log = path / RUN_RECORDING
+    return log if log.is_file() else path
+
+
+def _reader_of(path: Path) -> Callable[[Path], Tables]:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise RecordingError(
-            f"{path.name}: recordings end in {', '.join(READERS)}, this one in '{path.suffix}'", file=path
+            f"{path.name}: recordings end in {', '.join(READERS)} or are folders, this one ends in '{path.suffix}'",
+            file=path,
         )
-    if path.is_dir():
-        raise RecordingError(f"{path}: is a folder; give the recording inside it", file=path)
-    robot_name = None if robot is None else str(robot)
-    table = reader(path, robot_name)
-    if isinstance(table, Recording):
-        return table
-    return build_recording(table, sha256=file_digest(path), robot=robot_name)
+    return reader
+
+
+def _chosen(
+    tables: list[RawTable],
+    robot: str | Path | RobotModel | None,
+    installation: Installation | None,
+    joints: Sequence[str] | None,
+    model_robot: RobotModel | None,
+    topic: str | None,
+) -> tuple[RawTable, RobotModel | None, list[str]]:
+    """The table that is meant, with the robot's joints only, the robot where one is known, and what was noticed."""
+    for table in tables:
+        check_shapes(table)
+    arm, notes = _arm(tables[0], robot, installation, model_robot)
+    path = tables[0].path
+    if topic is not None:
+        named = [table for table in tables if table.topic == topic]
+        if not named:
+            raise RecordingError(
+                f"{path.name}: has no JointState topic {topic} with effort, but {', '.join(t.topic for t in tables)}",
+                file=path,
+                field="topic",
+            )
+        return select_joints(named[0], arm, joints), arm, notes
+    fitting: list[RawTable] = []
+    refusal: RecordingError | None = None
+    for table in tables:
+        try:
+            fitting.append(select_joints(table, arm, joints))
+        except RecordingError as error:
+            refusal = refusal or error
+    if not fitting:
+        assert refusal is not None
+        raise refusal
+    measured = [table for table in fitting if not any(word in table.topic.split("/")[-1] for word in NOT_MEASURED)]
+    fitting = sorted(measured or fitting, key=lambda table: -table.time.size)
+    if len(fitting) > 1 and fitting[1].time.size > NEARLY_AS_MANY * fitting[0].time.size:
+        raise RecordingError(
+            f"{path.name}: {fitting[0].topic} and {fitting[1].topic} both hold joints with effort and as many "
+            "messages; import it and choose one with --topic",
+            file=path,
+            field="topic",
+        )
+    if len(tables) > 1:
+        others = ", ".join(table.topic for table in tables if table.topic != fitting[0].topic)
+        notes.append(f"{fitting[0].topic} was read; it also holds {others}")
+    return fitting[0], arm, notes
+
+
+def _arm(
+    found: RawTable | Recording,
+    robot: str | Path | RobotModel | None,
+    installation: Installation | None,
+    model_robot: RobotModel | None,
+) -> tuple[RobotModel | None, list[str]]:
+    """The robot the recording is of, None where nobody knows, and sentences on whom that contradicts."""
+    path = Path(found.path if isinstance(found, RawTable) else found.source.path)
+    stood = found.installation
+    if isinstance(robot, RobotModel):
+        given: RobotModel | None = robot
+    else:
+        given = None if robot is None else load_robot(robot, installation or stood)
+    if found.robot is None:
+        return given or model_robot, []
+    assumed = installation or (stood if stood != ON_THE_FLOOR or model_robot is None else model_robot.installation)
+    try:
+        named = load_robot(found.robot, given.installation if given is not None else assumed)
+    except RobotError as error:
+        if given is not None:
+            return given, []
+        if model_robot is not None:
+            return model_robot, [f"the robot it names cannot be read ({error}); it was taken as {model_robot.name}"]
+        if installation is not None:
+            raise
+        # Fits and diagnoses will say so; an import keeps all joints under their names.
+        return None, []
+    if given is not None:
+        difference = difference_of_arms(named, given)
+        if difference:
+            return given, [f"it says that it is of {named.name}; it was taken as {given.name} ({difference}), as asked"]
+        return given, []
+    if model_robot is not None:
+        difference = difference_of_arms(model_robot, named)
+        if difference:
+            raise RecordingError(
+                f"{path.name}: is of {named.name}, but the model is of {model_robot.name}: {difference}. If the "
+                f"recording is wrong about itself, say --robot {model_robot.spec}",
+                file=path,
+                field="robot",
+            )
+        return model_robot, []
+    return named, []
+
+
+def _noted(recording: Recording, notes: list[str]) -> Recording:
+    if not notes:
+        return recording
+    report = recording.report
+    rows = report.rows_read
+    added = tuple(Finding("note", 1, rows, rows, note) for note in notes)
+    return replace(recording, report=ImportReport(rows, report.rows_kept, (*added, *report.findings)))
+
+
+def _digest(path: Path) -> str:
+    """Digest of a file, or of a bag's files in their order; of a bag with one file that file's."""
+    if not path.is_dir():
+        return file_digest(path)
+    digests = [file_digest(file) for file in bag_files(path)]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def file_digest(path: Path) -> str:
     """SHA-256 of a file's bytes, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _installation_of(recordings: Sequence[Recording]) -> Installation:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.installation != first.installation:
+            raise RecordingError(
+                f"{Path(other.source.path).name}: was made with another gravity or other joints held than "
+                f"{Path(first.source.path).name}; fit them apart, or say --mount and --lock for all",
+                file=other.source.path,
+                field="installation",
+            )
+    return first.installation
 
 
 def robot_of(recordings: Iterable[Recording]) -> str:

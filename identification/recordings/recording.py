@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.robots.installation import ON_THE_FLOOR, Installation
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -112,7 +114,7 @@ class Recording:
     sample_in_period: (N,) index on the grid of one period, -1 outside. period_s, samples_per_period: None when not
     periodic. torque_unit: "Nm", or "A" when the file holds motor currents. sampling_period_s: median distance of the
     time stamps. robot: name or path of the robot as the file or the caller gave it, None when neither did. report: what
-    the import found and did.
+    the import found and did. installation: how the robot stood and which of its joints were held.
     """
 
     time: FloatArray
@@ -123,6 +125,7 @@ class Recording:
     report: ImportReport
     robot: str | None = None
     joint_names: tuple[str, ...] | None = None
+    installation: Installation = ON_THE_FLOOR
     torque_unit: str = "Nm"
     velocity: FloatArray | None = None
     command_position: FloatArray | None = None

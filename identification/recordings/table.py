@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from identification.recordings.recording import Finding, FloatArray, IntArray
+from identification.recordings.recording import BoolArray, Finding, FloatArray, IntArray
+from identification.robots.installation import ON_THE_FLOOR, Installation
 
 
 @dataclass(slots=True)
 class RawTable:
-    """Arrays as they stand in the file; units and signs as in Recording (the reader has already turned the sign).
+    """Arrays as they stand in the file; signs as in Recording (the reader has already turned them).
+
+    units: of t, q, dq and tau where the file states them; `units.in_si` turns all to those of Recording.
 
     time (N,), position (N, n), torque (N, n); optional: (N, n) arrays by their name in Recording.
     period_index, sample_in_period: labels written by the run itself, if any. findings: what the reader saw.
+    named: (N, n) whether the row's message names the joint, None where rows are not messages; not the same as a value
+    that is not finite. topic: where the rows stand in a bag that has several.
     """
 
     path: Path
@@ -28,6 +33,10 @@ class RawTable:
     sample_in_period: IntArray | None = None
     robot: str | None = None
     joint_names: tuple[str, ...] | None = None
+    installation: Installation = ON_THE_FLOOR
+    units: dict[str, str] = field(default_factory=dict)
     torque_unit: str = "Nm"
+    named: BoolArray | None = None
+    topic: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)

@@ -8,6 +8,7 @@ written elsewhere, sample by sample.
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from identification.recordings.archive import ATTACHMENT_NAME, pack
-from identification.recordings.mcap_reader import JOINT_STATE, METADATA_RECORD
+from identification.recordings.bag import JOINT_STATE, METADATA_RECORD
 from identification.recordings.recording import Recording
 
 SCHEMA_VERSION = "1"
@@ -106,6 +107,7 @@ def _metadata(recording: Recording, robot: str | None) -> dict[str, str]:
         "samples_per_period": "" if recording.samples_per_period is None else str(recording.samples_per_period),
         "torque_sign_convention": "inverse_dynamics",
         "torque_unit": recording.torque_unit,
+        "installation": json.dumps(recording.installation.to_json()),
         "source": Path(recording.source.path).name,
         "source_sha256": recording.source.sha256,
     }

@@ -13,13 +13,14 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.errors import RobotError
+from identification.robots.installation import Installation
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-
+BUILT_IN = "built-in "
+"""Before the name of a robot of this program, where its source is a file for others."""
 _RIGHT_ANGLE_TOLERANCE = 1e-5
 
 
@@ -71,6 +72,16 @@ class Kinematics:
         return tuple(reversed(chain))
 
 
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A joint of a URDF without a motor of its own: it stands at multiplier · (leader's position) + offset, rad (m)."""
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:
     """One fixed-base robot with n revolute or prismatic joints, one position number per joint.
@@ -78,7 +89,8 @@ class RobotModel:
     position_lower, position_upper: rad (m for a prismatic joint); velocity: rad/s (m/s); effort: Nm (N); each (n,),
     nan where unknown. gravity: (3,) m/s² in the base frame. modified_denavit_hartenberg: (n, 4) columns alpha rad, d m,
     theta rad, rl m, the joint variable's own entry being its offset; None for a robot read from a URDF.
-    source: what it was read from. digest: SHA-256 of that source.
+    source: what it was read from. digest: SHA-256 of that source. locked_joints: those held still, by name with their
+    position; they are no joints of this robot any more. mimics: joints that follow others; `load_robot` leaves none.
     pinocchio_model has nq = nv = n; its joint k + 1 is joint k here, continuous URDF joints are plain revolute ones.
     """
 
@@ -94,6 +106,24 @@ class RobotModel:
     gravity: FloatArray
     source: str
     digest: str
+    locked_joints: tuple[tuple[str, float], ...] = ()
+    mimics: tuple[Mimic, ...] = ()
+
+    @property
+    def spec(self) -> str:
+        """What `load_robot` takes for it: the name of a built-in robot, or a file."""
+        return self.source.removeprefix(BUILT_IN)
+
+    @property
+    def installation(self) -> Installation:
+        """How it stands and what of it is held, as `load_robot` takes it."""
+        x, y, z = (float(value) for value in self.gravity)
+        return Installation((x, y, z), self.locked_joints)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's torque: Nm, or N for a prismatic joint."""
+        return tuple("Nm" if revolute else "N" for revolute in self.kinematics.revolute)
 
     @property
     def n(self) -> int:

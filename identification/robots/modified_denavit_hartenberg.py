@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.errors import RobotError
+from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import (
-    STANDARD_GRAVITY,
     FloatArray,
     Kinematics,
     RobotModel,

@@ -14,10 +14,11 @@ import numpy as np
 import pinocchio
 
 from identification.errors import RobotError
+from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import (
-    STANDARD_GRAVITY,
     FloatArray,
     Kinematics,
+    Mimic,
     RobotModel,
     build_pinocchio_model,
     snap_to_right_angles,
@@ -58,6 +59,7 @@ def robot_from_urdf(
         gravity=base_gravity,
         source=source,
         digest=hashlib.sha256(text.encode()).hexdigest(),
+        mimics=_mimics(text, joint_names, source),
     )
 
 
@@ -162,6 +164,30 @@ def _limits(text: str, joint_names: tuple[str, ...]) -> FloatArray:
             if value is not None:
                 limits[joint_names.index(name), column] = float(value)
     return limits
+
+
+def _mimics(text: str, joint_names: tuple[str, ...], source: str) -> tuple[Mimic, ...]:
+    """The movable joints that follow another one."""
+    found = []
+    for element in ElementTree.fromstring(text).findall("joint"):
+        rule, name = element.find("mimic"), element.get("name")
+        if rule is None or name not in joint_names:
+            continue
+        leader = rule.get("joint")
+        try:
+            multiplier, offset = float(rule.get("multiplier", 1.0)), float(rule.get("offset", 0.0))
+        except ValueError as error:
+            raise RobotError(
+                f"{source}: joint '{name}' follows by no number ({error}).", file=source, field=name
+            ) from error
+        if leader not in joint_names or leader == name:
+            raise RobotError(
+                f"{source}: joint '{name}' follows '{leader}', which is no other movable joint.",
+                file=source,
+                field=name,
+            )
+        found.append(Mimic(name, leader, multiplier, offset))
+    return tuple(found)
 
 
 def _first_sentence(error: Exception) -> str:

@@ -18,7 +18,7 @@ from identification.recordings import read_recording, write_recording
 from identification.recordings.labels import label_by_time
 from identification.recordings.reader import robot_of
 
-ROWS, JOINTS, STEP = 600, 3, 0.005
+ROWS, JOINTS, STEP = 600, 7, 0.005
 
 
 def _arrays(seed: int = 0) -> dict[str, Any]:
@@ -250,7 +250,7 @@ def test_letters_in_a_csv_are_named_by_line_and_column(tmp_path: Path) -> None:
     path = _save_csv(tmp_path / "a.csv", _arrays())
     lines = path.read_text().splitlines()
     cells = lines[17].split(",")
-    cells[4] = "abc"
+    cells[1 + JOINTS] = "abc"
     lines[17] = ",".join(cells)
     path.write_text("\n".join(lines))
     assert _refused(path, "line 18", "'tau1'", "'abc'").field == "tau1"

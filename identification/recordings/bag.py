@@ -1,0 +1,223 @@
+"""What a ROS 2 bag or one of this project's logs holds, as bytes by topic: from .mcap, .db3 and bag folders.
+
+Only topics that can be a recording are kept (/fri/state and every JointState). Unpacking is bounded. Messages are
+decoded elsewhere (`fri_log`, `joint_states`).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from identification.errors import RecordingError
+from identification.recordings import archive
+from identification.recordings.unpacking import Allowance
+
+__all__ = ["BAG_SUFFIXES", "FRI_STATE_TOPIC", "JOINT_STATE", "METADATA_RECORD", "Bag", "Topic", "bag_files", "read_bag"]
+
+FRI_STATE_TOPIC = "/fri/state"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+METADATA_RECORD = "iiwa_ident"
+BAG_SUFFIXES = (".mcap", ".db3")
+COMPRESSED = ".zstd"
+_COPY_BYTES = 2**20
+
+
+@dataclass(slots=True)
+class Topic:
+    """Messages of one topic as (log time ns, bytes) in the order of the file, and the text of their definition.
+
+    definition: None where the file has none and the type is the standard one.
+    """
+
+    name: str
+    type: str
+    definition: str | None
+    messages: list[tuple[int, bytes]] = field(default_factory=list)
+
+    def decoded(self, path: Path) -> Iterator[Any]:
+        """The messages, one by one. Raises RecordingError where one does not fit the definition."""
+        store = get_typestore(Stores.EMPTY if self.definition is not None else Stores.ROS2_HUMBLE)
+        try:
+            if self.definition is not None:
+                store.register(get_types_from_msg(self.definition, self.type))
+            for _, data in self.messages:
+                yield store.deserialize_cdr(data, self.type)
+        except Exception as error:  # a parser of another library; whatever it raises, the message is unusable
+            raise RecordingError(
+                f"{path.name}: the messages on {self.name} do not fit their schema {self.type} ({error})",
+                file=path,
+                field=self.name,
+            ) from error
+
+
+@dataclass(slots=True)
+class Bag:
+    """Topics by name, the run's metadata, the import's arrays where there are any, and what ended the reading early."""
+
+    topics: dict[str, Topic] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
+    archive: bytes | None = None
+    broken_off: str = ""
+
+    @property
+    def messages(self) -> int:
+        """Number of messages kept."""
+        return sum(len(topic.messages) for topic in self.topics.values())
+
+    def topic(self, name: str, type_: str, definition: str | None) -> Topic:
+        """The topic of this name, made where it is new."""
+        return self.topics.setdefault(name, Topic(name, type_, definition))
+
+
+def bag_files(folder: Path) -> tuple[Path, ...]:
+    """The data files of a bag's folder in their order, .mcap or .db3 or these compressed; empty where it is no bag."""
+    files = [
+        file
+        for file in folder.iterdir()
+        if file.is_file() and file.name.removesuffix(COMPRESSED).endswith(BAG_SUFFIXES)
+    ]
+    # rosbag2 numbers them NAME_0, NAME_1, … NAME_10: by number, not by letter.
+    return tuple(sorted(files, key=lambda file: [int(x) if x.isdigit() else x for x in _number_parts(file.name)]))
+
+
+def _number_parts(name: str) -> list[str]:
+    stem = name.split(".")[0]
+    head, _, tail = stem.rpartition("_")
+    return [head, tail if tail.isdigit() else "0", name]
+
+
+def read_bag(files: tuple[Path, ...], path: Path) -> Bag:
+    """The contents of the files of one bag (one log: a single file); path: what to call it in messages.
+
+    Raises RecordingError where nothing can be read, or where it unpacks to more than a recording can be.
+    """
+    bag = Bag()
+    for file in files:
+        with ExitStack() as stack:
+            plain = file
+            if file.name.endswith(COMPRESSED):
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="iiwa-ident-")))
+                plain = _unpacked_file(file, folder)
+            allowance = Allowance(file)
+            if plain.suffix == ".mcap":
+                _read_mcap(plain, path, allowance, bag)
+            else:
+                _read_database(plain, path, allowance, bag)
+    return bag
+
+
+def _unpacked_file(file: Path, folder: Path) -> Path:
+    allowance = Allowance(file)
+    target = folder / file.name.removesuffix(COMPRESSED)
+    with file.open("rb") as packed, target.open("wb") as plain:
+        try:
+            for block in zstandard.ZstdDecompressor().read_to_iter(packed, write_size=_COPY_BYTES):
+                allowance.take(len(block))
+                plain.write(block)
+        except zstandard.ZstdError as error:
+            raise RecordingError(f"{file.name}: cannot be unpacked ({error})", file=file) from error
+    return target
+
+
+def _read_mcap(file: Path, path: Path, allowance: Allowance, bag: Bag) -> None:
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, Topic | None] = {}
+    complete, trouble = False, ""
+    try:
+        for record in _records(file, allowance):
+            if isinstance(record, Message):
+                topic = topics.get(record.channel_id)
+                if topic is not None:
+                    topic.messages.append((record.log_time, record.data))
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                topics[record.id] = _topic_of(record, schemas.get(record.schema_id), path, bag)
+            elif isinstance(record, Metadata) and record.name == METADATA_RECORD:
+                bag.metadata.update(record.metadata)
+            elif isinstance(record, Attachment) and record.name == archive.ATTACHMENT_NAME:
+                bag.archive = record.data
+            elif isinstance(record, Footer):
+                complete = True
+    except RecordingError:
+        raise
+    except Exception as error:  # the library leaks struct.error, zstd and lz4 errors besides its own
+        trouble = _cause(error)
+        if not bag.messages and bag.archive is None:
+            raise RecordingError(
+                f"{path.name}: no complete chunk of an MCAP log could be read ({trouble})", file=path
+            ) from error
+    if not complete:
+        bag.broken_off = trouble or "the footer is missing"
+
+
+def _records(file: Path, allowance: Allowance) -> Iterator[McapRecord]:
+    """All records of a file, those in chunks too; no chunk becomes more bytes than it states and than may be."""
+    with file.open("rb") as stream:
+        # A record cannot be longer than the file; a length that says so must not be believed by an allocation.
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records:
+            if isinstance(record, Chunk):
+                data = allowance.unpack(record.data, record.compression, record.uncompressed_size)
+                record.data, record.compression = data, ""
+                yield from breakup_chunk(record)
+            else:
+                yield record
+
+
+def _topic_of(channel: Channel, schema: Schema | None, path: Path, bag: Bag) -> Topic | None:
+    if schema is None or not (channel.topic == FRI_STATE_TOPIC or schema.name == JOINT_STATE):
+        return None
+    if schema.encoding != "ros2msg" or channel.message_encoding != "cdr":
+        raise RecordingError(
+            f"{path.name}: {channel.topic} is encoded as {channel.message_encoding} with a {schema.encoding} schema; "
+            "cdr with a ros2msg schema is needed",
+            file=path,
+            field=channel.topic,
+        )
+    return bag.topic(channel.topic, schema.name, schema.data.decode())
+
+
+def _cause(error: Exception) -> str:
+    """What ended the reading, in words: the library's end-of-file error has none of its own."""
+    if isinstance(error, EndOfFile):
+        return "the file ends in the middle of a record"
+    return str(error) if isinstance(error, McapError) and str(error) else f"{type(error).__name__}: {error}"
+
+
+def _read_database(file: Path, path: Path, allowance: Allowance, bag: Bag) -> None:
+    """A .db3 of rosbag2; messages may be compressed one by one."""
+    try:
+        reader = Reader(file)
+        reader.open()
+        try:
+            wanted = [item for item in reader.connections if item.msgtype == JOINT_STATE]
+            for item in wanted:
+                known = item.msgdef.format == MessageDefinitionFormat.MSG
+                bag.topic(item.topic, item.msgtype, item.msgdef.data if known else None)
+            for item, time, data in reader.messages(wanted) if wanted else ():
+                plain = bytes(data)
+                if plain.startswith(zstandard.FRAME_HEADER):
+                    claimed = zstandard.frame_content_size(plain)
+                    plain = allowance.unpack(plain, "zstd", claimed if claimed > 0 else allowance.left)
+                bag.topics[item.topic].messages.append((time, plain))
+        finally:
+            reader.close()
+    except RecordingError:
+        raise
+    except Exception as error:  # as above: apsw, zstd and struct errors come through
+        if not bag.messages:
+            raise RecordingError(f"{path.name}: cannot be read as a bag of ROS 2 ({error})", file=path) from error
+        bag.broken_off = str(error)

@@ -1,0 +1,157 @@
+"""Rows of a live run's log: the channel /fri/state, with the run's labels and the sign turned to inverse dynamics."""
+
+from __future__ import annotations
+
+import json
+from array import array
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.recordings.bag import FRI_STATE_TOPIC, Bag
+from identification.recordings.npz_reader import resolve_robot
+from identification.recordings.recording import Finding, FloatArray, IntArray
+from identification.recordings.table import RawTable
+from identification.robots.installation import Installation
+
+__all__ = ["installation_in", "number_in", "read_fri_log"]
+
+EXCITATION_PHASE = 3
+JOINTS = 7
+_VECTORS = (
+    "measured_joint_position",
+    "measured_torque",
+    "external_torque",
+    "commanded_joint_position",
+    "ipo_joint_position",
+)
+_NUMBERS = ("sequence_counter", "robot_time_sec", "robot_time_nanosec", "motion_phase", "period", "sample_in_period")
+
+
+def read_fri_log(path: Path, bag: Bag) -> RawTable:
+    """Rows of /fri/state: the torque gets the inverse-dynamics sign, the labels of the run are kept.
+
+    Raises RecordingError where no message can be used.
+    """
+    vectors = {name: array("d") for name in _VECTORS}
+    numbers = {name: array("q") for name in _NUMBERS}
+    bad: list[int] = []
+    clock_everywhere, send_period_ms = True, 0
+    for row, state in enumerate(bag.topics[FRI_STATE_TOPIC].decoded(path), start=1):
+        if not _usable(state):
+            bad.append(row)
+            continue
+        for name, values in vectors.items():
+            values.frombytes(np.asarray(getattr(state, name), dtype=np.float64).tobytes())
+        for name, items in numbers.items():
+            items.append(getattr(state, name))
+        clock_everywhere &= bool(state.robot_time_valid)
+        send_period_ms = send_period_ms or int(state.send_period_ms)
+    findings: list[Finding] = []
+    if bad:
+        findings.append(
+            Finding(
+                "unusable_message",
+                bad[0],
+                bad[-1],
+                len(bad),
+                f"{len(bad)} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
+                "late; they were left out",
+            )
+        )
+    table = {name: np.frombuffer(values).reshape(-1, JOINTS) for name, values in vectors.items()}
+    label = {name: np.frombuffer(items, dtype=np.int64) for name, items in numbers.items()}
+    if not label["sequence_counter"].size:
+        raise RecordingError(f"{path.name}: {FRI_STATE_TOPIC} holds no usable sample", file=path)
+    _note_lost(label["sequence_counter"], findings)
+    clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if clock_everywhere else None
+    metadata = bag.metadata
+    # KUKA measures the torque against the sign of the inverse dynamics; external torque is not turned.
+    sign = 1.0 if metadata.get("torque_sign_convention", "vendor") == "inverse_dynamics" else -1.0
+    command = table["commanded_joint_position"]
+    optional = {
+        "external_torque": table["external_torque"],
+        "command_position": table["ipo_joint_position"] if np.isnan(command).all() else command,
+    }
+    result = RawTable(
+        path=path,
+        kind="log",
+        time=_robot_time(clock, label["sequence_counter"], send_period_ms or 1, findings),
+        position=table["measured_joint_position"],
+        torque=sign * table["measured_torque"],
+        optional={name: values for name, values in optional.items() if not np.isnan(values).all()},
+        robot=resolve_robot(path, metadata.get("robot", "")),
+        installation=installation_in(path, metadata),
+        metadata=metadata,
+        findings=findings,
+    )
+    period, sample = label["period"], label["sample_in_period"]
+    labelled = (label["motion_phase"] == EXCITATION_PHASE) & (period >= 0) & (sample >= 0)
+    if labelled.any():
+        per_period = number_in(metadata, "samples_per_period")
+        result.samples_per_period = int(per_period) if per_period else int(sample[labelled].max()) + 1
+        result.period_index = np.where(labelled, period, -1)
+        result.sample_in_period = np.where(labelled, sample, -1)
+        send_period_s = 1e-3 * (send_period_ms or 1)
+        result.period_s = number_in(metadata, "period_s") or result.samples_per_period * send_period_s
+    return result
+
+
+def _usable(state: Any) -> bool:
+    return bool(
+        state.measured_joint_position_valid
+        and state.measured_torque_valid
+        and not (state.duplicate or state.out_of_order)
+        and len(state.measured_joint_position) == JOINTS
+    )
+
+
+def number_in(metadata: dict[str, str], name: str) -> float | None:
+    """A number of a log's metadata; None where there is none."""
+    try:
+        return float(metadata[name]) or None
+    except (KeyError, ValueError):
+        return None
+
+
+def installation_in(path: Path, metadata: dict[str, str]) -> Installation:
+    """How the robot stood, by a log's metadata; on the floor where it says nothing."""
+    try:
+        return Installation.from_json(json.loads(metadata.get("installation") or "null"))
+    except ValueError as error:
+        raise RecordingError(f"{path.name}: its installation is no JSON ({error})", file=path) from error
+
+
+def _note_lost(counters: IntArray, findings: list[Finding]) -> None:
+    steps = np.diff(counters) % 2**32
+    lost = np.flatnonzero(steps > 1)
+    if lost.size:
+        missing = int((steps[lost] - 1).sum())
+        findings.append(
+            Finding(
+                "lost_samples",
+                int(lost[0]) + 1,
+                int(lost[-1]) + 2,
+                missing,
+                f"{missing} messages of the robot are missing at {lost.size} places, seen by its sequence counter",
+            )
+        )
+
+
+def _robot_time(clock: IntArray | None, counters: IntArray, send_period_ms: int, findings: list[Finding]) -> FloatArray:
+    """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period."""
+    if clock is not None and np.all(np.diff(clock) > 0):
+        return np.asarray((clock - clock[0]) * 1e-9, dtype=np.float64)
+    findings.append(
+        Finding(
+            "no_robot_clock",
+            1,
+            counters.size,
+            counters.size,
+            "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period",
+        )
+    )
+    steps = np.concatenate([[0], np.cumsum(np.diff(counters) % 2**32)])
+    return np.asarray(steps * 1e-3 * send_period_ms, dtype=np.float64)

@@ -1,0 +1,56 @@
+"""Reads logs and bags: runs of this project (/fri/state), imports (their arrays), ROS 2 bags (JointState).
+
+A file that breaks off still gives all of its complete chunks. Called by `reader.read_recording`; the writing of logs
+lives elsewhere.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from identification.errors import RecordingError
+from identification.recordings import archive
+from identification.recordings.bag import FRI_STATE_TOPIC, Bag, bag_files, read_bag
+from identification.recordings.fri_log import read_fri_log
+from identification.recordings.joint_states import read_joint_states
+from identification.recordings.recording import Finding, Recording
+from identification.recordings.table import RawTable
+
+__all__ = ["read_bag_folder", "read_log"]
+
+
+def read_log(path: Path) -> list[RawTable] | Recording:
+    """Tables that an .mcap or .db3 holds, one for each topic that may be meant, or the Recording of an import.
+
+    Raises RecordingError when the file is neither, or holds neither /fri/state nor a JointState with effort.
+    """
+    return _read(path, read_bag((path,), path))
+
+
+def read_bag_folder(path: Path) -> list[RawTable] | Recording:
+    """The same of a folder that ROS 2 recorded, all of its files together. Raises RecordingError where it is none."""
+    files = bag_files(path)
+    if not files:
+        raise RecordingError(
+            f"{path}: is a folder without a recording in it (recording.mcap, or a ROS 2 bag)", file=path
+        )
+    return _read(path, read_bag(files, path))
+
+
+def _read(path: Path, bag: Bag) -> list[RawTable] | Recording:
+    if bag.archive is not None:
+        return archive.unpack(bag.archive, path)
+    tables = [read_fri_log(path, bag)] if FRI_STATE_TOPIC in bag.topics else read_joint_states(path, bag)
+    if bag.broken_off:
+        for table in tables:
+            rows = table.time.shape[0]
+            table.findings.append(
+                Finding(
+                    "truncated_file",
+                    max(rows, 1),
+                    max(rows, 1),
+                    1,
+                    f"the file breaks off after row {rows} ({bag.broken_off}); its complete chunks were read",
+                )
+            )
+    return tables

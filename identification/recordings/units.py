@@ -1,0 +1,252 @@
+"""Are these seconds, radians and newton metres? Stated units are turned to SI, and what cannot be in SI is refused.
+
+Nothing is converted on a suspicion: the error says what the numbers look like, and the unit can be stated (in the file
+as `q_unit`, `t_unit`, `dq_unit`, `tau_unit`, or with `import --unit q=deg`). Pure functions of arrays; called by
+`reader`. What no plausibility can tell (a small motion in degrees) shows in the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from identification.errors import RecordingError
+from identification.recordings.recording import BoolArray, Finding, FloatArray, ImportReport, Recording
+from identification.recordings.table import RawTable
+from identification.robots.model import RobotModel
+
+__all__ = ["UNITS", "check_units", "in_si"]
+
+_DEGREE = math.pi / 180.0
+UNITS: dict[str, dict[str, float]] = {
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "q": {"rad": 1.0, "m": 1.0, "deg": _DEGREE, "mm": 1e-3},
+    "dq": {"rad/s": 1.0, "m/s": 1.0, "deg/s": _DEGREE, "mm/s": 1e-3},
+    "tau": {"Nm": 1.0, "N": 1.0, "mNm": 1e-3, "A": 1.0},
+}
+"""Quantity → unit → factor to SI. Currents (A) stay currents; the fit says what to do with them."""
+_ONLY_REVOLUTE = ("deg", "deg/s")
+_ONLY_PRISMATIC = ("mm", "mm/s")
+
+SLOWEST_SAMPLING_S = 1.0
+SLOW_SAMPLING_S = 0.1
+STANDING_RAD_S = 0.02
+FASTEST_RAD_S = 100.0
+"""No arm turns a joint faster; a rotor does."""
+WHOLE_TURNS = 2.0
+OVER_LIMIT = 0.2
+"""Share of a joint's range beyond its limits that only a wrong unit explains."""
+OVER_EFFORT = 3.0
+RATIO_TOLERANCE = 0.15
+LEAST_CORRELATION = 0.8
+
+
+def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | None = None) -> RawTable:
+    """The table in s, rad (m), rad/s (m/s), Nm (N) by the units that the file or `stated` names; degrees turn revolute
+    joints only, millimetres prismatic ones only. Raises RecordingError for a unit that is not known.
+    """
+    units = {**table.units, **(stated or {})}
+    for quantity, unit in units.items():
+        if unit not in UNITS.get(quantity, {}):
+            known = ", ".join(UNITS.get(quantity, {})) or f"only of {', '.join(UNITS)}"
+            raise RecordingError(
+                f"{table.path.name}: the unit of {quantity} is '{unit}'; known are {known}",
+                file=table.path,
+                field=f"{quantity}_unit",
+            )
+    revolute = np.ones(table.position.shape[1], dtype=np.bool_) if robot is None else robot.kinematics.revolute
+    angle, speed = (_factors(quantity, units, revolute) for quantity in ("q", "dq"))
+    optional = {
+        name: values * (angle if name in ("command_position", "link_position") else 1.0)
+        for name, values in table.optional.items()
+    }
+    if "velocity" in optional:
+        optional["velocity"] = optional["velocity"] * (speed if "dq" in units else angle)
+    torque = UNITS["tau"][units.get("tau", "Nm")]
+    if "external_torque" in optional:
+        optional["external_torque"] = optional["external_torque"] * torque
+    return replace(
+        table,
+        time=table.time * UNITS["t"][units.get("t", "s")],
+        position=table.position * angle,
+        torque=table.torque * torque,
+        optional=optional,
+        units=units,
+        torque_unit="A" if units.get("tau") == "A" else "Nm",
+    )
+
+
+def _factors(quantity: str, units: dict[str, str], revolute: BoolArray) -> FloatArray:
+    unit = units.get(quantity)
+    if unit is None:
+        return np.ones(revolute.size)
+    factor = UNITS[quantity][unit]
+    turned = revolute if unit in _ONLY_REVOLUTE else ~revolute if unit in _ONLY_PRISMATIC else True
+    return np.where(turned, factor, 1.0)
+
+
+def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str, str]) -> Recording:
+    """The recording with findings on what is unlikely. stated: quantities whose unit was named, which are believed.
+
+    Raises RecordingError naming every quantity that cannot be in SI, with the unit it looks like.
+    """
+    revolute = np.ones(recording.n, dtype=np.bool_) if robot is None else robot.kinematics.revolute
+    suspicions: list[tuple[str, str, str]] = []
+    angle = 1.0
+    if "q" not in stated and (found := _position(recording, robot, revolute)):
+        suspicions.append(("q", *found))
+        angle = _DEGREE if found[0] == "deg" else 1.0
+    if "t" not in stated and (time := _time(recording, revolute, angle)):
+        suspicions.append(("t", *time))
+    if "tau" not in stated and (torque := _torque(recording, robot)):
+        suspicions.append(("tau", *torque))
+    ratio = _velocity_ratio(recording, revolute)
+    if not suspicions and ratio is not None:
+        suspicions += _by_ratio(ratio, stated)
+    if suspicions:
+        name = Path(recording.source.path).name
+        said = "; ".join(sentence for _, _, sentence in suspicions if sentence)
+        options = " ".join(f"--unit {quantity}={unit}" for quantity, unit, _ in suspicions)
+        right = " ".join(f"--unit {quantity}={next(iter(UNITS[quantity]))}" for quantity, _, _ in suspicions)
+        raise RecordingError(
+            f"{name}: {said}. Import it with {options}, or with {right} if that is right",
+            file=recording.source.path,
+            field=suspicions[0][0],
+        )
+    notes = _outside_limits(recording, robot)
+    if ratio is not None and abs(ratio - 1.0) > RATIO_TOLERANCE:
+        notes.append(f"the recorded velocity is {ratio:.3g} times the derivative of the position")
+    if not notes:
+        return recording
+    report, rows = recording.report, recording.report.rows_read
+    added = tuple(Finding("unlikely_value", 1, rows, rows, note) for note in notes)
+    return replace(recording, report=ImportReport(rows, report.rows_kept, (*report.findings, *added)))
+
+
+def _known_limits(robot: RobotModel | None, n: int) -> tuple[FloatArray, FloatArray]:
+    """Position limits; infinite where the description has none, or an empty range, which means the same."""
+    if robot is None:
+        return np.full(n, -np.inf), np.full(n, np.inf)
+    known = robot.position_lower < robot.position_upper
+    return np.where(known, robot.position_lower, -np.inf), np.where(known, robot.position_upper, np.inf)
+
+
+def _beyond(position: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """(n,) by how much of its range each joint leaves its limits; 0 inside, and where no limits are known."""
+    span = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    low, high = np.percentile(position, [1.0, 99.0], axis=0)
+    return np.asarray(np.maximum(0.0, np.maximum(high - upper, lower - low)) / span, dtype=np.float64)
+
+
+def _position(recording: Recording, robot: RobotModel | None, revolute: BoolArray) -> tuple[str, str] | None:
+    lower, upper = _known_limits(robot, recording.n)
+    over = _beyond(recording.position, lower, upper)
+    for unit, factor, which in (("deg", _DEGREE, revolute), ("mm", 1e-3, ~revolute)):
+        wrong = which & (over > OVER_LIMIT)
+        inside = _beyond(np.where(which, factor, 1.0) * recording.position, lower, upper)
+        if wrong.any() and not np.any(inside[which] > OVER_LIMIT):
+            joint = int(np.argmax(np.where(which, over, 0.0)))
+            reach = float(np.abs(recording.position[:, joint]).max())
+            si = "rad" if unit == "deg" else "m"
+            return unit, (
+                f"joint {joint + 1} reaches {reach:.4g}, which no {si} of this robot are "
+                f"({lower[joint]:.3g} to {upper[joint]:.3g}): q looks like {'degrees' if unit == 'deg' else 'mm'}"
+            )
+    free = revolute & ~np.isfinite(upper)
+    reach = np.abs(recording.position).max(axis=0)
+    many = free & (reach > 2.0 * math.pi * WHOLE_TURNS)
+    if free.sum() >= 3 and many.sum() >= 0.5 * free.sum():
+        joint = int(np.argmax(np.where(free, reach, 0.0)))
+        return "deg", f"joint {joint + 1} reaches {reach[joint]:.4g}, whole turns in rad: q looks like degrees"
+    return None
+
+
+def _time(recording: Recording, revolute: BoolArray, angle: float) -> tuple[str, str] | None:
+    step = recording.sampling_period_s
+    if step < SLOW_SAMPLING_S:
+        return None
+    speed = angle * _speed(recording)
+    quickest = float(speed[revolute].max()) if revolute.any() else float(speed.max())
+    if step < SLOWEST_SAMPLING_S and quickest >= STANDING_RAD_S:
+        return None
+    unit = next(
+        (unit for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if step * factor < SLOW_SAMPLING_S), "ns"
+    )
+    words = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+    return (
+        unit,
+        f"rows are {step:.4g} s apart and no joint turns faster than {quickest:.2g} rad/s: t looks like {words[unit]}",
+    )
+
+
+def _torque(recording: Recording, robot: RobotModel | None) -> tuple[str, str] | None:
+    if robot is None or recording.torque_unit != "Nm":
+        return None
+    size = np.sqrt(np.mean(recording.torque**2, axis=0))
+    limit = np.where(robot.effort > 0.0, robot.effort, np.inf)
+    joint = int(np.argmax(size / limit))
+    if size[joint] <= OVER_EFFORT * limit[joint] or np.any(1e-3 * size > limit):
+        return None
+    unit = robot.units[joint]
+    return "mNm", (
+        f"joint {joint + 1} has {size[joint]:.4g} {unit} RMS and can bear {limit[joint]:.4g}: tau looks like mNm"
+    )
+
+
+def _speed(recording: Recording) -> FloatArray:
+    """(n,) 99th percentile of |Δq/Δt|, rad/s (m/s)."""
+    rate = np.abs(np.diff(recording.position, axis=0)) / np.diff(recording.time)[:, None]
+    return np.asarray(np.percentile(rate, 99.0, axis=0), dtype=np.float64)
+
+
+def _velocity_ratio(recording: Recording, revolute: BoolArray) -> float | None:
+    """Recorded velocity over the derivative of the position; None where there is none, or the two are unlike."""
+    if recording.velocity is None or not revolute.any():
+        return None
+    recorded = recording.velocity[1:-1][:, revolute]
+    derived = (
+        (recording.position[2:] - recording.position[:-2]) / (recording.time[2:] - recording.time[:-2])[:, None]
+    )[:, revolute]
+    rows = np.isfinite(recorded).all(axis=1)
+    a, b = recorded[rows].ravel(), derived[rows].ravel()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    if size == 0.0 or abs(float(a @ b)) < LEAST_CORRELATION * size:
+        return None
+    return float(np.linalg.norm(a) / np.linalg.norm(b)) * float(np.sign(a @ b))
+
+
+def _by_ratio(ratio: float, stated: dict[str, str]) -> list[tuple[str, str, str]]:
+    """What units would make the recorded velocity the derivative of the position."""
+    explanations: list[tuple[float, tuple[tuple[str, str], ...]]] = [
+        (1.0 / _DEGREE, (("dq", "deg/s"),)),
+        (_DEGREE, (("q", "deg"), ("dq", "rad/s"))),
+    ]
+    for unit in ("ms", "us", "ns"):
+        factor = 1.0 / UNITS["t"][unit]
+        explanations += [
+            (factor, (("t", unit),)),
+            (factor * _DEGREE, (("t", unit), ("q", "deg"), ("dq", "rad/s"))),
+            (factor / _DEGREE, (("t", unit), ("dq", "deg/s"))),
+        ]
+    for value, units in explanations:
+        if abs(ratio / value - 1.0) < RATIO_TOLERANCE and not any(quantity in stated for quantity, _ in units):
+            looks = " and ".join(f"{quantity} in {unit}" for quantity, unit in units)
+            sentence = f"the recorded velocity is {ratio:.4g} times the derivative of the position, as with {looks}"
+            return [(quantity, unit, sentence if place == 0 else "") for place, (quantity, unit) in enumerate(units)]
+    return []
+
+
+def _outside_limits(recording: Recording, robot: RobotModel | None) -> list[str]:
+    lower, upper = _known_limits(robot, recording.n)
+    notes = []
+    for joint in np.flatnonzero(_beyond(recording.position, lower, upper) > 0.0):
+        reach = recording.position[:, joint]
+        unit = "rad" if robot is None or robot.kinematics.revolute[joint] else "m"
+        notes.append(
+            f"joint {joint + 1} moves from {reach.min():.4g} to {reach.max():.4g} {unit}, its limits are "
+            f"{lower[joint]:.4g} and {upper[joint]:.4g}: is this the right robot, joint and unit?"
+        )
+    return notes

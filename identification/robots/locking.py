@@ -1,0 +1,117 @@
+"""A robot with some joints held still: their links become part of the links that carry them.
+
+Pure functions of robots. Called by `load_robot` for what an `Installation` locks and for the joints of a URDF that
+mimic a locked one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+
+from identification.errors import RobotError
+from identification.robots.model import Kinematics, RobotModel, build_pinocchio_model, snap_to_right_angles
+
+__all__ = ["lock_joints"]
+
+
+def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
+    """The robot whose joints in `positions` (name → rad or m) do not move: n smaller by their number.
+
+    Joints that a mimic rule ties to a locked one are locked with it, at multiplier · position + offset (of the URDF).
+    Inertias of held links are added to the links that carry them. Raises RobotError for a joint the robot does not
+    have, for one that itself follows another, where none would be left to move, and where a joint follows one that
+    moves: two joints of one motor are no model of this program.
+    """
+    unknown = [name for name in positions if name not in robot.joint_names]
+    if unknown:
+        raise RobotError(
+            f"{robot.source} has no joint '{unknown[0]}' to lock; its joints are {', '.join(robot.joint_names)}.",
+            file=robot.source,
+            field=unknown[0],
+        )
+    held = _with_followers(robot, dict(positions))
+    if not held:
+        return robot
+    if len(held) == robot.n:
+        raise RobotError(f"{robot.source}: all of its joints are locked.", file=robot.source, field="joint")
+    kinematics, inertias, kept = _without(robot, held)
+    names = tuple(robot.joint_names[joint] for joint in kept)
+    return replace(
+        robot,
+        joint_names=names,
+        kinematics=kinematics,
+        pinocchio_model=build_pinocchio_model(robot.name, kinematics, names, robot.gravity, inertias),
+        modified_denavit_hartenberg=None,
+        mimics=(),
+        **{name: getattr(robot, name)[kept] for name in ("position_lower", "position_upper", "velocity", "effort")},
+    )
+
+
+def _with_followers(robot: RobotModel, held: dict[str, float]) -> dict[str, float]:
+    """The locked joints and all that follow them."""
+    followers = {item.joint: item for item in robot.mimics}
+    for name in held:
+        if name in followers:
+            raise RobotError(
+                f"{robot.source}: joint '{name}' follows '{followers[name].leader}'; lock that one.",
+                file=robot.source,
+                field=name,
+            )
+    waiting = list(followers.values())
+    while waiting:
+        ready = [item for item in waiting if item.leader in held]
+        if not ready:
+            first = waiting[0]
+            raise RobotError(
+                f"{robot.source}: joint '{first.joint}' follows '{first.leader}', which moves; joints that move "
+                f"together are not supported. If '{first.leader}' stood still, say where: --lock {first.leader}=0.",
+                file=robot.source,
+                field=first.joint,
+            )
+        held |= {item.joint: item.multiplier * held[item.leader] + item.offset for item in ready}
+        waiting = [item for item in waiting if item.joint not in held]
+    return held
+
+
+def _without(
+    robot: RobotModel, held: Mapping[str, float]
+) -> tuple[Kinematics, tuple[pinocchio.Inertia, ...], list[int]]:
+    """Tree and inertias of the joints that are left, and their numbers in the whole robot."""
+    tree, model = robot.kinematics, robot.pinocchio_model
+    kept = [joint for joint in range(robot.n) if robot.joint_names[joint] not in held]
+    number = {joint: place for place, joint in enumerate(kept)}
+    carrier: list[int] = []
+    placement: list[pinocchio.SE3] = []
+    for joint in range(robot.n):
+        # Placement in the frame of the link that moves: through the held joints between.
+        at = pinocchio.SE3(tree.rotation[joint], tree.translation[joint])
+        parent = int(tree.parent[joint])
+        if parent >= 0 and robot.joint_names[parent] in held:
+            at, parent = placement[parent] * _moved(robot, parent, held) * at, carrier[parent]
+        carrier.append(parent)
+        placement.append(at)
+    inertias = [model.inertias[joint + 1].copy() for joint in range(robot.n)]
+    for joint in range(robot.n):
+        if joint not in number and carrier[joint] >= 0:
+            turned = (placement[joint] * _moved(robot, joint, held)).act(inertias[joint])
+            inertias[carrier[joint]] = inertias[carrier[joint]] + turned
+    kinematics = Kinematics(
+        np.array([number[carrier[joint]] if carrier[joint] >= 0 else -1 for joint in kept], dtype=np.int64),
+        np.array([snap_to_right_angles(placement[joint].rotation) for joint in kept]),
+        np.array([placement[joint].translation for joint in kept]),
+        tree.axis[kept].copy(),
+        tree.revolute[kept].copy(),
+    )
+    return kinematics, tuple(inertias[joint] for joint in kept), kept
+
+
+def _moved(robot: RobotModel, joint: int, held: Mapping[str, float]) -> pinocchio.SE3:
+    """Motion of a held joint from zero to where it stands."""
+    axis, position = robot.kinematics.axis[joint], held[robot.joint_names[joint]]
+    if robot.kinematics.revolute[joint]:
+        return pinocchio.SE3(pinocchio.AngleAxis(position, axis).toRotationMatrix(), np.zeros(3))
+    return pinocchio.SE3(np.eye(3), position * axis)
