@@ -13,9 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from daemon.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from identification.robots import Installation
 
 __all__ = ["BatchItem", "Task", "executor_of", "run_batch", "run_item"]
 
@@ -41,7 +44,15 @@ class BatchItem:
         }
 
 
-def run_item(task: Task, file: str, folder: str, robot: str | None, heldout: tuple[str, ...]) -> BatchItem:
+def run_item(
+    task: Task,
+    file: str,
+    folder: str,
+    robot: str | None,
+    heldout: tuple[str, ...],
+    joints: Sequence[str] | None = None,
+    installation: Installation | None = None,
+) -> BatchItem:
     """Fit or diagnose one recording into a folder of its own; every error becomes the item's sentence and exit code."""
     from daemon.cli.app import exit_code_of
 
@@ -49,19 +60,18 @@ def run_item(task: Task, file: str, folder: str, robot: str | None, heldout: tup
     try:
         from daemon.diagnosis import diagnose_recordings
         from identification.fit import fit_recordings
-        from identification.recordings import read_recording
-        from identification.recordings.reader import robot_of
-        from identification.robots import load_robot
+        from identification.recordings.reader import read_inputs
 
         out = Path(folder)
         out.mkdir(parents=True, exist_ok=True)
-        recording = read_recording(file, robot=robot)
+        checking = heldout if task == "diagnose" else ()
+        inputs = read_inputs([file, *checking], robot=robot, joints=joints, installation=installation)
+        recording, *unseen = inputs.recordings
         if task == "diagnose":
-            unseen = [read_recording(other, robot=robot) for other in heldout]
-            found = diagnose_recordings([recording], unseen, out, robot=robot)
+            found = diagnose_recordings([recording], unseen, inputs.robot, out)
             names = ", ".join(finding.effect for finding in found.diagnosis.findings) or "nothing named"
             return BatchItem(file, 0, f"{found.diagnosis.verdict}: {names}", tuple(map(str, found.files)))
-        result = fit_recordings([recording], load_robot(robot or robot_of([recording])))
+        result = fit_recordings([recording], inputs.robot)
         target = out / "model.json"
         target.write_text(json.dumps(result.to_model_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         rms = ", ".join(f"{value:.3f}" for value in result.rms.rows[0].rms_nm)
@@ -78,6 +88,8 @@ def run_batch(
     *,
     robot: str | None = None,
     heldout: Sequence[Path] = (),
+    joints: Sequence[str] | None = None,
+    installation: Installation | None = None,
     progress: Callable[[BatchItem], None] | None = None,
 ) -> tuple[BatchItem, ...]:
     """One job a file, results in the order of the files; `progress` sees each item as it ends.
@@ -87,7 +99,9 @@ def run_batch(
     others = tuple(str(path.resolve()) for path in heldout)
     names = _folder_names(files)
     waiting: dict[Future[BatchItem], Path] = {
-        executor.submit(run_item, task, str(file.resolve()), str((out / name).resolve()), robot, others): file
+        executor.submit(
+            run_item, task, str(file.resolve()), str((out / name).resolve()), robot, others, joints, installation
+        ): file
         for file, name in zip(files, names, strict=True)
     }
     done: dict[Path, BatchItem] = {}

@@ -19,9 +19,8 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model, read_model, write_model
 from identification.recordings import Recording
-from identification.recordings.reader import robot_of
 from identification.report import write_report
-from identification.robots import load_robot
+from identification.robots import RobotModel
 
 __all__ = ["DiagnosisFiles", "diagnose_recordings"]
 
@@ -41,9 +40,9 @@ class DiagnosisFiles:
 def diagnose_recordings(
     recordings: Sequence[Recording],
     heldout: Sequence[Recording],
+    robot: RobotModel,
     out: Path,
     *,
-    robot: str | None = None,
     baseline: Path | None = None,
     settings: DiagnosisSettings | None = None,
     model_name: str = "model.json",
@@ -51,15 +50,14 @@ def diagnose_recordings(
 ) -> DiagnosisFiles:
     """Diagnose recordings and write the results into the folder `out`, which is made if it is not there.
 
-    robot: None takes the recordings' own. baseline: the model to diagnose against, None for a nominal fit. settings:
+    baseline: the model to diagnose against, None for a nominal fit. settings:
     None for the defaults.
     model_name: of the extended model. Raises the errors of the recordings, of the diagnosis, and OSError.
     """
     report = progress if progress is not None else _silent
-    arm = load_robot(robot or robot_of([*recordings]))
     diagnosis = diagnose(
         recordings,
-        arm,
+        robot,
         heldout=heldout,
         settings=settings,
         model=_baseline(baseline),
@@ -68,7 +66,7 @@ def diagnose_recordings(
     model = extended_model(
         diagnosis,
         recordings,
-        arm,
+        robot,
         progress=lambda phase, share: report(
             f"extended model: {phase}", _SHARE_OF_DIAGNOSIS + (1.0 - _SHARE_OF_DIAGNOSIS) * share
         ),
@@ -79,7 +77,7 @@ def diagnose_recordings(
     write_bytes_atomically(str(result_file), text.encode())
     model_file = write_model(model, out / model_name)
     report_file = out / "report.html"
-    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=arm)
+    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=robot)
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
 
 

@@ -15,10 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from identification.mismatch.diagnosis import diagnose
-from identification.recordings import read_recording
-from identification.recordings.reader import robot_of
+from identification.recordings.reader import read_inputs
 from identification.report import write_report
-from identification.robots import load_robot
 
 __all__ = ["answer", "main"]
 
@@ -27,9 +25,9 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     """Diagnosis of one pair of recordings as JSON, with the CPU time it took."""
     start = time.process_time()
     try:
-        recordings = [read_recording(Path(path)) for path in request["recordings"]]
-        heldout = [read_recording(Path(path)) for path in request["heldout"]]
-        robot = load_robot(robot_of(recordings))
+        inputs = read_inputs([*request["recordings"], *request["heldout"]])
+        count, robot = len(request["recordings"]), inputs.robot
+        recordings, heldout = inputs.recordings[:count], inputs.recordings[count:]
         diagnosis = diagnose(recordings, robot, heldout=heldout)
         if "report" in request:
             write_report(

@@ -17,7 +17,7 @@ import contextlib
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
 
 if TYPE_CHECKING:
-    from identification.recordings import Recording
+    from identification.recordings.reader import Inputs
 
 __all__ = ["main", "run_job"]
 
@@ -94,15 +94,14 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
         # The numerical libraries take a second to load: the status stands before that.
         from identification.fit import FitSettings, fit_recordings
-        from identification.recordings import read_recording
+        from identification.recordings.reader import read_inputs
         from identification.report import write_report
-        from identification.robots import load_robot
 
         for file in job.recordings:
             if not Path(file).is_file():
                 raise MissingInputError(file, "a recording to fit")
-        robot = load_robot(job.robot)
-        recordings = [read_recording(file, robot=job.robot) for file in job.recordings]
+        inputs = read_inputs(job.recordings, robot=job.robot)
+        recordings, robot = inputs.recordings, inputs.robot
         settings = FitSettings(pipeline=job.pipeline)
         phase: WorkerPhase = "averaging"
         status.write(phase, "Averaging the periods.", 0.1 * whole)
@@ -120,7 +119,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         trouble = None
         if job.diagnosis_folder is not None:
             try:
-                sentence += f" The diagnosis ({_diagnose(job, recordings, status)}) is in {job.diagnosis_folder}."
+                sentence += f" The diagnosis ({_diagnose(job, inputs, status)}) is in {job.diagnosis_folder}."
             except Exception as error:  # whatever it was, the model stands
                 trouble, _ = _said(error)
                 sentence += f" The diagnosis failed: {trouble}"
@@ -132,21 +131,23 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
     return 0
 
 
-def _diagnose(job: WorkerJob, recordings: Sequence[Recording], status: StatusFile) -> str:
+def _diagnose(job: WorkerJob, inputs: Inputs, status: StatusFile) -> str:
     """Diagnose the fitted recordings into the job's folder; the verdict. Raises what reading or diagnosing raises."""
     from daemon.diagnosis import diagnose_recordings
-    from identification.recordings import read_recording
+    from identification.recordings.reader import read_inputs
 
     def progress(text: str, share: float) -> None:
         share_of_all = _SHARE_OF_FIT + (1.0 - _SHARE_OF_FIT) * share
         status.write("diagnosing", f"{text[:1].upper()}{text[1:]}.", share_of_all)
 
     assert job.diagnosis_folder is not None
+    recordings, robot = inputs.recordings, inputs.robot
+    heldout = read_inputs(job.heldout, robot=job.robot, installation=robot.installation).recordings
     found = diagnose_recordings(
         recordings,
-        [read_recording(file, robot=job.robot) for file in job.heldout],
+        heldout,
+        robot,
         Path(job.diagnosis_folder),
-        robot=job.robot,
         progress=progress,
     )
     return str(found.diagnosis.verdict)

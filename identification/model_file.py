@@ -19,7 +19,7 @@ from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, ModelFileNotFoundError
 from identification.estimators.physical import PhysicalParameters
 from identification.fitting.result import MODEL_FORMAT
-from identification.robots import BUILT_IN_ROBOTS, RobotModel, load_robot
+from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
 __all__ = ["MODEL_FORMAT", "Model", "read_model", "write_model"]
 
@@ -48,10 +48,14 @@ class Model:
     data: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def load_robot(self) -> RobotModel:
-        """The robot the model is of. A path is taken as it is, then relative to the model file. Raises RobotError."""
+        """The robot the model is of, installed as it was. A path is taken as it is, then relative to the model file.
+
+        Raises RobotError.
+        """
+        installation = Installation.from_json(self.data.get("installation"))
         if self.robot in BUILT_IN_ROBOTS or Path(self.robot).is_file() or not self.path:
-            return load_robot(self.robot)
-        return load_robot(Path(self.path).parent / self.robot)
+            return load_robot(self.robot, installation)
+        return load_robot(Path(self.path).parent / self.robot, installation)
 
     @property
     def fitted_digests(self) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Commands that work on recordings: `import`, `fit`, `validate`."""
+"""Commands that work on recordings: `fit`, `validate`."""
 
 from __future__ import annotations
 
@@ -10,70 +10,34 @@ import typer
 from rich.table import Table
 
 from daemon.cli.app import app
+from daemon.cli.inputs import (
+    GravityOption,
+    JointsOption,
+    LockOption,
+    LogsArgument,
+    MountOption,
+    RobotOption,
+    installation_of,
+    load_inputs,
+)
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
+from daemon.cli.protection import not_a_recording
 from daemon.cli.rms_view import show_rms
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
 
 if TYPE_CHECKING:
     from identification.fit import FitResult
-    from identification.recordings import Recording
-
-LogsArgument = Annotated[list[Path], typer.Argument(help="Recordings: .mcap, .npz or .csv.")]
-RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
-
-
-def load_recordings(logs: list[Path], robot: str | None) -> list[Recording]:
-    """Read all logs and say on stderr what was found wrong in each."""
-    from identification.recordings import read_recording
-
-    recordings = []
-    for log in logs:
-        recording = read_recording(log, robot=robot)
-        for finding in recording.report.findings:
-            message(f"{log}: {finding.sentence}")
-        recordings.append(recording)
-    return recordings
-
-
-@app.command("import")
-def import_recording(
-    files: Annotated[list[Path], typer.Argument(help="Recordings of others: .npz, .csv or ROS 2 .mcap.")],
-    robot: RobotOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Log to write (one file only); default: FILE.mcap.")] = None,
-    json_file: JsonOption = None,
-) -> None:
-    """Bring recordings made by others into this project's log, and report gaps, jitter, repeated and garbled rows.
-
-    Example: iiwa-ident import measured.npz --robot arm.urdf --out measured.mcap
-    """
-    from identification.recordings import read_recording, write_recording
-
-    if out is not None and len(files) > 1:
-        raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
-    results = []
-    for file in files:
-        target = out or file.with_suffix(".imported.mcap" if file.suffix == ".mcap" else ".mcap")
-        recording = read_recording(file, robot=robot)
-        if target.resolve() == file.resolve():
-            raise typer.BadParameter(f"{file} would overwrite itself; give another name with --out.")
-        write_recording(recording, target)
-        results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
-        if not wants_json_on_stdout(json_file):
-            data(
-                f"{file}: {recording.samples} samples of {recording.n} joints, {recording.duration_s:.3f} s, "
-                f"written to {target}"
-            )
-            for finding in recording.report.findings:
-                data(f"  {finding.sentence}")
-    if json_file is not None:
-        write_json(json_file, results)
 
 
 @app.command()
 def fit(
     logs: LogsArgument,
     robot: RobotOption = None,
+    joints: JointsOption = None,
+    lock: LockOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     pipeline: Annotated[Pipeline, typer.Option("--pipeline", help="How the signals are processed.")] = "auto",
     low_pass: Annotated[float | None, typer.Option("--low-pass", help="Cutoff without periods, Hz.")] = None,
     hold_out: Annotated[
@@ -100,8 +64,14 @@ def fit(
         typer.Option("--folds", min=2, help="Also score each recording by fits without it, in so many groups."),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
-    out: Annotated[Path | None, typer.Option("--out", help="Model to write; default: beside the log.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="Page to write: figures and tables, HTML.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="Page to write: figures and tables, HTML.", callback=not_a_recording),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Both solvers on one or several recordings: parameters with σ, RMS per joint, certificate of feasibility.
@@ -109,8 +79,7 @@ def fit(
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
     from identification.fit import FitSettings, fit_recordings
-    from identification.recordings.reader import robot_of
-    from identification.robots import load_robot
+    from identification.recordings.reader import recording_file
 
     settings = FitSettings(
         pipeline=pipeline,
@@ -126,8 +95,8 @@ def fit(
         full_consistency=full_consistency,
         seed=seed,
     )
-    recordings = load_recordings(logs, robot)
-    robot_model = load_robot(robot or robot_of(recordings))
+    inputs = load_inputs(logs, robot, joints=joints, installation=installation_of(gravity, mount, lock))
+    recordings, robot_model = inputs.recordings, inputs.robot
 
     left_out = None
     if folds is not None:
@@ -140,7 +109,7 @@ def fit(
     model = result.to_model_json()
     if left_out is not None:
         model["left_out"] = left_out.to_json()
-    target = out or logs[0].with_name("model.json")
+    target = out or recording_file(logs[0]).with_name("model.json")
     target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if report is not None:
         from identification.report import write_report
@@ -220,6 +189,7 @@ def validate(
     model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")],
     logs: LogsArgument,
     robot: RobotOption = None,
+    joints: JointsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """RMS per joint of a model on recordings it was not fitted to, its effects included.
@@ -230,7 +200,8 @@ def validate(
     from identification.model_file import read_model
     from identification.recordings.independence import recording_names
 
-    model, recordings = read_model(model_file), load_recordings(logs, robot)
+    model = read_model(model_file)
+    recordings = load_inputs(logs, robot, joints=joints, model_robot=model.load_robot()).recordings
     table = validate_with_effects(model, recordings)
     if json_file is not None:
         write_json(json_file, table.to_json())

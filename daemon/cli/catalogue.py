@@ -29,7 +29,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("recover", "acquisition", "Make a broken-off log whole again."),
     ),
     "Researcher: from recordings to a model": (
-        Entry("import", "analysis", "Bring recordings of others into this project's log."),
+        Entry("import", "importing", "Bring recordings of others into this project's log."),
         Entry("fit", "analysis", "Parameters of the arm, with both solvers."),
         Entry("validate", "analysis", "RMS of a model on recordings it has not seen."),
         Entry("diagnose", "diagnosis", "Find and name what the model leaves out."),

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.protection import not_a_recording
 
 if TYPE_CHECKING:
     from identification.excitation import DesignProgress, PredictedDeviations, ShownEffect, Trajectory
@@ -53,7 +54,10 @@ def design(
             help="Instead, a motion to score models on: excitation, sine_series, polynomial_10 or polynomial_20.",
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Trajectory to write; default: excitation.json.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Trajectory to write; default: excitation.json.", callback=not_a_recording),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Design an excitation trajectory, the problem (13)/(14) of the paper, from many seeded starts.

@@ -10,14 +10,25 @@ import typer
 from rich.table import Table
 
 from daemon.batch import Task
-from daemon.cli.analysis import LogsArgument, RobotOption, load_recordings
 from daemon.cli.app import app
+from daemon.cli.inputs import (
+    GravityOption,
+    JointsOption,
+    LockOption,
+    LogsArgument,
+    MountOption,
+    RobotOption,
+    installation_of,
+    load_inputs,
+    names_of,
+)
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
 
 if TYPE_CHECKING:
     from identification.mismatch.effects.base import Parameter
     from identification.mismatch.findings import Diagnosis, Finding
+    from identification.robots import RobotModel
 
 VERDICTS = {
     "no_mismatch": "No mismatch: the nominal model explains these recordings down to their noise.",
@@ -47,6 +58,10 @@ def diagnose(
         typer.Option("--low-pass-hz", min=0.1, help="Without periods: band compared; default: as the motion asks."),
     ] = None,
     robot: RobotOption = None,
+    joints: JointsOption = None,
+    lock: LockOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
     ] = None,
@@ -59,9 +74,16 @@ def diagnose(
     """
     from daemon.diagnosis import diagnose_recordings
     from identification.mismatch.settings import DiagnosisSettings
+    from identification.recordings.reader import recording_file
 
-    recordings = load_recordings(logs, robot)
-    unseen = load_recordings(heldout or [], robot)
+    inputs = load_inputs(
+        [*logs, *(heldout or ())],
+        robot,
+        joints=joints,
+        installation=installation_of(gravity, mount, lock),
+        model_robot=None if model is None else robot_of_model(model),
+    )
+    recordings, unseen = inputs.recordings[: len(logs)], inputs.recordings[len(logs) :]
     periodic = [recording.is_periodic for recording in (*recordings, *unseen)]
     if split is not None and (unseen or any(periodic)):
         raise typer.BadParameter("--split is for recordings without periods, where no --heldout is given.")
@@ -71,8 +93,8 @@ def diagnose(
         result = diagnose_recordings(
             recordings,
             unseen,
-            out or logs[0].with_name("diagnosis"),
-            robot=robot,
+            inputs.robot,
+            out or recording_file(logs[0]).with_name("diagnosis"),
             baseline=model,
             settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
             progress=show,
@@ -83,6 +105,13 @@ def diagnose(
         show_diagnosis(result.diagnosis)
         for file in result.files:
             data(f"Written to {file}")
+
+
+def robot_of_model(file: Path) -> RobotModel | None:
+    """The robot that a model.json is of; None for a simulator's file, which has its own kinematics."""
+    from identification.model_file import read_model
+
+    return read_model(file).load_robot() if file.suffix == ".json" else None
 
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:
@@ -153,6 +182,10 @@ def batch(
     files: Annotated[list[Path], typer.Argument(help="Recordings, one job each.")],
     heldout: Annotated[list[Path] | None, typer.Option("--heldout", help="Of diagnose: checks every file.")] = None,
     robot: RobotOption = None,
+    joints: JointsOption = None,
+    lock: LockOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A folder for each file in it.")] = Path("batch"),
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask cluster, such as tcp://10.0.0.5:8786.")
@@ -169,7 +202,8 @@ def batch(
 
     with executor_of(scheduler, jobs) as executor:
         items = run_batch(
-            task, files, out, executor, robot=robot, heldout=heldout or (),
+            task, files, out, executor, robot=robot, heldout=heldout or (), joints=names_of(joints),
+            installation=installation_of(gravity, mount, lock),
             progress=lambda item: message(f"{item.file}: {item.sentence}"),
         )  # fmt: skip
     if json_file is not None:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.cli.analysis import RobotOption, load_recordings
 from daemon.cli.app import app
+from daemon.cli.inputs import RobotOption, load_inputs
 from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
 
 MOST_STATES = 2000
@@ -41,7 +41,9 @@ def feasibility(
     arm = load_robot(robot) if robot is not None else model.load_robot()
     if logs:
         stretches = [
-            stretch for log in load_recordings(logs, robot) for stretch in process(log, arm, FitSettings()).stretches
+            stretch
+            for log in load_inputs(logs, robot, model_robot=arm).recordings
+            for stretch in process(log, arm, FitSettings()).stretches
         ]
         motion = [
             np.concatenate([getattr(item, name) for item in stretches])

@@ -18,12 +18,19 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
+from daemon.cli.protection import not_a_recording
+
 if TYPE_CHECKING:
     from rich.table import Table
 
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Write the result as JSON; '-' = stdout, in place of the text."),
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        help="Write the result as JSON; '-' = stdout, in place of the text.",
+        callback=not_a_recording,
+    ),
 ]
 
 _SPELLING = {

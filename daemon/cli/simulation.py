@@ -10,7 +10,9 @@ import typer
 from rich.table import Table
 
 from daemon.cli.app import app
+from daemon.cli.inputs import load_inputs
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.protection import is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
@@ -28,7 +30,7 @@ _FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 def export(
     model_file: ModelArgument,
     form: Annotated[str, typer.Option("--format", help="urdf, sdf or mjcf.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.", callback=not_a_recording)],
     parameters: ParametersOption = "physical",
     motor_inertia: Annotated[
         bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
@@ -92,8 +94,14 @@ def simulate(
     ] = None,
     stiffness: Annotated[float | None, typer.Option("--stiffness", help="Of impedance, Nm/rad; default 300.")] = None,
     parameters: ParametersOption = "physical",
-    figure: Annotated[Path | None, typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Series of motion and torque: .npz or .csv.")] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.", callback=not_a_recording),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Series of motion and torque: .npz or .csv.", callback=not_a_recording),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Move the identified arm under a controller and compare motion and torque with the recording.
@@ -155,15 +163,12 @@ def _compare(
     from identification.base_parameters import BaseRegressor
     from identification.excitation import default_trajectory, load_trajectory
     from identification.mismatch.prediction import torque_along, torque_along_recording
-    from identification.recordings import read_recording
     from identification.simulation import compare_with_plan, compare_with_recording
 
     regressor = BaseRegressor(robot, model.options) if effects else None
     extra = None
     if motion is not None and _is_recording(motion):
-        recording = read_recording(motion, robot=model.robot)
-        for finding in recording.report.findings:
-            message(f"{motion}: {finding.sentence}")
+        (recording,) = load_inputs([motion], None, model_robot=robot).recordings
         if regressor is not None:
             extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording)
         return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)
@@ -179,18 +184,7 @@ def _compare(
 
 def _is_recording(file: Path) -> bool:
     """A log, or a table with torques in it; tables without are trajectories."""
-    suffix = file.suffix.lower()
-    if suffix == ".npz" and file.is_file():
-        try:
-            with np.load(file, allow_pickle=False) as archive:
-                return "tau" in archive.files
-        except (ValueError, OSError):
-            return False
-    if suffix == ".csv" and file.is_file():
-        with file.open(encoding="utf-8", errors="replace") as lines:
-            header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-        return "tau1" in [name.strip() for name in header.split(",")]
-    return suffix == ".mcap"
+    return file.is_dir() or file.suffix.lower() in (".mcap", ".db3") or is_recording(file)
 
 
 def _write_series(series: dict[str, np.ndarray], file: Path) -> None:

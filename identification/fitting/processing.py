@@ -9,6 +9,7 @@ import numpy as np
 
 from identification.errors import RecordingError
 from identification.fitting.settings import FitSettings
+from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals import (
@@ -33,15 +34,9 @@ class Processed:
     notes: tuple[str, ...]
 
 
-def check_recording(recording: Recording, robot: RobotModel) -> None:
-    """Raises RecordingError if the recording is of another number of joints, in other units, or if nothing moves."""
+def check_recording(recording: Recording) -> None:
+    """Raises RecordingError if the torque is in another unit, or if nothing moves."""
     name = Path(recording.source.path).name
-    if recording.n != robot.n:
-        raise RecordingError(
-            f"{name}: holds {recording.n} joints, but the robot {robot.name} has {robot.n}",
-            file=recording.source.path,
-            field="q",
-        )
     if recording.torque_unit != "Nm":
         raise RecordingError(
             f"{name}: its torque is in {recording.torque_unit}; multiply each joint's current by its torque constant "
@@ -63,7 +58,8 @@ def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> P
     "auto": the periodic pipeline where the recording has periods, repeats with them and no split is asked for; else
     the aperiodic one, with a note why. Raises RecordingError when the recording cannot be used that way.
     """
-    check_recording(recording, robot)
+    recording = for_robot(recording, robot)
+    check_recording(recording)
     if settings.flip_torque:
         recording = replace(recording, torque=-recording.torque)
     aperiodic = AperiodicSettings(low_pass_hz=settings.low_pass_hz)

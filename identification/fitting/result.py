@@ -82,7 +82,7 @@ class FitResult:
         least_squares = self.least_squares
         return {
             "format": MODEL_FORMAT,
-            "robot": self.robot.name if self.robot.name in ("iiwa14", "iiwa7") else self.robot.source,
+            **self.robot.to_json(),
             "base_parameters": [
                 {"name": name, "value": float(value), "std": float(std), "unit": unit, "std_equation_15": float(paper)}
                 for name, value, std, unit, paper in zip(

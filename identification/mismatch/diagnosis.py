@@ -38,6 +38,7 @@ from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
 from identification.model_file import Model
 from identification.recordings.independence import refuse_shared_samples
+from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -87,6 +88,7 @@ def diagnose(
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
+    recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = None
     if not heldout and not any(recording.is_periodic for recording in recordings):

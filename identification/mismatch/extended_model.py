@@ -61,7 +61,7 @@ def extended_model(
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
         note = f"Base parameters only: {error}"
-        return {**extended, "provenance": {**extended["provenance"], "notes": [note]}}
+        return {**extended, **robot.to_json(), "provenance": {**extended["provenance"], "notes": [note]}}
     return {
         **model,
         "base_parameters": extended["base_parameters"],

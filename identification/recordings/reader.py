@@ -198,6 +198,8 @@ def _arm(
         given: RobotModel | None = robot
     else:
         given = None if robot is None else load_robot(robot, installation or stood)
+    if given is not None and model_robot is not None:
+        _refuse_other_arm(path, given, model_robot)
     if found.robot is None:
         return given or model_robot, []
     assumed = installation or (stood if stood != ON_THE_FLOOR or model_robot is None else model_robot.installation)
@@ -218,16 +220,20 @@ def _arm(
             return given, [f"it says that it is of {named.name}; it was taken as {given.name} ({difference}), as asked"]
         return given, []
     if model_robot is not None:
-        difference = difference_of_arms(model_robot, named)
-        if difference:
-            raise RecordingError(
-                f"{path.name}: is of {named.name}, but the model is of {model_robot.name}: {difference}. If the "
-                f"recording is wrong about itself, say --robot {model_robot.spec}",
-                file=path,
-                field="robot",
-            )
+        _refuse_other_arm(path, named, model_robot)
         return model_robot, []
     return named, []
+
+
+def _refuse_other_arm(path: Path, named: RobotModel, model_robot: RobotModel) -> None:
+    difference = difference_of_arms(model_robot, named)
+    if difference:
+        raise RecordingError(
+            f"{path.name}: is of {named.name}, but the model is of {model_robot.name}: {difference}. If the recording "
+            f"is wrong about itself, say --robot {model_robot.spec}",
+            file=path,
+            field="robot",
+        )
 
 
 def _noted(recording: Recording, notes: list[str]) -> Recording:
@@ -254,6 +260,8 @@ def file_digest(path: Path) -> str:
 
 
 def _installation_of(recordings: Sequence[Recording]) -> Installation:
+    if not recordings:
+        return ON_THE_FLOOR
     first = recordings[0]
     for other in recordings[1:]:
         if other.installation != first.installation:

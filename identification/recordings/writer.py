@@ -13,6 +13,8 @@ import os
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Metadata
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -21,6 +23,7 @@ from identification.recordings.bag import JOINT_STATE, METADATA_RECORD
 from identification.recordings.recording import Recording
 
 SCHEMA_VERSION = "1"
+KIND = "import"
 STRING = "std_msgs/msg/String"
 
 
@@ -38,6 +41,18 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     finally:
         partial.unlink(missing_ok=True)
     return path
+
+
+def is_import(path: Path) -> bool:
+    """Whether a file is a log that `write_recording` wrote; a robot's own log, a bag and any other file are not."""
+    try:
+        with path.open("rb") as file:
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=path.stat().st_size).records:
+                if isinstance(record, Metadata) and record.name == METADATA_RECORD:
+                    return record.metadata.get("kind") == KIND
+    except Exception:
+        pass
+    return False
 
 
 def _write(recording: Recording, file: object, folder: Path) -> None:
@@ -101,7 +116,7 @@ def _robot(recording: Recording, folder: Path) -> tuple[str | None, str]:
 def _metadata(recording: Recording, robot: str | None) -> dict[str, str]:
     metadata = {
         "schema_version": SCHEMA_VERSION,
-        "kind": "import",
+        "kind": KIND,
         "robot": robot or "",
         "period_s": "" if recording.period_s is None else repr(recording.period_s),
         "samples_per_period": "" if recording.samples_per_period is None else str(recording.samples_per_period),

@@ -7,13 +7,14 @@ parameters, which are what the package identifies. Used by everything in `identi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio
 
 from identification.errors import RobotError
-from identification.robots.installation import Installation
+from identification.robots.installation import ON_THE_FLOOR, Installation
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -119,6 +120,11 @@ class RobotModel:
         """How it stands and what of it is held, as `load_robot` takes it."""
         x, y, z = (float(value) for value in self.gravity)
         return Installation((x, y, z), self.locked_joints)
+
+    def to_json(self) -> dict[str, Any]:
+        """Which robot it is, for model.json: `robot`, and `installation` where it is not free on a floor."""
+        stand = self.installation
+        return {"robot": self.spec, **({} if stand == ON_THE_FLOOR else {"installation": stand.to_json()})}
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -1,0 +1,106 @@
+"""The command `import`: recordings made by others, as logs of this project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.cli.app import app
+from daemon.cli.inputs import (
+    GravityOption,
+    JointsOption,
+    LockOption,
+    MountOption,
+    RobotOption,
+    installation_of,
+    names_of,
+)
+from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+
+
+@app.command("import")
+def import_recording(
+    files: Annotated[
+        list[Path], typer.Argument(help="Recordings of others: .npz, .csv, ROS 2 .mcap, .db3 or bag folders.")
+    ],
+    robot: RobotOption = None,
+    joints: JointsOption = None,
+    lock: LockOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
+    topic: Annotated[str | None, typer.Option("--topic", help="JointState topic, where a bag has several.")] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option("--unit", metavar="QUANTITY=UNIT", help="Of t, q, dq or tau, such as q=deg or t=ms; repeatable."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Log to write (one file only); default: FILE.mcap.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over an earlier import. A robot's own log is never written over.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Bring recordings made by others into this project's log, and report gaps, jitter, repeated and garbled rows.
+
+    Joints are matched with the robot's by name. No recording is ever written over.
+    Example: iiwa-ident import measured.npz --robot arm.urdf --out measured.mcap
+    """
+    from identification.recordings import read_recording, write_recording
+
+    if out is not None and len(files) > 1:
+        raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
+    targets = [out or _default_target(file) for file in files]
+    _check_targets(files, targets, force)
+    installation, units = installation_of(gravity, mount, lock), dict(map(_quantity_and_unit, unit or ()))
+    results = []
+    for file, target in zip(files, targets, strict=True):
+        recording = read_recording(
+            file, robot=robot, installation=installation, joints=names_of(joints), units=units, topic=topic
+        )
+        write_recording(recording, target)
+        results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
+        if not wants_json_on_stdout(json_file):
+            data(
+                f"{file}: {recording.samples} samples of {recording.n} joints, {recording.duration_s:.3f} s, "
+                f"written to {target}"
+            )
+            for finding in recording.report.findings:
+                data(f"  {finding.sentence}")
+    if json_file is not None:
+        write_json(json_file, results)
+
+
+def _default_target(file: Path) -> Path:
+    if file.suffix.lower() == ".mcap":
+        return file.with_suffix(".imported.mcap")
+    return file.with_name(f"{file.name}.mcap") if file.is_dir() else file.with_suffix(".mcap")
+
+
+def _check_targets(files: list[Path], targets: list[Path], force: bool) -> None:
+    """Raises a usage error where two imports would be one file, or where something would be lost."""
+    from identification.recordings.writer import is_import
+
+    source_of: dict[Path, Path] = {}
+    for file, target in zip(files, targets, strict=True):
+        place = target.resolve()
+        if place in source_of:
+            raise typer.BadParameter(
+                f"{source_of[place]} and {file} would both be written to {target}; import one of them with --out."
+            )
+        source_of[place] = file
+        if not target.exists():
+            continue
+        if not is_import(target):
+            raise typer.BadParameter(f"{target} is there and is no import; it is not written over. Give another --out.")
+        if not force:
+            raise typer.BadParameter(f"{target} is there already; --force writes this import in its place.")
+        if any(place == other.resolve() for other in files):
+            raise typer.BadParameter(f"{target} would be written over itself; give another --out.")
+
+
+def _quantity_and_unit(text: str) -> tuple[str, str]:
+    quantity, separator, unit = text.partition("=")
+    if not separator:
+        raise typer.BadParameter(f"'{text}' states no unit; QUANTITY=UNIT does, such as q=deg.")
+    return quantity.strip(), unit.strip()

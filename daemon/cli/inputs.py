@@ -1,0 +1,72 @@
+"""What every command that reads recordings shares: its options, and the one place where they are read.
+
+A robot, how it stands and which joints are meant are asked for in the same words everywhere. Nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from daemon.cli.output import message
+
+if TYPE_CHECKING:
+    from identification.recordings.reader import Inputs
+    from identification.robots import Installation, RobotModel
+
+LogsArgument = Annotated[
+    list[Path], typer.Argument(help="Recordings: .mcap, .npz, .csv, .db3, run folders or ROS 2 bag folders.")
+]
+RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
+JointsOption = Annotated[
+    str | None,
+    typer.Option("--joints", metavar="A,B,…", help="Recorded joints that are the robot's, in its order, by name."),
+]
+LockOption = Annotated[
+    list[str] | None,
+    typer.Option("--lock", metavar="JOINT=POSITION", help="Joint of the URDF that stood still, rad (m); repeatable."),
+]
+MountOption = Annotated[
+    str | None,
+    typer.Option("--mount", metavar="floor|wall|ceiling", help="How the base is mounted; wall: its +x points down."),
+]
+GravityOption = Annotated[
+    str | None, typer.Option("--gravity", metavar="X,Y,Z", help="Gravity in the frame of the base, m/s².")
+]
+
+
+def load_inputs(
+    logs: Sequence[Path],
+    robot: str | None,
+    *,
+    joints: str | None = None,
+    installation: Installation | None = None,
+    model_robot: RobotModel | None = None,
+) -> Inputs:
+    """Recordings and their robot; what was found wrong in each is said on stderr. As `read_inputs`."""
+    from identification.recordings.reader import read_inputs
+
+    inputs = read_inputs(logs, robot=robot, installation=installation, joints=names_of(joints), model_robot=model_robot)
+    for log, recording in zip(logs, inputs.recordings, strict=True):
+        for finding in recording.report.findings:
+            message(f"{log}: {finding.sentence}")
+    return inputs
+
+
+def names_of(joints: str | None) -> list[str] | None:
+    """The names in a list with commas."""
+    return None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
+
+
+def installation_of(gravity: str | None, mount: str | None, lock: list[str] | None) -> Installation | None:
+    """What the options say of the robot's stand, None where they say nothing."""
+    from identification.errors import RobotError
+    from identification.robots import Installation
+
+    try:
+        return Installation.parse(gravity=gravity, mount=mount, lock=lock or ())
+    except RobotError as error:
+        raise typer.BadParameter(str(error)) from error

@@ -1,0 +1,62 @@
+"""No command writes over a recording: measurements cannot be made again.
+
+Here: what a recording looks like from outside, by its first bytes. Options that name a file to write ask here before
+the command begins. Standard library only, because every command's options come through here.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import zipfile
+from contextlib import closing
+from pathlib import Path
+
+import typer
+
+__all__ = ["is_recording", "not_a_recording"]
+
+_MCAP = b"\x89MCAP0\r\n"
+_SQLITE = b"SQLite format 3\x00"
+_HEADER_BYTES = 65536
+
+
+def is_recording(file: Path) -> bool:
+    """Whether a file is an MCAP log, a ROS 2 database, or a table (.npz, .csv) with time, position and torque."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(_HEADER_BYTES)
+    except OSError:
+        return False
+    if head.startswith(_MCAP):
+        return True
+    if head.startswith(_SQLITE):
+        return _is_bag(file)
+    if head.startswith(b"PK"):
+        try:
+            with zipfile.ZipFile(file) as archive:
+                return {"t.npy", "q.npy", "tau.npy"} <= set(archive.namelist())
+        except (zipfile.BadZipFile, OSError):
+            return False
+    if file.suffix.lower() != ".csv":
+        return False
+    lines = head.decode("utf-8", errors="replace").lstrip("\ufeff").splitlines()
+    header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    names = {name.strip().strip('"') for name in header.split(",")}
+    return bool(names & {"t", "time"}) and any(re.fullmatch(r"tau_?1", name) for name in names)
+
+
+def _is_bag(file: Path) -> bool:
+    try:
+        with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            names = {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    except sqlite3.Error:
+        return False
+    return {"messages", "topics"} <= names
+
+
+def not_a_recording(file: Path | None) -> Path | None:
+    """The file as it is, for an option that names one to write. Raises a usage error where it is a recording."""
+    if file is not None and str(file) != "-" and is_recording(file):
+        raise typer.BadParameter(f"{file} is a recording, and no command writes over one; give another name.")
+    return file
