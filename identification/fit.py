@@ -243,18 +243,18 @@ def _refuse_wrong_sign(sign: TorqueSign, processed: list[Processed]) -> None:
     if not sign.inverted:
         return
     path = processed[0].recording.source.path
-    joints = ", ".join(str(joint) for joint in sign.inverted_joints)
+    joints = ", ".join(str(joint) for joint in sign.inverted_joints) or "several joints together"
     gravity = (
         ""
         if np.isnan(sign.gravity_correlation)
         else f"; at low speed gravity correlates {sign.gravity_correlation:+.2f}"
     )
     raise RecordingError(
-        f"{Path(path).name}: the torque has the opposite sign of the inverse dynamics: as it stands, inertia and "
+        f"{Path(path).name}: the torque has the opposite sign of the inverse dynamics: as it stands, inertia or "
         f"friction of joint {joints} would be negative{gravity}. Import it with the sign turned (flip_torque)",
         file=path,
         field="tau",
-        joint=sign.inverted_joints[0],
+        joint=next(iter(sign.inverted_joints), None),
     )
 
 

@@ -19,6 +19,8 @@ from identification.robots import RobotModel
 FloatArray = npt.NDArray[np.float64]
 
 SIGNIFICANT = 3.0
+DECISIVE = 16.0
+"""Squares in σ by which one sign must break physics less than the other: odds of 3000 to 1."""
 SLOW_SHARE = 0.1
 MOST_STATES = 200
 
@@ -29,24 +31,26 @@ class TorqueSign:
 
     gravity_correlation: correlation of the torque at low speed with gravity on equal masses at the joints; nan if it
     says nothing (no gravity torque, no slow samples). inertia_significance, friction_significance: (n,) each joint's
-    own inertia, and the power friction takes out, divided by their standard deviation.
+    own inertia, and the power friction takes out, divided by their standard deviation. broken_as_recorded,
+    broken_if_turned: squares in σ by which the quantities that must be positive are negative together.
     """
 
     gravity_correlation: float
     inertia_significance: FloatArray
     friction_significance: FloatArray
+    broken_as_recorded: float
+    broken_if_turned: float
 
     @property
     def inverted_joints(self) -> tuple[int, ...]:
-        """Joints (from 1) whose own inertia and friction are both negative, the inertia significantly."""
-        wrong = (self.inertia_significance < -SIGNIFICANT) & (self.friction_significance < 0.0)
-        return tuple(int(joint) + 1 for joint in np.flatnonzero(wrong))
+        """Joints (from 1) whose own inertia or friction is significantly negative."""
+        least = np.minimum(self.inertia_significance, self.friction_significance)
+        return tuple(int(joint) + 1 for joint in np.flatnonzero(least < -SIGNIFICANT))
 
     @property
     def inverted(self) -> bool:
-        """Whether the torque as a whole has the wrong sign: every joint that says anything says so."""
-        telling = np.abs(self.inertia_significance) > SIGNIFICANT
-        return bool(telling.any() and np.all(self.inertia_significance[telling] < 0.0) and self.inverted_joints)
+        """Whether the torque as a whole has the wrong sign: turned, it breaks physics far less than as it stands."""
+        return self.broken_as_recorded - self.broken_if_turned > DECISIVE
 
     def to_json(self) -> dict[str, Any]:
         """The check as plain JSON types."""
@@ -67,26 +71,52 @@ def judge_torque_sign(
     torque: FloatArray,
 ) -> TorqueSign:
     """Judge the sign from a fit. values: (p,), covariance: (p, p). position, velocity, torque: (S, n) of the motion."""
+    directions = positive_quantities(regressor, position, velocity)
+    values, covariance = directions @ values, directions @ covariance @ directions.T
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    significance = np.divide(values, deviation, out=np.zeros_like(values), where=deviation > 0.0)
+    inertia, friction = significance.reshape(2, -1)
+    return TorqueSign(
+        gravity_correlation(regressor.robot, position, velocity, torque),
+        inertia,
+        friction,
+        broken_squares(values, covariance),
+        broken_squares(-values, covariance),
+    )
+
+
+def positive_quantities(regressor: BaseRegressor, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """(2 n, p) what is positive on every real arm, as linear functions of the base parameters.
+
+    First each joint's own inertia, then the power its friction takes out, both averaged over a motion (S, n).
+    """
     chosen = np.linspace(0, len(position) - 1, min(MOST_STATES, len(position))).astype(int)
     q, dq = position[chosen], velocity[chosen]
     zero = np.zeros_like(q)
     at_rest = regressor.matrix(q, zero, zero)
-    inertia, friction = [], []
-    for joint in range(q.shape[1]):
+    joints = q.shape[1]
+    directions = np.zeros((2 * joints, regressor.size))
+    for joint in range(joints):
         unit = zero.copy()
         unit[:, joint] = 1.0
-        own = (regressor.matrix(q, zero, unit)[:, joint] - at_rest[:, joint]).mean(axis=0)
-        inertia.append(_significance(own, values, covariance))
-        power = np.zeros(regressor.size)
+        directions[joint] = (regressor.matrix(q, zero, unit)[:, joint] - at_rest[:, joint]).mean(axis=0)
         sizes = {"FV": float(np.square(dq[:, joint]).mean()), "FS": float(np.abs(dq[:, joint]).mean())}
         for symbol, size in sizes.items():
             name = f"{symbol}_{joint + 1}"
             if name in regressor.names:
-                power[regressor.position_of(name)] = size
-        friction.append(_significance(power, values, covariance))
-    return TorqueSign(
-        gravity_correlation(regressor.robot, position, velocity, torque), np.array(inertia), np.array(friction)
-    )
+                directions[joints + joint, regressor.position_of(name)] = size
+    return directions
+
+
+def broken_squares(values: FloatArray, covariance: FloatArray) -> float:
+    """Squared distance in σ from quantities (m,) to the nearest that are positive: of those below zero, together."""
+    below = np.flatnonzero((values < 0.0) & (np.diag(covariance) > 0.0))
+    if not below.size:
+        return 0.0
+    deviation = np.sqrt(np.diag(covariance)[below])
+    scaled = values[below] / deviation
+    correlation = covariance[np.ix_(below, below)] / np.outer(deviation, deviation)
+    return float(scaled @ np.linalg.pinv(correlation, rcond=1e-8, hermitian=True) @ scaled)
 
 
 def gravity_correlation(robot: RobotModel, position: FloatArray, velocity: FloatArray, torque: FloatArray) -> float:
@@ -107,8 +137,3 @@ def gravity_correlation(robot: RobotModel, position: FloatArray, velocity: Float
     if size == 0.0 or np.linalg.norm(gravity) < 1e-6 * np.sqrt(gravity.size):
         return float("nan")
     return float(np.sum(gravity * measured)) / size
-
-
-def _significance(direction: FloatArray, values: FloatArray, covariance: FloatArray) -> float:
-    deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
-    return float(direction @ values) / deviation if deviation > 0.0 else 0.0

@@ -34,6 +34,7 @@ from identification.mismatch.verdict import (
     joints_of,
     significance,
 )
+from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -75,8 +76,10 @@ def build_findings(
     exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
     trial, remarks = admitted(exam, result.trial if physics else result.before)
     before, now = exam.check(()), exam.check(trial.members)
+    others = () if unseen is None else unseen.evidences
+    names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     findings = [
-        *_between(fitted_role.changes if physics else (), len(library.evidences)),
+        *_between(fitted_role.changes if physics else (), names),
         *_repeatable(exam, trial, now, before),
     ]
     return Claims(
@@ -177,7 +180,8 @@ def _place(
     return curve, where
 
 
-def _between(changes: Sequence[Change], evidences: int) -> list[Finding]:
+def _between(changes: Sequence[Change], names: Sequence[str]) -> list[Finding]:
+    """names: of each evidence's recording."""
     found = []
     for change in changes:
         rms = np.sqrt((change.contribution**2).mean(axis=0).sum(axis=0))
@@ -199,9 +203,12 @@ def _between(changes: Sequence[Change], evidences: int) -> list[Finding]:
                 sentence=_sentence(change.effect.sentence(change.estimate), change.alternatives, checked=True),
                 alternatives=change.alternatives,
                 separating_experiment=separating_experiment(names) if change.alternatives else None,
-                where={"joint": place.joint, "joints": joints, "periods": periods, "recording": change.evidence}
-                if evidences > 1
-                else {"joint": place.joint, "joints": joints, "periods": periods},
+                where={
+                    "joint": place.joint,
+                    "joints": joints,
+                    "periods": periods,
+                    "recording": names[change.evidence],
+                },
                 curve=_curve_over_periods(change),
             )
         )

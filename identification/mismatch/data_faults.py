@@ -1,17 +1,15 @@
 """Faults of the data that no physics explains: looked for before any effect is. Called by the diagnosis.
 
 What the import found in single rows is passed on, not searched again. A clipped torque shows as a plateau at its own
-extreme. Signs and time base are questions to the rigid body itself: the joints share inertial parameters, so one
-joint's sign cannot be turned unnoticed, and gravity does not know the clock while inertia torque goes with its square.
-Both are claimed only where they also show beside free physics of every joint: a fault must explain what that cannot.
+extreme. Signs (`torque_signs`) and time base are questions to the rigid body itself: gravity does not know the clock
+while inertia torque goes with its square. A clock is claimed only where it also shows beside free physics of every
+joint: a fault must explain what that cannot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from itertools import product
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,17 +18,17 @@ from scipy.signal import savgol_filter
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.fitting.torque_sign import judge_torque_sign
+from identification.fitting.torque_sign import positive_quantities
 from identification.mismatch.findings import DataFault
 from identification.mismatch.rival_physics import beside, rival_physics
+from identification.mismatch.torque_signs import SignRows, likeliest_signs
+from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
-from identification.robots import RobotModel
 from identification.signals.aperiodic import process_aperiodic
 from identification.signals.periodic import process_periodic
 from identification.signals.processed import ProcessedSignals
 
 FloatArray = npt.NDArray[np.float64]
-Rivals = Callable[[], tuple[FloatArray, ...]]
 
 ROW_FAULTS = {
     "gap": "lost_samples",
@@ -42,8 +40,8 @@ ROW_FAULTS = {
 PLATEAU_SAMPLES = 10
 PLATEAU_RUN = 3
 PLATEAU_OVER_NEIGHBOUR = 5.0
-SIGN_SQUARES = 2.0
-"""By how many times one joint's squared residual the sum over the joints must fall when signs are turned."""
+ROWS_PER_NUMBER = 10.0
+"""Residuals of neighbouring rows are alike: their number overstates what is known, by ten at least."""
 TIME_BASE_COST_RATIO = 1.3
 SMALLEST_TIME_ERROR = 0.03
 TIME_ERROR_SIGMAS = 5.0
@@ -53,35 +51,56 @@ SMOOTHED_S = 0.1
 _CUTOFF = 1e-9
 
 
-def find_data_faults(recording: Recording, robot: RobotModel, regressor: BaseRegressor) -> tuple[DataFault, ...]:
-    """Every fault found in one recording, none for a sound one.
+@dataclass(frozen=True, slots=True, eq=False)
+class Thinned:
+    """A stretch with few samples, and per joint the free functions that a fault must beat (`rival_physics`)."""
+
+    signals: ProcessedSignals
+    rivals: tuple[FloatArray, ...]
+
+
+def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) -> tuple[tuple[DataFault, ...], ...]:
+    """Of each of some recordings of one robot every fault found, none of a sound one.
 
     regressor: of the nominal model, with rotor inertia and offset where the torque needs them. A recording that is too
-    short for the fit is judged by its rows only.
+    short for the fit is judged by its rows only; signs are judged with common base parameters.
     """
-    del robot
-    faults = [
-        _row_fault(recording, finding)
-        for finding in recording.report.findings
-        if finding.kind in ROW_FAULTS and not (finding.kind == "gap" and _gaps_are_dropped_rows(recording))
-    ]
-    faults += _saturation(recording)
-    try:
-        stretches = [process_periodic(recording)] if recording.is_periodic else process_aperiodic(recording)
-    except RecordingError:
-        return tuple(faults)
-    stretch, rivals = _thinned(max(stretches, key=lambda signals: signals.time.size))
-    signs = _signs(stretch, regressor)
-    if np.any(signs < 0.0):
-        signs = np.where(_signs(stretch, regressor, rivals()) < 0.0, signs, 1.0)
-    faults += _inverted(recording, signs)
-    time_base = _time_base(recording, stretch, regressor, signs, rivals)
-    return tuple(faults if time_base is None else [*faults, time_base])
+    thinned = [_thinned(recording) for recording in recordings]
+    known = [place for place, stretch in enumerate(thinned) if stretch is not None]
+    rows = [_sign_rows(stretch, regressor) for stretch in thinned if stretch is not None]
+    signs = np.ones((len(recordings), regressor.robot.n))
+    if rows:
+        signs[known] = likeliest_signs(rows)
+    found = []
+    for recording, stretch, own, name in zip(recordings, thinned, signs, recording_names(recordings), strict=True):
+        faults = [
+            _row_fault(recording, finding, name)
+            for finding in recording.report.findings
+            if finding.kind in ROW_FAULTS and not (finding.kind == "gap" and _gaps_are_dropped_rows(recording))
+        ]
+        faults += [*_saturation(recording, name), *_inverted(own, name)]
+        time_base = None if stretch is None else _time_base(recording, stretch, regressor, own, name)
+        faults += [] if time_base is None else [time_base]
+        found.append(tuple(replace(fault, recording=name) for fault in faults))
+    return tuple(found)
 
 
-def _row_fault(recording: Recording, finding: Finding) -> DataFault:
+def upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:
+    """The recording with the torque of those joints turned whose sign one of its faults says is inverted."""
+    inverted = {joint - 1 for fault in faults if fault.fault == "inverted_torque_sign" for joint in fault.joints}
+    if not inverted:
+        return recording
+    sign = np.array([-1.0 if joint in inverted else 1.0 for joint in range(recording.n)])
+    return replace(recording, torque=recording.torque * sign)
+
+
+def stops_physics(faults: Sequence[DataFault]) -> bool:
+    """Whether a fault makes every name worthless: with a wrong clock all inertial torque is wrong."""
+    return any(fault.fault == "wrong_time_base" for fault in faults)
+
+
+def _row_fault(recording: Recording, finding: Finding, name: str) -> DataFault:
     fault = ROW_FAULTS[finding.kind]
-    name = Path(recording.source.path).name
     after = " What was recorded beside the gaps is used as it is." if fault == "lost_samples" else ""
     joints = tuple(range(1, recording.n + 1)) if finding.joint is None else (finding.joint,)
     rows = (finding.first_row, finding.last_row, finding.count)
@@ -94,7 +113,7 @@ def _gaps_are_dropped_rows(recording: Recording) -> bool:
     return bool(missing[missing > 0.0].sum() <= recording.report.rows_read - recording.report.rows_kept)
 
 
-def _saturation(recording: Recording) -> list[DataFault]:
+def _saturation(recording: Recording, name: str) -> list[DataFault]:
     """Joints whose torque stays at its largest or smallest value while the robot moves."""
     faults = []
     moving = np.concatenate([[True], (np.diff(recording.position, axis=0) != 0.0).any(axis=1)])
@@ -120,20 +139,24 @@ def _saturation(recording: Recording) -> list[DataFault]:
                 DataFault(
                     "saturated_sensor",
                     (joint + 1,),
-                    f"Joint {joint + 1}: the torque is cut off at {limits} {recording.torque_unit} in {len(rows)} "
-                    f"samples between rows {min(rows) + 1} and {max(rows) + 1}; leave them out or record with less "
-                    "load.",
+                    f"{name}: the torque of joint {joint + 1} is cut off at {limits} {recording.torque_unit} in "
+                    f"{len(rows)} samples between rows {min(rows) + 1} and {max(rows) + 1}; leave them out or record "
+                    "with less load.",
                     rows=(min(rows) + 1, max(rows) + 1, len(rows)),
                 )
             )
     return faults
 
 
-def _thinned(stretch: ProcessedSignals) -> tuple[ProcessedSignals, Rivals]:
-    """At most MOST_STATES samples of a stretch, spread evenly over those that count, torque smoothed over 0.1 s.
-
-    With them, on demand, the free functions of each joint that a fault must beat.
+def _thinned(recording: Recording) -> Thinned | None:
+    """At most MOST_STATES samples of the longest stretch, spread evenly over those that count, torque smoothed over
+    0.1 s; None where the recording has no stretch.
     """
+    try:
+        stretches = [process_periodic(recording)] if recording.is_periodic else process_aperiodic(recording)
+    except RecordingError:
+        return None
+    stretch = max(stretches, key=lambda signals: signals.time.size)
     step = float(stretch.time[1] - stretch.time[0])
     width = min(max(5, 2 * round(0.5 * SMOOTHED_S / step) + 1), (stretch.time.size - 1) // 2 * 2 - 1)
     counts = np.ones(stretch.time.size, dtype=np.bool_)
@@ -143,20 +166,37 @@ def _thinned(stretch: ProcessedSignals) -> tuple[ProcessedSignals, Rivals]:
         counts = inside & stretch.used[place].all(axis=1)
     index = np.flatnonzero(counts if counts.sum() > 100 else np.ones_like(counts))
     index = index[np.linspace(0, index.size - 1, min(MOST_STATES, index.size)).astype(int)]
-    thinned = replace(
+    torque, rate = (savgol_filter(stretch.torque, width, 3, deriv=order, delta=step, axis=0)[index] for order in (0, 1))
+    position, velocity = stretch.position[index], stretch.velocity[index]
+    signals = replace(
         stretch,
         time=stretch.time[index],
-        position=stretch.position[index],
-        velocity=stretch.velocity[index],
+        position=position,
+        velocity=velocity,
         acceleration=stretch.acceleration[index],
-        torque=savgol_filter(stretch.torque, width, 3, axis=0)[index],
+        torque=torque,
     )
+    return Thinned(signals, rival_physics(position, velocity, torque, rate))
 
-    def rivals() -> tuple[FloatArray, ...]:
-        rate = savgol_filter(stretch.torque, width, 3, deriv=1, delta=step, axis=0)[index]
-        return rival_physics(thinned.position, thinned.velocity, thinned.torque, rate)
 
-    return thinned, rivals
+def _sign_rows(stretch: Thinned, regressor: BaseRegressor) -> SignRows:
+    signals = stretch.signals
+    columns = _columns(signals, regressor, 1.0, 1.0)
+    gram, seen, squares = [], [], []
+    for rivals in ((), stretch.rivals):
+        by_joint, torque = _by_joint(columns, rivals), _torque_beside(signals.torque, rivals)
+        gram.append(_transposed(by_joint) @ by_joint)
+        seen.append((_transposed(by_joint) @ torque.T[..., None])[..., 0])
+        squares.append((torque**2).sum(axis=0))
+    free = np.array([basis.shape[1] for basis in stretch.rivals], dtype=np.float64)
+    return SignRows(
+        gram=np.stack(gram) / ROWS_PER_NUMBER,
+        seen=np.stack(seen) / ROWS_PER_NUMBER,
+        squares=np.stack(squares) / ROWS_PER_NUMBER,
+        columns=np.stack([0.0 * free, free]),
+        numbers=signals.time.size / ROWS_PER_NUMBER,
+        positive=positive_quantities(regressor, signals.position, signals.velocity),
+    )
 
 
 def _columns(stretch: ProcessedSignals, regressor: BaseRegressor, velocity: float, acceleration: float) -> FloatArray:
@@ -183,82 +223,40 @@ def _transposed(columns: FloatArray) -> FloatArray:
     return columns.transpose(0, 2, 1)
 
 
-def _solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shortest least squares from normal equations, and the pseudo-inverse."""
+def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
+    """Shortest least squares from normal equations."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     kept = values > _CUTOFF * values[-1]
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
-    return np.asarray(inverse @ right), np.asarray(inverse)
+    return np.asarray((vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (right / scale)) / scale)
 
 
-def _signs(stretch: ProcessedSignals, regressor: BaseRegressor, rivals: Sequence[FloatArray] = ()) -> FloatArray:
-    """(n,) the signs, ±1, with which the measured torques fit one rigid body whose inertia and friction are positive.
-
-    The squares of the residual are a quadratic form in the signs, so every pattern can be tried. Signs that cost
-    little are left as they are.
-    """
-    by_joint = _by_joint(_columns(stretch, regressor, 1.0, 1.0), rivals)
-    columns, torque = by_joint.transpose(1, 0, 2), _torque_beside(stretch.torque, rivals)
-    n = stretch.n
-    weight = 1.0 / np.maximum(torque.std(axis=0), 1e-12)
-    patterns = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=n - 1)])
-    order = np.argsort((patterns < 0.0).sum(axis=1), kind="stable")
-    patterns = patterns[order]
-    best = patterns[0]
-    grams = _transposed(by_joint) @ by_joint
-    seen = (_transposed(by_joint) @ torque.T[..., None])[..., 0]
-    for _ in range(3):
-        parts = weight[:, None] ** 2 * seen
-        gram = np.tensordot(weight**2, grams, 1)
-        _, inverse = _solve(gram, parts.sum(axis=0))
-        form = np.diag((weight**2) * (torque**2).sum(axis=0)) - parts @ inverse @ parts.T
-        cost = np.einsum("si,ij,sj->s", patterns, form, patterns)
-        floor = 1e-12 * float(np.trace(form)) + 1e-300
-        cheaper = int(np.argmin(cost))
-        margin = SIGN_SQUARES * max(float(cost[cheaper]), floor) / n
-        best = patterns[cheaper] if cost[0] > cost[cheaper] + margin else patterns[0]
-        values = inverse @ (best @ parts)
-        residual = best * torque - columns @ values
-        weight = 1.0 / np.maximum(residual.std(axis=0), 1e-6 * torque.std(axis=0) + 1e-12)
-    for joint in np.flatnonzero(best < 0.0):  # one that costs next to nothing says nothing
-        other = best.copy()
-        other[joint] = 1.0
-        if other @ form @ other < best @ form @ best + margin:
-            best = other
-    states = (stretch.position, stretch.velocity, stretch.torque * best)
-    # Residuals of neighbouring rows are alike: their number overstates what is known, by ten at least.
-    judged = judge_torque_sign(regressor, values, 10.0 * inverse, *states)
-    telling = np.abs(judged.inertia_significance) > 3.0
-    negative = int((judged.inertia_significance[telling] < 0.0).sum())
-    return np.asarray(-best if negative > 0.5 * max(1, telling.sum()) else best, dtype=np.float64)
-
-
-def _inverted(recording: Recording, signs: FloatArray) -> list[DataFault]:
+def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
     joints = tuple(int(joint) + 1 for joint in np.flatnonzero(signs < 0.0))
     if not joints:
         return []
-    every = len(joints) == recording.n
-    which = "every joint" if every else "joint " + ", ".join(str(joint) for joint in joints)
+    which = "joint " + ", ".join(str(joint) for joint in joints)
+    if len(joints) == signs.size:
+        which = "every joint (the vendor's sign, as FRI has it)" if signs.size > 1 else "joint 1"
     return [
         DataFault(
             "inverted_torque_sign",
             joints,
-            f"The torque of {which} has the wrong sign: turned, the recording fits one rigid body with positive "
-            "inertia.",
+            f"{name}: the torque of {which} has the wrong sign: turned, the recording fits one rigid body with "
+            "positive inertia and friction.",
         )
     ]
 
 
 def _time_base(
-    recording: Recording, stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray, rivals: Rivals
+    recording: Recording, stretch: Thinned, regressor: BaseRegressor, signs: FloatArray, name: str
 ) -> DataFault | None:
     """True rate over stated rate, from the recorded velocity or from inertia against gravity."""
-    ratio, std, cost_ratio = _ratio_from_torque(stretch, regressor, signs)
+    ratio, std, cost_ratio = _ratio_from_torque(stretch.signals, regressor, signs)
     source = "the inertia torque against gravity"
     claimed = _is_wrong(ratio, std, cost_ratio)
     if claimed:
-        other = _ratio_from_torque(stretch, regressor, signs, rivals())
+        other = _ratio_from_torque(stretch.signals, regressor, signs, stretch.rivals)
         claimed = _is_wrong(*other) and (other[0] > 1.0) == (ratio > 1.0)
     measured = _ratio_from_velocity(recording)
     if measured is not None and abs(np.log(measured[0])) > SMALLEST_TIME_ERROR:
@@ -269,8 +267,8 @@ def _time_base(
         return None
     stated = 1.0 / recording.sampling_period_s
     sentence = (
-        f"The time base is wrong: {source} says that samples were taken at {stated * ratio:.4g} Hz, not at the stated "
-        f"{stated:.4g} Hz (ratio {ratio:.4g} ± {std:.2g})."
+        f"{name}: the time base is wrong: {source} says that samples were taken at {stated * ratio:.4g} Hz, not at the "
+        f"stated {stated:.4g} Hz (ratio {ratio:.4g} ± {std:.2g})."
     )
     return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio)
 
@@ -344,7 +342,7 @@ def _ratio_from_torque(
                 start=np.zeros_like(grams[0, 0]),
             )
             right = rights[0] + r * rights[1] + r**2 * rights[2]
-            values, _ = _solve(gram, right)
+            values = _solve(gram, right)
             return max(squares - float(values @ right), 1e-12 * squares), values
 
         grid = np.linspace(-np.log(WIDEST_RATIO), np.log(WIDEST_RATIO), 69)
@@ -358,9 +356,13 @@ def _ratio_from_torque(
         r = np.exp(x)
         residual = torque - ((blocks[0] + r * blocks[1] + r**2 * blocks[2]) @ values).T
         weight = 1.0 / np.maximum(residual.std(axis=0), 1e-6 * torque.std(axis=0) + 1e-12)
-    # Curvature of the cost of the last weights; ten rows of a coloured residual count as one.
+    # Curvature of the cost of the last weights.
     step = 0.02
     middle = at(x)[0]
     curvature = (at(x + step)[0] + at(x - step)[0] - 2.0 * middle) / step**2
-    std = float(np.sqrt(2.0 * middle / max(1.0, 0.1 * torque.size) / curvature)) if curvature > 0.0 else float("inf")
+    std = (
+        float(np.sqrt(2.0 * middle / max(1.0, torque.size / ROWS_PER_NUMBER) / curvature))
+        if curvature > 0.0
+        else float("inf")
+    )
     return float(np.exp(x)), float(np.exp(x)) * std, at(0.0)[0] / middle

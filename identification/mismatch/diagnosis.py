@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,10 @@ from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import choose_regressor, default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
 from identification.mismatch.claims import Claims, build_findings
-from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.extension import extend
-from identification.mismatch.findings import Baseline, DataFault, Diagnosis
+from identification.mismatch.findings import Baseline, Diagnosis
 from identification.mismatch.friction_transition import explains_better as turns_better
 from identification.mismatch.friction_transition import transition_sentence, transition_velocity
 from identification.mismatch.heldout import Residuals, residuals
@@ -96,19 +97,22 @@ def diagnose(
     regressor = choose_regressor(recordings, robot, settings, split)
     given = None if model is None else baseline_values(model, regressor)
     report("data", 0.05)
-    faults = tuple(fault for recording in recordings for fault in find_data_faults(recording, robot, regressor))
+    faults = find_data_faults([*recordings, *heldout], regressor)
+    turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
+    count = len(recordings)
+    to_fit, physics = turned[:count], not any(map(stops_physics, faults[:count]))
+    to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
     report("evidence", 0.1)
-    upright = [_upright(item, faults) for item in recordings]
 
     def preparing(regressor: BaseRegressor) -> Prepared:
-        return prepare(upright, robot, regressor, settings, split)
+        return prepare(to_fit, robot, regressor, settings, split)
 
     def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
         """What was not fitted, its effects acting on the torque of a trial's base parameters."""
-        if not heldout and split is None:
+        others = to_check if split is None else to_fit
+        if not others:
             return None
         values = extend(problem, trial.members).base[: regressor.size]
-        others = [_upright(item, faults) for item in heldout] if heldout else upright
         return prepare(others, robot, regressor, settings, split, values)
 
     fitted = preparing(regressor)
@@ -121,15 +125,23 @@ def diagnose(
     regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
     report("held-out check", 0.8)
     unseen = unseen_by(regressor, problem, result.trial)
-    claims = build_findings(
-        problem, result.library, result, fitted, unseen, settings, physics=not _stops_physics(faults)
-    )
+    claims = build_findings(problem, result.library, result, fitted, unseen, settings, physics=physics)
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
     plain = residuals(nominal, fitted.evidences, now.library)
     baseline = _baseline(plain, result.before.power.probability, claims)
     diagnosis = summarise(
-        problem, result.library, result, inactive, claims, baseline, fitted, unseen, faults, regressor, settings
+        problem,
+        result.library,
+        result,
+        inactive,
+        claims,
+        baseline,
+        fitted,
+        unseen,
+        tuple(chain(*faults)),
+        regressor,
+        settings,
     )
     if given is not None:
         compared = compare_model(
@@ -212,20 +224,6 @@ def _baseline(nominal: Residuals, probability: FloatArray, claims: Claims) -> Ba
             detected[finding.place.joint - 1] = True
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
     return Baseline(nominal.rms_nm, nominal.noise_floor_nm, nominal.excess_nm, low, high, detected)
-
-
-def _upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:
-    """The recording with the torque of joints turned whose sign a data fault says is inverted."""
-    inverted = {joint - 1 for fault in faults if fault.fault == "inverted_torque_sign" for joint in fault.joints}
-    if not inverted:
-        return recording
-    sign = np.array([-1.0 if joint in inverted else 1.0 for joint in range(recording.n)])
-    return replace(recording, torque=recording.torque * sign)
-
-
-def _stops_physics(faults: Sequence[DataFault]) -> bool:
-    """Whether a fault makes every name worthless: with a wrong clock all inertial torque is wrong."""
-    return any(fault.fault == "wrong_time_base" for fault in faults)
 
 
 def _silent(phase: str, share: float) -> None:

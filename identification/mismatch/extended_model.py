@@ -7,7 +7,6 @@ Called by the command line and the worker.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,10 @@ import numpy as np
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import IdentificationError
 from identification.fit import FitSettings, Progress, fit_recordings
+from identification.mismatch.data_faults import upright
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import without_effects
+from identification.recordings.independence import is_called
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -46,18 +47,16 @@ def extended_model(
         coulomb_velocity=regressor.options.coulomb_velocity,
         check_torque_sign=False,
     )
-    turned = {
-        joint - 1 for fault in diagnosis.data_faults if fault.fault == "inverted_torque_sign" for joint in fault.joints
-    }
-    sign = np.array([-1.0 if joint in turned else 1.0 for joint in range(robot.n)])
     try:
         remaining = []
-        for index, recording in enumerate(recordings):
+        for recording in recordings:
             present = [
-                finding.to_json() for finding in diagnosis.findings if finding.where.get("recording", index) == index
+                finding.to_json()
+                for finding in diagnosis.findings
+                if is_called(recording, finding.where.get("recording", recording.source.path))
             ]
-            upright = replace(recording, torque=recording.torque * sign) if turned else recording
-            remaining.append(without_effects(upright, present, regressor, values))
+            faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
+            remaining.append(without_effects(upright(recording, faults), present, regressor, values))
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
         note = f"Base parameters only: {error}"

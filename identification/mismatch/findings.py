@@ -156,7 +156,8 @@ class DataFault:
 
     fault: wrong_time_base, inverted_torque_sign, saturated_sensor, lost_samples or garbled_rows. joints: from 1.
     ratio: true rate / stated rate, with its standard deviation ratio_std; None for other faults.
-    rows: first row, last row (of the file, from 1) and how many rows are affected; None where all are.
+    rows: first row, last row (of the file, from 1) and how many rows are affected; None where all are. recording: the
+    file, with as many of its folders as tell it from the others.
     """
 
     fault: str
@@ -165,11 +166,13 @@ class DataFault:
     ratio: float | None = None
     ratio_std: float | None = None
     rows: tuple[int, int, int] | None = None
+    recording: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """The fault as plain JSON types."""
         return {
             "fault": self.fault,
+            "recording": self.recording,
             "joints": list(self.joints),
             "ratio": self.ratio,
             "ratio_std": self.ratio_std,

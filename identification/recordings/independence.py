@@ -30,6 +30,12 @@ def recording_names(recordings: Sequence[Recording]) -> list[str]:
     return [str(Path(*item[-depth:])) for item in parts]
 
 
+def is_called(recording: Recording, name: str) -> bool:
+    """Whether a name of `recording_names` is a recording's."""
+    parts = Path(name).parts
+    return Path(recording.source.path).parts[-len(parts) :] == parts
+
+
 def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recording]) -> None:
     """Raises RecordingError where a held-out recording is a fitted one, whole or in part, by digest or by samples.
 

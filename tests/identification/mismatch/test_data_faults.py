@@ -38,8 +38,8 @@ def sound(iiwa14: RobotModel, table3: PhysicalParameters) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def faults(iiwa14: RobotModel, iiwa14_base: BaseRegressor) -> Callable[[Recording], tuple]:
-    return lambda recording: find_data_faults(recording, iiwa14, iiwa14_base)
+def faults(iiwa14_base: BaseRegressor) -> Callable[[Recording], tuple]:
+    return lambda recording: find_data_faults([recording], iiwa14_base)[0]
 
 
 def _stated_slower(recording: Recording, ratio: float, *, velocity: bool) -> Recording:
@@ -181,4 +181,4 @@ def test_real_recordings_raise_no_false_alarm(
     model = load_robot(shared_folder / "recordings" / f"{robot}.urdf")
     regressor = BaseRegressor(model, RegressorOptions(rotor_inertia=rotor, offset=True))
     recording = read_recording(shared_folder / "recordings" / f"{name}.npz")
-    assert {fault.fault for fault in find_data_faults(recording, model, regressor)} == known
+    assert {fault.fault for fault in find_data_faults([recording], regressor)[0]} == known

@@ -1,0 +1,109 @@
+"""Turned torque sensors, one by one or all, in one recording or in all of a set-up. Truth: turned here, on purpose.
+
+The torques are those of concealed cases: a simulator that shares no code with the identification, its noise, and an
+unknown background whose physics could be taken for a sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.cases.draw import draw_case
+from fixtures.cases.files import write_recordings
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import RecordingError
+from identification.estimators.physical import PhysicalParameters
+from identification.fit import FitSettings, fit_recordings
+from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.diagnosis import diagnose
+from identification.recordings import Recording, read_recording
+from identification.robots import RobotModel, load_robot
+from tests.identification.mismatch.conftest import spring_and_stribeck
+from tests.identification.mismatch.plant import record
+
+SEED = 52000
+BACKGROUND, SLOW = 19, 26
+
+
+def pair(index: int, folder: Path) -> tuple[Recording, Recording]:
+    first, second = write_recordings(draw_case(SEED, index), folder)
+    return read_recording(first), read_recording(second)
+
+
+@pytest.fixture(scope="module")
+def background(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Recording]:
+    return pair(BACKGROUND, tmp_path_factory.mktemp("background"))
+
+
+def turned(recording: Recording, *joints: int) -> Recording:
+    sign = np.where(np.isin(np.arange(1, recording.n + 1), joints), -1.0, 1.0)
+    return replace(recording, torque=recording.torque * sign)
+
+
+def found(recordings: tuple[Recording, ...], regressor: BaseRegressor) -> list[tuple[str, tuple[int, ...]]]:
+    faults = (fault for own in find_data_faults(recordings, regressor) for fault in own)
+    return [(fault.recording, fault.joints) for fault in faults if fault.fault == "inverted_torque_sign"]
+
+
+@pytest.mark.parametrize("joints", [(), (2, 6), (5, 7), (1, 3, 4)])
+def test_turned_sensors_of_a_set_up_are_found_beside_unknown_physics(
+    background: tuple[Recording, Recording], iiwa14_base: BaseRegressor, joints: tuple[int, ...]
+) -> None:
+    both = tuple(turned(recording, *joints) for recording in background)
+    assert found(both, iiwa14_base) == ([("A.npz", joints), ("B.npz", joints)] if joints else [])
+    assert found(both[:1], iiwa14_base) == ([("A.npz", joints)] if joints else [])
+
+
+@pytest.mark.parametrize("joints", [(2, 6), tuple(range(1, 8))])
+def test_a_sign_turned_in_one_recording_is_that_recordings_alone(
+    background: tuple[Recording, Recording], iiwa14_base: BaseRegressor, joints: tuple[int, ...]
+) -> None:
+    assert found((background[0], turned(background[1], *joints)), iiwa14_base) == [("B.npz", joints)]
+    assert found((turned(background[0], *joints), background[1]), iiwa14_base) == [("A.npz", joints)]
+
+
+def test_a_slow_motion_that_shows_no_sign_has_that_of_the_others(tmp_path: Path, iiwa14_base: BaseRegressor) -> None:
+    slow, lively = (turned(recording, 3, 7) for recording in pair(SLOW, tmp_path))
+    assert found((slow, lively), iiwa14_base) == [("A.npz", (3, 7)), ("B.npz", (3, 7))]
+
+
+@pytest.fixture(scope="module")
+def med7(shared_folder: Path) -> tuple[Recording, RobotModel]:
+    """A real LBR Med 7 at 100 Hz, with the sign that its source recorded: FRI's."""
+    folder = shared_folder / "recordings"
+    recording = read_recording(folder / "lbrmed7.npz")
+    return replace(recording, torque=-recording.torque), load_robot(folder / "med7dock.urdf")
+
+
+def test_all_torques_turned_round_are_said_of_a_real_arm_at_100_hz(med7: tuple[Recording, RobotModel]) -> None:
+    recording, robot = med7
+    regressor = BaseRegressor(robot, RegressorOptions(offset=True))
+    assert found((recording,), regressor) == [("lbrmed7.npz", tuple(range(1, 8)))]
+    assert found((replace(recording, torque=-recording.torque),), regressor) == []
+
+
+def test_fit_refuses_them_and_takes_them_turned(med7: tuple[Recording, RobotModel]) -> None:
+    recording, robot = med7
+    with pytest.raises(RecordingError, match="opposite sign"):
+        fit_recordings([recording], robot, FitSettings(physical=False))
+    result = fit_recordings([recording], robot, FitSettings(physical=False, flip_torque=True))
+    assert result.torque_sign.gravity_correlation > 0.9
+
+
+def test_the_held_out_recording_is_examined_and_turned_by_itself(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """Its turned joint 6 is a fault of it alone: the spring of joint 6 is still named, and confirmed."""
+    fitted = record(iiwa14, table3, spring_and_stribeck)
+    unseen = turned(record(iiwa14, table3, spring_and_stribeck, periods=4, motion=9, seed=2), 6)
+    unseen = replace(unseen, source=replace(unseen.source, path="runs/unseen.mcap"))
+    diagnosis = diagnose([fitted], iiwa14, heldout=[unseen])
+    (fault,) = diagnosis.data_faults
+    assert (fault.fault, fault.joints, fault.recording) == ("inverted_torque_sign", (6,), "unseen.mcap")
+    assert fault.to_json()["recording"] == "unseen.mcap"
+    assert diagnosis.verdict == "explained"
+    assert all(finding.confirmed for finding in diagnosis.findings)
