@@ -77,7 +77,11 @@ def diagnose_recordings(
     write_bytes_atomically(str(result_file), text.encode())
     model_file = write_model(model, out / model_name)
     report_file = out / "report.html"
-    write_report(report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=robot)
+    fit_page = out.parent / report_file.name
+    links = [(f"../{fit_page.name}", "The fit of this run")] if fit_page.is_file() else []
+    write_report(
+        report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=robot, links=links
+    )
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
 
 

@@ -31,9 +31,7 @@ __all__ = [
 def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
     """Size and SHA-256 of the run's files; those outside the folder by their full path."""
     files = sorted(
-        file
-        for file in folder.iterdir()
-        if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
+        file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
     )
     if recording.is_file() and recording not in files:
         files.append(recording)

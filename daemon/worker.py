@@ -114,12 +114,15 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
         result = fit_recordings(recordings, robot, settings, progress=progress)
         status.write("writing", f"Writing {job.model_file}.", 0.96 * whole)
         write_bytes_atomically(job.model_file, _json_bytes(result.to_model_json()))
-        write_report(Path(job.model_file).with_name(REPORT_NAME), fit=result)
+        page = Path(job.model_file).with_name(REPORT_NAME)
+        write_report(page, fit=result)
         sentence = f"The model is in {job.model_file}, {REPORT_NAME} beside it shows it."
         trouble = None
         if job.diagnosis_folder is not None:
             try:
                 sentence += f" The diagnosis ({_diagnose(job, inputs, status)}) is in {job.diagnosis_folder}."
+                there = os.path.relpath(Path(job.diagnosis_folder) / REPORT_NAME, page.parent)
+                write_report(page, fit=result, links=[(there, "The diagnosis: what this model leaves out")])
             except Exception as error:  # whatever it was, the model stands
                 trouble, _ = _said(error)
                 sentence += f" The diagnosis failed: {trouble}"

@@ -106,7 +106,8 @@ def _repeatable(exam: Examination, trial: Trial, now: Check, before: Check) -> l
         whitened = (rows * problem.weight).ravel()
         visible = off(problem.basis, whitened)
         gain = _heldout_gain(exam.check(without(trial.members, index)), now)
-        curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result)
+        phase = member.effect.phase(library.evidences[0].motion, member.place, member.shape)
+        curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result, phase)
         found.append(
             Finding(
                 effect=member.effect.name,
@@ -166,6 +167,7 @@ def _place(
     visible: FloatArray,
     joints: Sequence[int],
     result: SearchResult,
+    phase: FloatArray | None,
 ) -> tuple[Curve, dict[str, Any]]:
     """Curve and `where` of a member on the joint it shows most, on the first evidence."""
     size = evidence.frequency.size
@@ -174,7 +176,7 @@ def _place(
     parts = (before.after.rows, now.after.rows, rows, shown)
     series = rows_to_time(evidence, np.stack([part[joint, :size] for part in parts], axis=1)).T
     noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.samples))
-    curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2])
+    curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2], phase=phase)
     where = where_of(evidence, result.before.power, joint, series[3], curve, share)
     where["joints"] = [item + 1 for item in joints]
     return curve, where

@@ -42,7 +42,8 @@ class Alternative:
 class Curve:
     """Residual of one joint against one coordinate, for a figure. No claim of physics.
 
-    joint: from 1. coordinate: what runs along the axis ("velocity", "position", "torque", "time", "period"), in `unit`.
+    joint: from 1. coordinate: what runs along the axis ("velocity", "position", "torque", "travel", "time",
+    "period", or "phase" of what repeats), in `unit`.
     centre: (B,) middle of each bin. before, after: (B,) Nm, mean residual in each bin without and with the effect.
     std: (B,) Nm, noise of those means. fitted: (B,) Nm, mean of the effect's own torque, None for a mere residual.
     """

@@ -26,6 +26,8 @@ SHARE_OF_WINDOWS = 0.7
 NAMED_PROBABILITY = 1e-4
 
 COORDINATES = {"velocity": "rad/s", "position": "rad", "torque": "Nm", "travel": "rad", "time": "s"}
+PHASE = "phase"
+"""Coordinate of what repeats too often to be seen over any other, in rad."""
 
 
 def bands_hz(power: BandPower, joint: int, highest_hz: float) -> list[list[float]]:
@@ -75,17 +77,21 @@ def best_curve(
     noise_nm: float,
     fitted: FloatArray | None = None,
     names: Sequence[str] = tuple(COORDINATES),
+    phase: FloatArray | None = None,
 ) -> tuple[Curve, float]:
     """The coordinate that orders a series best, binned, and the share of the series' energy the bins hold.
 
     before, after: (S,) Nm residuals of the joint (from 0), nan where no row tells. fitted: (S,) Nm torque of an
     effect; then its own coordinate is looked for, else that of `before`. noise_nm: deviation of one sample.
+    phase: (S,) rad, of an effect that repeats with it; then it is the coordinate, wrapped to one turn.
     """
     known = np.isfinite(before)
     before, after = before[known], after[known]
     fitted = None if fitted is None else fitted[known]
     series = before if fitted is None else fitted
     values = {name: item[known] for name, item in coordinates(evidence, joint).items()}
+    if phase is not None:
+        values, names = {PHASE: np.mod(phase[known] + np.pi, 2.0 * np.pi) - np.pi}, (PHASE,)
     shares = {name: _share_in_bins(values[name], series) for name in names}
     name = max(shares, key=lambda key: shares[key])
     index, centre, count = _bins(values[name])
@@ -95,7 +101,8 @@ def best_curve(
     ]
     assert means[0] is not None
     assert means[1] is not None
-    curve = Curve(joint + 1, name, COORDINATES[name], centre, means[0], means[1], noise_nm / np.sqrt(count), means[2])
+    unit = COORDINATES.get(name, "rad")
+    curve = Curve(joint + 1, name, unit, centre, means[0], means[1], noise_nm / np.sqrt(count), means[2])
     return curve, shares[name]
 
 
@@ -106,7 +113,8 @@ def where_of(
     windows, share_of_time = time_windows(evidence.motion.time, series)
     energy = np.abs(curve.before if curve.fitted is None else curve.fitted)
     region = energy >= 0.5 * energy.max(initial=0.0)
-    inside = curve.centre[region]
+    # Of a wave, no part of the turn is its place.
+    inside = curve.centre[region & (curve.coordinate != PHASE)]
     return {
         "joint": joint + 1,
         "bands_hz": bands_hz(power, joint, float(evidence.frequency.max())),

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.findings import Diagnosis, HeldOut
-from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table
+from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table, Tone
 from identification.report.finding_blocks import claim, curve_panel, effect_name, finding_blocks, place_name
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
@@ -43,7 +42,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return begin + sentences[diagnosis.verdict]
 
 
-def tone_of(diagnosis: Diagnosis) -> Literal["good", "attention", "neutral"]:
+def tone_of(diagnosis: Diagnosis) -> Tone:
     """How the verdict is coloured: what is faulty or unexplained wants attention."""
     if diagnosis.data_faults or diagnosis.verdict in ("unexplained", "partly_explained"):
         return "attention"

@@ -14,6 +14,9 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
+Tone = Literal["good", "attention", "neutral"]
+"""Whether a reader may be content, has to look closer, or is not told."""
+
 Style = Literal["measured", "before", "after", "noise", "fitted"]
 """What a line stands for; it fixes colour, width and dashes all over the report (`panels`)."""
 
@@ -77,13 +80,18 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first column names the rows. Cells are texts, numbers already rounded; kind: what most hold."""
+    """A table whose first column names the rows. Cells are texts, numbers already rounded; kind: what most hold.
+
+    links: for each row the address that its name leads to, or None; tones: for each row its colour. Empty: none at all.
+    """
 
     block: ClassVar[str] = "table"
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     kind: Literal["numbers", "words"] = "numbers"
+    links: tuple[str | None, ...] = ()
+    tones: tuple[Tone, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,9 +118,13 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Document:
-    """The whole report. verdict: the first sentence on the page; tone: how it is coloured."""
+    """The whole report. verdict: the first sentence on the page; tone: how it is coloured.
+
+    links: other pages that belong to this one, as address relative to it and text.
+    """
 
     title: str
     verdict: str
     sections: tuple[Section, ...]
-    tone: Literal["good", "attention", "neutral"] = "neutral"
+    tone: Tone = "neutral"
+    links: tuple[tuple[str, str], ...] = ()

@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _STRETCHES = 150
 _COMPARABLE = 4.0
+_AXES = {"phase": "phase of the wave", "travel": "travel since the reversal"}
 
 
 def finding_blocks(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]:
@@ -78,10 +79,11 @@ def curve_panel(curve: Curve, title: str, effect: bool = False) -> Panel:
     if curve.fitted is not None and _fitted_shown(curve):
         lines.append(Line("fitted", curve.centre, curve.fitted))
     unit = f" ({curve.unit})" if curve.unit else ""
+    axis = f"{_AXES.get(curve.coordinate, curve.coordinate)}{unit}"
     before, after = _rms(curve.before), _rms(curve.after)
     said = f"RMS of the curve {rounded(before, 2)} Nm before, {rounded(after, 2)} Nm after" if effect else ""
     return Panel(
-        title, f"{curve.coordinate}{unit}", "torque (Nm)", tuple(lines), said or f"RMS {rounded(after, 2)} Nm"
+        title, axis, "torque (Nm)", tuple(lines), said or f"RMS {rounded(after, 2)} Nm"
     )  # fmt: skip
 
 

@@ -97,8 +97,9 @@ def rms_section(model: Json, validation: RmsTable | None) -> Section:
     ]
     blocks: list[Block] = [
         Paragraph(
-            "How far the modelled torque is from the measured one, by joint. “base” is the free fit; “physical” has "
-            "masses and inertias that bodies can have. Where a line is near the noise, there is nothing left to model."
+            "How far the modelled torque is from the measured one, by joint. “base” is the free fit; “physical” keeps "
+            "to the rules (10b) to (10d) for masses, inertias and friction. Where a line is near the noise, there is "
+            "nothing left to model."
         ),
         Table("RMS of measured minus modelled torque, Nm", (*heads, "sum"), tuple(absolute)),
     ]
@@ -119,8 +120,8 @@ def feasibility_section(model: Json, sentence: str | None) -> Section | None:
     blocks: list[Block] = [] if sentence is None else [Paragraph(sentence, "lead")]
     blocks.append(
         Paragraph(
-            "The physical parameters of this report satisfy every constraint: positive masses, inertias of real "
-            "bodies, friction that only brakes (equations 10b to 10d of the paper)."
+            "The physical parameters of this report satisfy every constraint of the paper: positive masses, positive "
+            "definite inertias, friction that only brakes (equations 10b to 10d)."
             if certificate["feasible"]
             else "The physical parameters VIOLATE a constraint (10b to 10d); do not simulate with them.",
             "plain" if certificate["feasible"] else "warning",
@@ -129,12 +130,9 @@ def feasibility_section(model: Json, sentence: str | None) -> Section | None:
     entries = [
         ("Price of being physical", _price(certificate["cost"], reference)),
         ("Proven necessary", f"{_price(certificate['lower_bound'], reference)} (no set that meets them is cheaper)"),
-        (
-            "Full physical consistency",
-            f"{'yes' if certificate.get('fully_consistent') else 'no'}; smallest pseudo-inertia eigenvalue "
-            f"{rounded(certificate.get('smallest_pseudo_inertia_eigenvalue'), 2)}",
-        ),
     ]
+    if certificate["feasible"]:
+        blocks.append(_consistency(certificate))
     starts = certificate.get("starts") or ()
     if starts:
         converged = sum(bool(start.get("converged")) for start in starts)
@@ -169,6 +167,22 @@ def provenance_section(provenances: Sequence[tuple[str, Json]]) -> Section | Non
         blocks.append(Facts(tuple((key.replace("_", " "), _flat(value)) for key, value in rest.items())))
         blocks += [Paragraph(str(note), "note") for note in provenance.get("notes", ())]
     return Section("provenance", "Provenance", tuple(blocks))
+
+
+def _consistency(certificate: Json) -> Paragraph:
+    """Whether bodies can have the inertias: more than the paper's constraints ask for."""
+    value = rounded(certificate.get("smallest_pseudo_inertia_eigenvalue"), 2)
+    if certificate.get("fully_consistent"):
+        return Paragraph(
+            "Every link is also a body that can exist: its inertia is that of a distribution of positive mass "
+            f"(smallest eigenvalue of the pseudo-inertias {value})."
+        )
+    return Paragraph(
+        f"The paper's constraints do not ask that bodies can have these inertias, and one link's inertia is that of no "
+        f"distribution of positive mass (smallest eigenvalue of the pseudo-inertias {value}). `iiwa-ident fit "
+        "--full-consistency` asks for that too; `export --parameters consistent` takes the nearest set.",
+        "warning",
+    )
 
 
 def _estimation(provenance: Json) -> tuple[tuple[str, str], ...]:
@@ -243,7 +257,7 @@ def _links(items: Sequence[Json]) -> list[Block]:
     head = ("link", "mass, kg", "x, m", "y, m", "z, m", "I₁, kg m²", "I₂, kg m²", "I₃, kg m²")
     return [
         Table(
-            "One physical robot with this torque: mass, centre of mass, principal moments of inertia", head, tuple(rows)
+            "One set of links with this torque: mass, centre of mass, principal moments of inertia", head, tuple(rows)
         ),
         Paragraph(
             "No torque tells these numbers one by one: many sets give the same torque. This one is for simulators that "

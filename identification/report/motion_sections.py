@@ -55,12 +55,19 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
         if noisy
         else "How large the noise is, this recording does not tell: no motion is repeated in it."
     )
-    blocks: list[Block] = [Paragraph(f"Measured minus modelled torque, with {what}. {hint}")]
+    blocks: list[Block] = [
+        Paragraph(f"Measured torque beside the modelled one, and the residual, their difference, with {what}. {hint}")
+    ]
     for stretch in stretches:
         if len(stretches) > 1:
             blocks.append(Heading(stretch.name))
         n = stretch.residual.shape[1]
         blocks += [
+            Figure(
+                "Measured and modelled torque",
+                tuple(_torque_panel(stretch, joint) for joint in range(n)),
+                (("measured", "measured"), ("fitted", "modelled")),
+            ),
             Figure(
                 "Residual over time",
                 tuple(_residual_panel(stretch, joint) for joint in range(n)),
@@ -77,7 +84,7 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
                 (("after", "measured − modelled"), *((("noise", "noise"),) if stretch.noise is not None else ())),
             ),
         ]
-    return Section("residuals", "Residuals by joint", tuple(blocks))
+    return Section("residuals", "Torque and residuals by joint", tuple(blocks))
 
 
 def spectrum_panel(
@@ -138,6 +145,19 @@ def _residual_panel(stretch: Stretch, joint: int) -> Panel:
         (Line("after", stretch.residual_time, values),),
         f"residual over time, RMS {rounded(rms)} Nm, noise {rounded(floor)} Nm",
         floor=floor,
+    )
+
+
+def _torque_panel(stretch: Stretch, joint: int) -> Panel:
+    measured, residual = stretch.measured[:, joint], stretch.residual[:, joint]
+    known = np.isfinite(measured)
+    span = (measured[known].min(), measured[known].max()) if known.any() else (np.nan, np.nan)
+    return Panel(
+        f"Joint {joint + 1}",
+        "time (s)",
+        "torque (Nm)",
+        (Line("measured", stretch.residual_time, measured), Line("fitted", stretch.residual_time, measured - residual)),
+        f"measured torque between {rounded(span[0])} and {rounded(span[1])} Nm, and the modelled one over it",
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from identification.report.document import Line, Panel
 
@@ -25,6 +25,9 @@ FloatArray = npt.NDArray[np.float64]
 
 MOST_POINTS = 600
 """Points of one line: a panel is some 400 pixels wide."""
+
+FEWEST_NUMBERS, MOST_NUMBERS = 3, 6
+"""On an axis: two do not tell whether it is linear or logarithmic."""
 
 # Colours that stand for a variable of the page's style sheet; the values here are never seen.
 _INK, _FAINT = "#010101", "#020202"
@@ -127,20 +130,33 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y_label, labelpad=2)
     axes.grid(visible=True, alpha=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    if _is_logarithmic(panel):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(numticks=6))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_locator(NullLocator())
-    else:
-        axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-        axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
     else:
         axes.margins(x=0.03 if any(line.marks == "dots" for line in panel.lines) else 0.0)
+    if _is_logarithmic(panel):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            axis.set_major_locator(_logarithmic_ticks(*limits))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_locator(NullLocator())
+    else:
+        for axis, most in ((axes.xaxis, 6), (axes.yaxis, 5)):
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=FEWEST_NUMBERS))
+
+
+def _logarithmic_ticks(low: float, high: float) -> FixedLocator:
+    """The fewest of 1, 1-3, 1-2-5 or nine numbers a decade that give three, else even steps; of many, every other."""
+    decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    inside = np.zeros(0)
+    candidates = [np.outer(10.0**decades, digits).ravel() for digits in ((1,), (1, 3), (1, 2, 5), range(1, 10))]
+    candidates.append(np.asarray(MaxNLocator(MOST_NUMBERS, min_n_ticks=FEWEST_NUMBERS).tick_values(low, high)))
+    for ticks in candidates:
+        inside = ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
+        if inside.size >= FEWEST_NUMBERS:
+            break
+    return FixedLocator(np.sort(inside)[:: -(-inside.size // MOST_NUMBERS)].tolist())
 
 
 def _draw_line(axes: Axes, line: Line) -> None:

@@ -15,15 +15,14 @@ from identification.recordings.recording import Recording
 from identification.report.comparison_section import comparison_section
 from identification.report.diagnosis_sections import diagnosis_sections, tone_of, verdict_sentence
 from identification.report.document import Document, Section
+from identification.report.fit_verdict import fit_verdict
 from identification.report.model_sections import (
     feasibility_section,
     parameter_section,
     provenance_section,
     rms_section,
-    undetermined,
 )
 from identification.report.motion_sections import excitation_section, residual_section
-from identification.report.numbers import rounded
 from identification.report.page import render
 from identification.report.recording_section import recording_section
 from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
@@ -47,12 +46,14 @@ def build_document(
     validation: RmsTable | None = None,
     robot: RobotModel | None = None,
     title: str | None = None,
+    links: Sequence[tuple[str, str]] = (),
 ) -> Document:
     """The report as value objects, of everything that is given; what is not given is left out.
 
     fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
     findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
-    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default.
+    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default. links:
+    pages that belong to this one, as address relative to it and text.
     """
     if model is None and fit is not None:
         model = fit.to_model_json()
@@ -71,11 +72,14 @@ def build_document(
         sections += [rms_section(model, validation), residual_section(stretches, what), parameter_section(model)]
         sections.append(feasibility_section(model, answer))
     sections.append(provenance_section(_provenances(model, diagnosis)))
+    kind = "Fit" if diagnosis is None else "Diagnosis"
+    verdict, tone = fit_verdict(model) if diagnosis is None else (verdict_sentence(diagnosis), tone_of(diagnosis))
     return Document(
-        title=title or f"Identification of {PurePath(model.get('robot') or 'a robot').stem}",
-        verdict=_fit_sentence(model) if diagnosis is None else verdict_sentence(diagnosis),
+        title=title or f"{kind} of {PurePath(model.get('robot') or 'a robot').stem}",
+        verdict=verdict,
         sections=tuple(section for section in sections if section is not None),
-        tone="neutral" if diagnosis is None else tone_of(diagnosis),
+        tone=tone,
+        links=tuple(links),
     )
 
 
@@ -111,24 +115,3 @@ def _provenances(model: Mapping[str, Any], diagnosis: Diagnosis | None) -> list[
     of_model = model.get("provenance") or {}
     found = [("Fit", of_model)] if of_model and of_model != of_diagnosis else []
     return [*found, ("Diagnosis", of_diagnosis)] if of_diagnosis else found
-
-
-def _fit_sentence(model: Mapping[str, Any]) -> str:
-    """What a reader should know first of a fit without a diagnosis."""
-    items = model.get("base_parameters", ())
-    if not items:
-        return "This report holds no fitted model."
-    table = model.get("rms_nm") or {}
-    known = f"{len(items) - len(undetermined(model))} of {len(items)} base parameters are told apart from zero."
-    left, noise = (_span(table.get(key) or (), " Nm") for key in ("fit", "noise_floor"))
-    if not left:
-        return known[:1].upper() + known[1:]
-    rows = model.get("rms_table") or [{}]
-    share = _span(rows[0].get("percent_of_rms_torque") or (), " %")
-    beside = "; ".join(text for text in (share, f"the noise alone would leave {noise}" if noise else "") if text)
-    return f"By joint, the model leaves {left} RMS of the measured torque{f' ({beside})' if beside else ''}; {known}"
-
-
-def _span(values: Sequence[float | None], unit: str) -> str:
-    known = [value for value in values if value is not None]
-    return f"{rounded(min(known), 2)} to {rounded(max(known), 2)}{unit}" if known else ""

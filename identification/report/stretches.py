@@ -32,8 +32,9 @@ class Stretch:
     """One recording as a figure shows it: the mean period where there are periods, all of it otherwise.
 
     time: (S,) s. position, velocity: (S, n) rad, rad/s. residual_time: (E,) s, residual: (E, n) Nm, measured minus
-    modelled, nan between stretches and where a joint rests. floor_nm: (n,) standard deviation of the noise in the
-    residual, nan where unknown. frequency: (F,) Hz; spectrum, noise: (F, n) Nm RMS per line, noise None where unknown.
+    modelled, nan between stretches and where a joint rests; measured: (E, n) Nm, the torque itself there. floor_nm:
+    (n,) standard deviation of the noise in the residual, nan where unknown. frequency: (F,) Hz; spectrum, noise: (F, n)
+    Nm RMS per line, noise None where unknown.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Stretch:
     velocity: FloatArray
     residual_time: FloatArray
     residual: FloatArray
+    measured: FloatArray
     floor_nm: FloatArray
     frequency: FloatArray
     spectrum: FloatArray
@@ -71,7 +73,7 @@ def stretches_of_diagnosis(diagnosis: Diagnosis, names: tuple[str, ...]) -> tupl
 
 def _of_series(name: str, series: TimeSeries, spectrum: Spectrum, floor: FloatArray) -> Stretch:
     return Stretch(
-        name, series.time, series.position, series.velocity, series.time, series.after, floor,
+        name, series.time, series.position, series.velocity, series.time, series.after, series.measured, floor,
         spectrum.frequency, spectrum.after, spectrum.noise,
     )  # fmt: skip
 
@@ -94,6 +96,7 @@ def _stretch(fit: FitResult, name: str, parts: tuple[ProcessedSignals, ...]) -> 
         velocity=_joined([part.velocity for part in parts]),
         residual_time=_joined([part.evaluation_time for part in parts]),
         residual=_joined(residuals),
+        measured=_joined([np.where(part.evaluated, part.evaluate(part.torque), np.nan) for part in parts]),
         floor_nm=np.sqrt(np.mean([part.noise_floor_nm**2 for part in parts], axis=0)),
         frequency=frequency,
         spectrum=spectrum,

@@ -47,10 +47,24 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
                     faults=(fault("go_idle"),), session={"closing_idle_messages": 400})  # fmt: skip
     yield FaultCase("overlay-ends", "the application ends the overlay", "dropped", "dropped", 1,
                     ("left COMMANDING_ACTIVE",), session={"overlay_duration_s": 1.5})  # fmt: skip
-    yield FaultCase("overlay-again", "the overlay ends and starts again: nothing resumes", "dropped", "dropped", 1,
-                    ("left COMMANDING_ACTIVE",), session={"overlay_duration_s": 1.5, "after_drop": "restart"})
-    yield FaultCase("overlay-monitored", "the overlay ends, the session stays open", "dropped", "dropped", 1,
-                    ("left COMMANDING_ACTIVE",), session={"overlay_duration_s": 1.5, "after_drop": "monitor"})
+    yield FaultCase(
+        "overlay-again",
+        "the overlay ends and starts again: nothing resumes",
+        "dropped",
+        "dropped",
+        1,
+        ("left COMMANDING_ACTIVE",),
+        session={"overlay_duration_s": 1.5, "after_drop": "restart"},
+    )
+    yield FaultCase(
+        "overlay-monitored",
+        "the overlay ends, the session stays open",
+        "dropped",
+        "dropped",
+        1,
+        ("left COMMANDING_ACTIVE",),
+        session={"overlay_duration_s": 1.5, "after_drop": "monitor"},
+    )
     for kind, level, words in (
         ("operation_mode", 1, "operation mode changed from AUTOMATIC_MODE to TEST_MODE_2"),
         ("control_mode", 2, "control mode changed from POSITION to JOINT_IMPEDANCE"),
@@ -61,8 +75,16 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
                         faults=(fault(kind, cycles=3000, level=level),))  # fmt: skip
     yield FaultCase("nan-position", "measured position of joint 3 is NaN, once", "finished", "completed", 0,
                     faults=(fault("nan_position", joint=3),), session=QUICK)  # fmt: skip
-    yield FaultCase("nan-position-on", "measured position of joint 3 is NaN from now on", "held", "dropped", 1,
-                    ("no usable message",), faults=(fault("nan_position", cycles=3000, joint=3),), session=QUICK)
+    yield FaultCase(
+        "nan-position-on",
+        "measured position of joint 3 is NaN from now on",
+        "held",
+        "dropped",
+        1,
+        ("no usable message",),
+        faults=(fault("nan_position", cycles=3000, joint=3),),
+        session=QUICK,
+    )
     yield FaultCase("nan-torque", "measured torque of joint 2 is NaN, once", "finished", "completed", 0,
                     faults=(fault("nan_torque", joint=2),))  # fmt: skip
     yield FaultCase("nan-torque-on", "measured torque of joint 2 is NaN for 200 messages", "finished", "completed", 0,
@@ -74,19 +96,42 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
     yield FaultCase("external-torque-small", "20 Nm push on joint 4, limit 30 Nm", "finished", "completed", 0,
                     faults=(fault("external_torque", cycles=500, joint=4, value=20.0),),
                     request={"external_torque_limit": (30.0,) * 7})  # fmt: skip
-    yield FaultCase("position-jump", "measured position of joint 5 jumps by 0.5 rad", "ramp", "stopped", 1,
-                    ("[Jj]oint 5",), faults=(fault("position_jump", cycles=20, joint=5, value=0.5),))
+    yield FaultCase(
+        "position-jump",
+        "measured position of joint 5 jumps by 0.5 rad",
+        "ramp",
+        "stopped",
+        1,
+        ("[Jj]oint 5",),
+        faults=(fault("position_jump", cycles=20, joint=5, value=0.5),),
+    )
     yield FaultCase("fewer-joints", "positions of three joints only, once", "finished", "completed", 0,
                     faults=(fault("fewer_joints"),), session=QUICK, gap=1)  # fmt: skip
-    yield FaultCase("fewer-joints-on", "positions of three joints only from now on", "held", "dropped", 1,
-                    ("no usable message",), faults=(fault("fewer_joints", cycles=3000),), session=QUICK)
+    yield FaultCase(
+        "fewer-joints-on",
+        "positions of three joints only from now on",
+        "held",
+        "dropped",
+        1,
+        ("no usable message",),
+        faults=(fault("fewer_joints", cycles=3000),),
+        session=QUICK,
+    )
 
 
 def _what_the_wire_does() -> Iterator[FaultCase]:
     """Counters, order and bytes."""
     yield FaultCase("none", "nothing", "finished", "completed", 0)
-    yield FaultCase("lose", "3 messages lost, one by one", "finished", "completed", 0, gap=3,
-                    faults=tuple(fault("lose", IN_MOTION + 5 * k) for k in range(3)), session=QUICK)
+    yield FaultCase(
+        "lose",
+        "3 messages lost, one by one",
+        "finished",
+        "completed",
+        0,
+        gap=3,
+        faults=tuple(fault("lose", IN_MOTION + 5 * k) for k in range(3)),
+        session=QUICK,
+    )
     yield FaultCase("lose-burst", "10 messages lost in a row", "finished", "completed", 0, gap=10,
                     faults=(fault("lose", cycles=10),), session=QUICK, request=LONG_SILENCE)  # fmt: skip
     yield FaultCase("silence", "silent for 10 cycles, the counter stands", "finished", "completed", 0,
@@ -95,15 +140,38 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
                     faults=(fault("silence", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("ignore-answers", "5 answers lost", "finished", "completed", 0,
                     faults=(fault("ignore_answers", cycles=5),), session=QUICK)  # fmt: skip
-    yield FaultCase("ignore-answers-on", "all answers lost from now on", "held", "dropped", 1, (),
-                    faults=(fault("ignore_answers", cycles=3000),), session={"lockstep_timeout_s": 0.05})
+    yield FaultCase(
+        "ignore-answers-on",
+        "all answers lost from now on",
+        "held",
+        "dropped",
+        1,
+        (),
+        faults=(fault("ignore_answers", cycles=3000),),
+        session={"lockstep_timeout_s": 0.05},
+    )
     yield FaultCase("duplicate", "100 messages doubled", "finished", "completed", 0,
                     faults=(fault("duplicate", cycles=100),))  # fmt: skip
-    yield FaultCase("reorder", "3 messages swapped with the next", "finished", "completed", 0,
-                    faults=tuple(fault("reorder", IN_MOTION + 5 * k) for k in range(3)), session=QUICK)
+    yield FaultCase(
+        "reorder",
+        "3 messages swapped with the next",
+        "finished",
+        "completed",
+        0,
+        faults=tuple(fault("reorder", IN_MOTION + 5 * k) for k in range(3)),
+        session=QUICK,
+    )
     for kind, words in (("garbage", "random bytes"), ("truncate", "half a datagram"), ("wrong_version", "FRI 2.7")):
-        yield FaultCase(kind.replace("_", "-"), f"3 times {words} instead of a message", "finished", "completed", 0,
-                        faults=tuple(fault(kind, IN_MOTION + 5 * k) for k in range(3)), session=QUICK, gap=3)
+        yield FaultCase(
+            kind.replace("_", "-"),
+            f"3 times {words} instead of a message",
+            "finished",
+            "completed",
+            0,
+            faults=tuple(fault(kind, IN_MOTION + 5 * k) for k in range(3)),
+            session=QUICK,
+            gap=3,
+        )
     yield FaultCase("wrong-version-on", "FRI 2.7 from now on", "held", "dropped", 1, ("no usable message",),
                     faults=(fault("wrong_version", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("foreign", "500 messages from another port as well", "finished", "completed", 0,
@@ -125,12 +193,29 @@ def _who_stops() -> Iterator[FaultCase]:
     slow: dict[str, Any] = {"start_rad": 0.6}
     operator, signal_15 = ("The operator asked for a stop",), ("told to end",)
     supervisor = ("supervisor",)
-    yield FaultCase("int-waiting", "Ctrl-C while the robot is silent", "none", "stopped", 130, ("Nothing had moved",),
-                    robot=None, steps=(Step("Waiting for the robot", supervisor, SIGINT),), file=True)
+    yield FaultCase(
+        "int-waiting",
+        "Ctrl-C while the robot is silent",
+        "none",
+        "stopped",
+        130,
+        ("Nothing had moved",),
+        robot=None,
+        steps=(Step("Waiting for the robot", supervisor, SIGINT),),
+        file=True,
+    )
     yield FaultCase("int-start-ramp", "Ctrl-C in the start ramp", "ramp", "stopped", 130, operator,
                     steps=(Step(ramp_up, supervisor, SIGINT),), **slow)  # fmt: skip
-    yield FaultCase("int-lead-in", "Ctrl-C in the lead-in", "ramp", "stopped", 130, operator,
-                    steps=(Step(lead_in, supervisor, SIGINT),), request={"lead_in_s": 2.0})
+    yield FaultCase(
+        "int-lead-in",
+        "Ctrl-C in the lead-in",
+        "ramp",
+        "stopped",
+        130,
+        operator,
+        steps=(Step(lead_in, supervisor, SIGINT),),
+        request={"lead_in_s": 2.0},
+    )
     yield FaultCase("int-excitation", "Ctrl-C in the excitation", "ramp", "stopped", 130, operator,
                     steps=(Step(EXCITATION, supervisor, SIGINT),))  # fmt: skip
     yield FaultCase("int-stop-ramp", "Ctrl-C in the stop ramp", "finished", "completed", 0, ("stopped by ramp",),
@@ -145,8 +230,15 @@ def _who_stops() -> Iterator[FaultCase]:
                     steps=(Step(EXCITATION, supervisor, SIGTERM),))  # fmt: skip
     yield FaultCase("term-loop", "SIGTERM to the loop alone", "ramp", "stopped", 1, ("SIGTERM asked for a stop",),
                     steps=(Step(EXCITATION, ("loop",), SIGTERM),))  # fmt: skip
-    yield FaultCase("int-impatient", "Ctrl-C three times", "ramp", "stopped", 130, operator,
-                    steps=(Step(EXCITATION, supervisor, SIGINT), *(Step(r"\[", supervisor, SIGINT),) * 2))
+    yield FaultCase(
+        "int-impatient",
+        "Ctrl-C three times",
+        "ramp",
+        "stopped",
+        130,
+        operator,
+        steps=(Step(EXCITATION, supervisor, SIGINT), *(Step(r"\[", supervisor, SIGINT),) * 2),
+    )
     for where, when, more in (
         ("start ramp", ramp_up, slow), ("excitation", EXCITATION, {}),
     ):  # fmt: skip
@@ -157,24 +249,52 @@ def _who_stops() -> Iterator[FaultCase]:
                     ("recorder",), steps=(Step("Motion: hold.", ("recorder",), SIGKILL),), request={"periods": 1},
                     clock=True, session=PATIENT)  # fmt: skip
     for where, when, more in (("start ramp", ramp_up, slow), ("excitation", EXCITATION, {})):
-        yield FaultCase(f"kill-supervisor-{where.replace(' ', '-')}", f"kill -9 of the supervisor in the {where}",
-                        "ramp", "stopped", -9, steps=(Step(when, supervisor, SIGKILL),), **more)
+        yield FaultCase(
+            f"kill-supervisor-{where.replace(' ', '-')}",
+            f"kill -9 of the supervisor in the {where}",
+            "ramp",
+            "stopped",
+            -9,
+            steps=(Step(when, supervisor, SIGKILL),),
+            **more,
+        )
     for where, when, more in (("start ramp", ramp_up, slow), ("excitation", EXCITATION, {})):
         yield FaultCase(f"kill-loop-{where.replace(' ', '-')}", f"kill -9 of the loop in the {where}", "held", "fault",
                         70, ("killed by signal 9", "brakes by itself"), unsaved=1, session=QUICK,
                         steps=(Step(when, ("loop",), SIGKILL),), **more)  # fmt: skip
-    yield FaultCase("kill-recorder-supervisor", "kill -9 of recorder and supervisor together", "ramp", "stopped", -9,
-                    steps=(Step(EXCITATION, ("recorder", "supervisor"), SIGKILL),))
+    yield FaultCase(
+        "kill-recorder-supervisor",
+        "kill -9 of recorder and supervisor together",
+        "ramp",
+        "stopped",
+        -9,
+        steps=(Step(EXCITATION, ("recorder", "supervisor"), SIGKILL),),
+    )
     yield FaultCase("kill-loop-recorder", "kill -9 of loop and recorder together", "held", "fault", 70,
                     ("killed by signal 9",), steps=(Step(EXCITATION, ("loop", "recorder"), SIGKILL),), unsaved=1,
                     session=QUICK)  # fmt: skip
-    yield FaultCase("kill-all", "kill -9 of all three at once", "held", None, -9, unsaved=500, session=QUICK,
-                    steps=(Step(EXCITATION, ("loop", "recorder", "supervisor"), SIGKILL),))
+    yield FaultCase(
+        "kill-all",
+        "kill -9 of all three at once",
+        "held",
+        None,
+        -9,
+        unsaved=500,
+        session=QUICK,
+        steps=(Step(EXCITATION, ("loop", "recorder", "supervisor"), SIGKILL),),
+    )
     yield FaultCase("kill-worker", "kill -9 of the fit", "finished", "completed", 0,
                     request={"periods": 2, "fit": True},
                     steps=(Step(r"\[worker\]", ("worker",), SIGKILL),))  # fmt: skip
-    yield FaultCase("pause-recorder", "the recorder is paused for 0.5 s", "finished", "completed", 0,
-                    request={"periods": 3}, steps=(Step(EXCITATION, ("recorder",), SIGSTOP, 0.5),))
+    yield FaultCase(
+        "pause-recorder",
+        "the recorder is paused for 0.5 s",
+        "finished",
+        "completed",
+        0,
+        request={"periods": 3},
+        steps=(Step(EXCITATION, ("recorder",), SIGSTOP, 0.5),),
+    )
     yield FaultCase("pause-recorder-long", "the recorder is paused until the ring fills", "ramp", "stopped", 1,
                     ("recorder is .* records behind",), request={"ring_slots": 8192},
                     steps=(Step(EXCITATION, ("recorder",), SIGSTOP),
@@ -207,21 +327,44 @@ def _what_is_around() -> Iterator[FaultCase]:
                     ("No FRI message arrived", "came from elsewhere.*only 127.0.0.9 is listened to"),
                     request={"start_timeout_s": 2.0, "robot_host": "127.0.0.9"})  # fmt: skip
     for robot, told in (("2.7", "1.15"), ("1.15", "2.7"), ("2.5", "2.7")):
-        yield FaultCase(f"version-{robot}-for-{told}", f"the robot speaks FRI {robot}, the run was told {told}", "none",
-                        "version_mismatch", 76, (f"robot speaks FRI {robot}.*choose --fri-version {robot}",),
-                        robot=("--fri-version", robot), request={"start_timeout_s": 2.0, "fri_version": told})
+        yield FaultCase(
+            f"version-{robot}-for-{told}",
+            f"the robot speaks FRI {robot}, the run was told {told}",
+            "none",
+            "version_mismatch",
+            76,
+            (f"robot speaks FRI {robot}.*choose --fri-version {robot}",),
+            robot=("--fri-version", robot),
+            request={"start_timeout_s": 2.0, "fri_version": told},
+        )
     yield FaultCase("never-ready", "the connection never becomes good enough", "none", "not_started", 69,
                     ("MONITORING_WAIT",), session={"quality_rise_s": 1000.0},
                     request={"command_timeout_s": 2.0})  # fmt: skip
-    yield FaultCase("no-overlay", "the application starts no overlay", "none", "not_started", 69,
-                    ("MONITORING_READY",), session={"overlay_application": False}, request={"command_timeout_s": 2.0})
+    yield FaultCase(
+        "no-overlay",
+        "the application starts no overlay",
+        "none",
+        "not_started",
+        69,
+        ("MONITORING_READY",),
+        session={"overlay_application": False},
+        request={"command_timeout_s": 2.0},
+    )
     yield FaultCase("torque-mode", "the application asks for torque commands", "none", "not_started", 69,
                     ("command mode is TORQUE, not POSITION",), session={"client_command_mode": 3},
                     request={"command_timeout_s": 2.0})  # fmt: skip
     yield FaultCase("send-period-odd", "a send period that the motion's grid does not fit", "none", "refused", 65,
                     ("7 ms",), robot=("--send-period-ms", "7"))  # fmt: skip
-    yield FaultCase("rejects", "the robot refuses commands above a tenth of its speed", "dropped", "dropped", 1,
-                    ("left COMMANDING_ACTIVE",), session={"velocity_factor": 0.1}, rejections=("velocity",))
+    yield FaultCase(
+        "rejects",
+        "the robot refuses commands above a tenth of its speed",
+        "dropped",
+        "dropped",
+        1,
+        ("left COMMANDING_ACTIVE",),
+        session={"velocity_factor": 0.1},
+        rejections=("velocity",),
+    )
 
 
 ROBOT_CASES: tuple[FaultCase, ...] = (*_what_the_wire_does(), *_what_the_robot_says())

@@ -130,8 +130,8 @@ def test_page_asks_for_nothing_complains_about_nothing_and_fits_a_phone(report: 
     measured = re.search(r'<pre id="out">(.*?)</pre>', browser.stdout)
     assert measured is not None, "the frame was never loaded"
     found = json.loads(measured.group(1))
-    # Positions, velocities, three views, residuals over time and frequency.
-    assert found["panels"] == 2 + 2 + 3 + 2 + 2
+    # Positions, velocities, three views, torque, residuals over time and frequency.
+    assert found["panels"] == 2 + 2 + 3 + 2 + 2 + 2
     assert found["width"] <= PHONE_WIDTH
     assert found["scroll"] <= found["width"]
     assert found["outside"] == []

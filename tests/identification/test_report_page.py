@@ -15,6 +15,8 @@ from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.recordings import Finding, ImportReport, RecordingSource
 from identification.report import build_document, write_report
+from identification.report.document import Paragraph
+from identification.report.fit_verdict import fit_verdict
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
@@ -94,8 +96,8 @@ def test_a_reader_who_does_not_see_gets_scoped_heads_and_described_figures(page:
     assert parsed.of("th")
     assert all(item.get("scope") in ("row", "col") for item in parsed.of("th"))
     panels = [item for _, item in parsed.elements if item.get("role") == "img"]
-    # Seven joints: positions, velocities, residual over time and frequency; three views of the path.
-    assert len(panels) == len(parsed.of("svg")) == 4 * 7 + 3
+    # Seven joints: positions, velocities, torque, residual over time and frequency; three views of the path.
+    assert len(panels) == len(parsed.of("svg")) == 5 * 7 + 3
     assert all(len(item.get("aria-label") or "") > 20 for item in panels)
 
 
@@ -135,12 +137,53 @@ def test_a_model_alone_is_a_report_without_figures(fit: FitResult) -> None:
 
 
 def test_the_first_sentence_says_what_is_left_beside_the_noise(fit: FitResult) -> None:
-    found = re.search(
-        r"leaves ([\d.]+) to ([\d.]+) Nm .* would leave ([\d.]+) to ([\d.]+) Nm", build_document(fit=fit).verdict
-    )
+    document = build_document(fit=fit)
+    # White noise and nothing else.
+    found = re.search(r"mostly noise: by joint, ([\d.]+) to ([\d.]+) times", document.verdict)
     assert found is not None
-    # White noise of 0.1 Nm in the mean of four periods.
-    assert [float(text) for text in found.groups()] == pytest.approx([0.05] * 4, rel=0.05)
+    assert [float(text) for text in found.groups()] == pytest.approx([1.0] * 2, rel=0.1)
+    assert document.tone == "good"
+
+
+@pytest.mark.parametrize(
+    ("left", "noise", "feasible", "tone", "words"),
+    [
+        ([0.11, 0.10], [0.1, 0.1], True, "good", "1.0 to 1.1 times"),
+        ([0.10, 0.35], [0.1, 0.07], True, "attention", "on joint 2: 0.35 Nm, 5.0 times"),
+        ([0.20, 0.70], [0.1, 0.07], True, "attention", "on joints 1 and 2: 0.70 Nm on joint 2, 10 times"),
+        ([0.11, 0.10], [None, None], True, "neutral", "how much of that is noise, these recordings do not tell"),
+        ([0.11, 0.10], [0.1, 0.1], False, "attention", "VIOLATE"),
+    ],
+)
+def test_the_verdict_of_a_fit_has_the_colour_of_what_it_says(
+    left: list[float], noise: list[float | None], feasible: bool, tone: str, words: str
+) -> None:
+    model = {
+        "base_parameters": [{"name": "FS_1", "value": 0.3, "std": 0.01}],
+        "rms_nm": {"fit": left, "noise_floor": noise},
+        "certificate": {"feasible": feasible},
+    }
+    text, said = fit_verdict(model)
+    assert (words in text, said) == (True, tone)
+    assert "1 of 1 base parameters" in text
+
+
+def test_the_title_says_what_the_page_is_and_leads_to_the_other_one(fit: FitResult, tmp_path: Path) -> None:
+    write_report(tmp_path / "report.html", fit=fit, links=[("diagnosis/report.html", "The diagnosis")])
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h1>Fit of iiwa14</h1>" in text
+    assert '<a href="diagnosis/report.html">The diagnosis</a>' in text
+
+
+@pytest.mark.parametrize("consistent", [True, False])
+def test_no_page_says_that_bodies_are_real_and_are_not(fit: FitResult, consistent: bool) -> None:
+    model = fit.to_model_json()
+    model["certificate"]["fully_consistent"] = consistent
+    feasibility = next(item for item in build_document(model=model).sections if item.name == "feasibility")
+    told = " ".join(block.text for block in feasibility.blocks if isinstance(block, Paragraph))
+    assert ("a body that can exist" in told) is consistent
+    assert ("no distribution of positive mass" in told) is not consistent
+    assert "real bodies" not in told
 
 
 def test_unknown_parameters_are_named_first(fit: FitResult) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from xml.etree import ElementTree
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from identification.report.document import Line, Panel
@@ -75,6 +76,32 @@ def test_logarithmic_ticks_are_plain_numbers() -> None:
     svg = draw_panel(panel((Line("after", frequency, 1e-3 / frequency),), logarithmic=True), "panel-1")
     texts = {"".join(item.itertext()) for item in ElementTree.fromstring(svg).iter("text")}
     assert {"0.1", "1", "10", "0.001", "0.0001"} <= texts
+
+
+def numbers_on_axes(svg: str) -> tuple[list[float], list[float]]:
+    """Numbers along x and along y: the writer centres the former and ends the latter at the axis."""
+    texts: dict[str, list[float]] = {"middle": [], "end": [], "start": []}
+    for item in ElementTree.fromstring(svg).iter("text"):
+        anchor = re.search(r"text-anchor: (\w+)", item.get("style") or "")
+        with contextlib.suppress(ValueError):
+            texts[anchor.group(1) if anchor else "start"].append(float("".join(item.itertext()).replace("−", "-")))
+    return texts["middle"], texts["end"]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.floats(-5, 4), st.floats(0.01, 6), st.floats(-6, 4), st.floats(0.0, 6), st.floats(-1e4, 1e4), st.booleans()
+)  # fmt: skip
+def test_every_axis_has_three_numbers(
+    start: float, decades: float, low: float, span: float, offset: float, logarithmic: bool
+) -> None:
+    x = np.geomspace(10.0**start, 10.0 ** (start + decades), 30)
+    y = np.geomspace(10.0**low, 10.0 ** (low + span), 30)
+    if not logarithmic:
+        y = y + offset
+    svg = draw_panel(panel((Line("after", x, y),), logarithmic=logarithmic), "panel-1")
+    for numbers in numbers_on_axes(svg):
+        assert len(set(numbers)) >= 3
 
 
 def test_a_line_without_any_number_draws_an_empty_panel() -> None:

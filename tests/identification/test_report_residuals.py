@@ -50,6 +50,17 @@ def test_residual_drawn_is_the_one_of_the_table(fit: FitResult, stretch: Stretch
     assert rms == pytest.approx(fit.rms.row("fit, base").rms_nm, rel=1e-6)
 
 
+def test_measured_torque_is_drawn_beside_the_modelled_one(recording: Recording, stretch: Stretch) -> None:
+    mean = recording.torque.reshape(PERIODS, 2000, 7).mean(axis=0)
+    assert stretch.measured == pytest.approx(mean, abs=1e-9)
+    section = residual_section([stretch], "the base parameters")
+    assert section is not None
+    figure = next(block for block in section.blocks if isinstance(block, Figure))
+    assert figure.legend == (("measured", "measured"), ("fitted", "modelled"))
+    measured, modelled = figure.panels[JOINT].lines
+    assert measured.y - modelled.y == pytest.approx(stretch.residual[:, JOINT], abs=1e-12)
+
+
 def test_spectrum_shows_a_missing_torque_at_its_frequency_and_size(stretch: Stretch) -> None:
     line = int(stretch.spectrum[:, JOINT].argmax())
     assert stretch.frequency[line] == pytest.approx(RIPPLE_HZ)

@@ -130,6 +130,11 @@ class Effect(ABC):
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque columns; None when the motion does not let the effect act there (then it is not identifiable)."""
 
+    def phase(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> FloatArray | None:
+        """Angle (S,) in rad, of which the torque is a function with period 2π; None for what does not repeat so."""
+        del motion, place, shape
+        return None
+
     @abstractmethod
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """The physical parameters of an estimate, by the names and units that diagnosis.json shows."""

@@ -65,6 +65,10 @@ class TorqueRipple(OwnJointEffect):
         level = float(np.sqrt(np.mean(load**2)))
         return waves if share == 0.0 or level == 0.0 else waves * (1.0 - share + share * load / level)[:, None]
 
+    def phase(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> FloatArray:
+        """N q."""
+        return np.asarray(shape["order"] * motion.position[:, joint_index(place)], dtype=np.float64)
+
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, phase φ of A sin(N q + φ), order, share of the amplitude that grows with the load."""
         wave = harmonic(estimate)
