@@ -31,9 +31,7 @@ def read_bag_folder(path: Path) -> list[RawTable] | Recording:
     """The same of a folder that ROS 2 recorded, all of its files together. Raises RecordingError where it is none."""
     files = bag_files(path)
     if not files:
-        raise RecordingError(
-            f"{path}: is a folder without a recording in it (recording.mcap, or a ROS 2 bag)", file=path
-        )
+        raise RecordingError(f"{path}: is a folder with neither recording.mcap nor a ROS 2 bag in it", file=path)
     return _read(path, read_bag(files, path))
 
 

@@ -39,14 +39,13 @@ def load_arrays(file: Path | IO[bytes], allowance: Allowance, wanted: Collection
     """
     with zipfile.ZipFile(file) as archive:
         members = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
-        arrays = {}
-        for name, item in members.items():
-            if wanted is not None and name not in wanted:
-                continue
-            allowance.take(item.file_size)
-            # A ZIP member gives no more bytes than it states; an array's header is not believed beyond those.
-            arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(item)), allow_pickle=False)
-    return arrays
+        chosen = {name: item for name, item in members.items() if wanted is None or name in wanted}
+        allowance.take(sum(item.file_size for item in chosen.values()))
+        # A ZIP member gives no more bytes than it states; an array's header is not believed beyond those.
+        return {
+            name: np.lib.format.read_array(io.BytesIO(archive.read(item)), allow_pickle=False)
+            for name, item in chosen.items()
+        }
 
 
 def read_npz(path: Path) -> list[RawTable]:
