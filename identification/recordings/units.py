@@ -37,8 +37,8 @@ STANDING_RAD_S = 0.02
 FASTEST_RAD_S = 100.0
 """No arm turns a joint faster; a rotor does."""
 WHOLE_TURNS = 2.0
-OVER_LIMIT = 0.2
-"""Share of a joint's range beyond its limits that only a wrong unit explains."""
+OVER_LIMIT = 1.0
+"""Beyond its limits by this share of a joint's range, a position is in another unit; less may be another robot."""
 OVER_EFFORT = 3.0
 RATIO_TOLERANCE = 0.15
 LEAST_CORRELATION = 0.8
