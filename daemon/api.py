@@ -7,6 +7,7 @@ process, the recorder, the worker and the command line import this module; it im
 
 from __future__ import annotations
 
+import ipaddress
 from typing import Any, Literal, TypeAlias
 
 import msgspec
@@ -39,6 +40,8 @@ EXIT_CODES: dict[LoopOutcome, int] = {
 """Of the process, for each outcome of its loop (contract)."""
 RUN_NAME, REPORT_NAME, LAST_SAMPLES_NAME = "run.json", "loop_report.json", "last_samples.json"
 """Files in the folder of a run: its account, the loop's report, the seconds around an end that was not planned."""
+AUTO_VERSION = "auto"
+"""In place of an FRI version: the supervisor listens to the robot first."""
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 _FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
 WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
@@ -46,6 +49,15 @@ WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all: immutable, keywords only, unknown fields refused."""
+
+
+def is_ipv4(text: str) -> bool:
+    """Whether a text is an IPv4 address; names are not looked up, because FRI's peers are fixed by their numbers."""
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        return False
+    return True
 
 
 # ---- what to do ------------------------------------------------------------------------------------------------------
@@ -64,6 +76,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     generous: a run that pushes against something ends, a quick motion with the right load data does not.
     maximum_distance_to_measured: rad, guard on |command − measured position|.
     robot_host: only datagrams of this address are taken; None = the first sender is taken and kept.
+    fri_version: "auto" until the supervisor has heard the robot.
     supervisor_timeout_s: the loop stops by ramp when the supervisor's heartbeat is older, s; 0 = not watched.
     workspace_file: YAML with floor, walls, boxes, tool and margins; None = a floor at the mounting face alone.
     ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
@@ -114,6 +127,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
             raise ConfigurationError(f"{self.bind_port} is not a UDP port (0 to 65535).", field="bind_port")
         if not 0.0 < self.amplitude <= 1.0:
             raise ConfigurationError(f"{self.amplitude:g} is outside (0, 1].", field="amplitude")
+        for field, host in (("bind_host", self.bind_host), ("robot_host", self.robot_host)):
+            if host is not None and not is_ipv4(host):
+                raise ConfigurationError(f"'{host}' is no IPv4 address, such as 192.170.10.2.", field=field)
         for field in ("table_period_s", "receive_timeout_s", "start_timeout_s", "command_timeout_s"):
             value = getattr(self, field)
             if not 0.0 < value < float("inf"):

@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from daemon.api import FitPipeline
+from daemon.api import AUTO_VERSION, FitPipeline, is_ipv4
 from daemon.endpoints import endpoint_reason
 from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
@@ -40,6 +40,7 @@ __all__ = [
     "RealtimeChoice",
     "RunSettings",
     "load_config",
+    "parse_version",
     "read_settings",
 ]
 
@@ -55,7 +56,7 @@ class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class FriSettings(_Section, frozen=True, kw_only=True):
     """The link. bind_host, bind_port: where we listen; robot_host: the only sender accepted (none: the first).
 
-    Timeouts in s, as in RunRequest.
+    version: "auto" listens to the robot before each run. Timeouts in s, as in RunRequest.
     """
 
     version: str = "1.15"
@@ -125,7 +126,7 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
         """The fields of RunRequest that this configuration decides."""
         return {
             "robot": self.robot,
-            "fri_version": self.fri.version,
+            "fri_version": parse_version(self.fri.version),
             "bind_host": self.fri.bind_host,
             "bind_port": self.fri.bind_port,
             "robot_host": self.fri.robot_host,
@@ -148,6 +149,11 @@ def load_config(path: str | Path) -> DaemonConfig:
     config = read_settings(path, DaemonConfig, "the configuration")
     _check(config, str(path))
     return config
+
+
+def parse_version(text: str) -> str:
+    """A version of FRI as requests carry it, or "auto": the robot is listened to first. Raises UnknownFriVersion."""
+    return AUTO_VERSION if text.strip().lower() == AUTO_VERSION else FriVersion.parse(text).value
 
 
 def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Settings:
@@ -183,14 +189,12 @@ def _check(config: DaemonConfig, file: str) -> None:
         return ConfigurationError(reason, file=file, field=field)
 
     try:
-        FriVersion.parse(fri.version)
+        parse_version(fri.version)
     except UnknownFriVersion as error:
         raise refuse("fri.version", str(error)) from error
     for field, host in (("fri.bind_host", fri.bind_host), ("fri.robot_host", fri.robot_host)):
-        try:
-            ipaddress.IPv4Address(host or "0.0.0.0")
-        except ValueError as error:
-            raise refuse(field, f"'{host}' is no IPv4 address.") from error
+        if host is not None and not is_ipv4(host):
+            raise refuse(field, f"'{host}' is no IPv4 address.")
     if not 0 <= fri.bind_port <= 65535:
         raise refuse("fri.bind_port", f"{fri.bind_port} is not a UDP port (0 to 65535).")
     for name in ("receive_timeout_s", "start_timeout_s", "command_timeout_s"):

@@ -1,12 +1,14 @@
 """The supervisor's inbox: one ZeroMQ PULL socket that the recorder and the worker push typed messages into.
 
-ipc only, in a private folder (0700) that goes with the run. Nothing that must not be lost depends on it: a stop goes
-through the ring, samples go through the ring, results go through files. What cannot be decoded is dropped and counted.
+ipc only, in a private folder (0700) that goes with the run, or, where that was killed, at the start of the next one.
+Nothing that must not be lost depends on it: a stop goes through the ring, samples go through the ring, results go
+through files. What cannot be decoded is dropped and counted.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -15,6 +17,7 @@ from types import TracebackType
 from typing import Any
 
 import msgspec
+import psutil
 import zmq
 
 from daemon.api import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
@@ -22,18 +25,20 @@ from daemon.api import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
 __all__ = ["ControlInbox"]
 
 _LONGEST_IPC_PATH = 107
+_PREFIX = "iiwa-run-"
+"""Followed by the number of the process, whose end makes the folder useless."""
 
 
 class ControlInbox:
     """A bound PULL socket; a context manager. `endpoint` is what the others connect to."""
 
     def __init__(self) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="iiwa-"))
+        self._folder = _private_folder(Path(tempfile.gettempdir()))
         path = self._folder / "control"
         if len(str(path).encode()) > _LONGEST_IPC_PATH:
             # The system's limit on socket names; /tmp is short and private folders in it are fine.
             shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = Path(tempfile.mkdtemp(prefix="iiwa-", dir="/tmp"))
+            self._folder = _private_folder(Path("/tmp"))
             path = self._folder / "control"
         self.endpoint = f"ipc://{path}"
         self.malformed = 0
@@ -72,3 +77,13 @@ class ControlInbox:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _private_folder(place: Path) -> Path:
+    """A new folder of this process; those that killed ones of this user left behind go."""
+    for left in place.glob(f"{_PREFIX}*"):
+        owner = left.name.removeprefix(_PREFIX).partition("-")[0]
+        with contextlib.suppress(OSError):
+            if owner.isdigit() and not psutil.pid_exists(int(owner)) and left.lstat().st_uid == os.geteuid():
+                shutil.rmtree(left)
+    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=place))

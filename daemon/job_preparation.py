@@ -120,15 +120,19 @@ class Preparation:
 def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
     """Load, tabulate and check a motion, in this process; never raises for a bad one."""
     try:
-        from daemon.preparation import prepare_motion, write_run_request
+        from daemon.preparation import LEAD_IN_S, prepare_motion, write_run_request
+        from daemon.tool import NO_TOOL, read_tool
 
         source = None if job.trajectory_file is None else Path(job.trajectory_file)
-        workspace = job.settings.get("workspace_file")
+        settings = dict(job.settings)
+        workspace = settings.pop("workspace_file", None)
         motion = prepare_motion(
             source,
             robot=job.robot,
             amplitude=job.amplitude,
             workspace=None if workspace is None else Path(workspace),
+            tool=read_tool(settings.pop("tool", NO_TOOL), is_name=True),
+            lead_in_s=settings.pop("lead_in_s", LEAD_IN_S),
         )
         meant_for = motion.trajectory.robot
         if meant_for and meant_for != job.robot:
@@ -137,7 +141,7 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
         if not motion.preflight.safe:
             reasons = [check.sentence for check in motion.preflight.checks if not check.passed]
             return Verdict(safe=False, sentence=" ".join(["Not safe:", *reasons[:3]]), exit_code=1), None
-        request = write_run_request(motion, Path(job.out_dir), run_id=job.job_id, **job.settings)
+        request = write_run_request(motion, Path(job.out_dir), run_id=job.job_id, **settings)
         return Verdict(safe=True, sentence="The preflight found the motion safe."), request
     except MemoryError:
         return Verdict(safe=False, sentence="The motion needs more memory than is allowed.", exit_code=65), None

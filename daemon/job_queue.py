@@ -121,7 +121,7 @@ class JobQueue:
 
     def _preparation(self, job: Job, out_dir: Path, answer_dir: Path) -> PreparationJob:
         decided = self._config.request_fields()
-        settings = {name: decided[name] for name in decided if name not in ("robot", "amplitude", "lead_in_s")}
+        settings = {name: decided[name] for name in decided if name not in ("robot", "amplitude")}
         # The fit is a job of its own, so that a restart does not lose it.
         settings.update(periods=job.periods, fit=False, simulation=self._config.is_simulation)
         trajectory = self.store.folder_of(job.job_id) / f"trajectory{job.suffix}"

@@ -23,7 +23,7 @@ from daemon.job_store import Job, JobStore
 from daemon.json_files import read_json
 from daemon.service import run_acquisition
 from daemon.stop_handle import StopHandle
-from daemon.worker_start import launch
+from daemon.worker_start import JOB_NAME, launch, note_end
 
 __all__ = [
     "Checked",
@@ -200,21 +200,19 @@ def _launch(job: Job) -> int:
         diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
         heldout=request.heldout,
     )
-    pid = launch(work, folder / "worker_job.json")
+    pid = launch(work, folder / JOB_NAME)
     # Another motion may be under way: the loop comes first.
     psutil.Process(pid).nice(_FIT_NICENESS)
     return pid
 
 
 def _wait_for_fit(job_id: str, folder: Path, pid: int) -> FitEnded:
-    file = folder / "worker_status.json"
+    work = read_json(folder / JOB_NAME, WorkerJob)
     while True:
         lives = fit_is_alive(pid, folder)
-        status = read_json(file, WorkerStatus)
+        status = read_json(work.status_file, WorkerStatus) if lives else note_end(work, None)
         if status.phase in ("done", "failed"):
             return FitEnded(job_id, status.sentence, status.exit_code or 0)
-        if not lives:
-            return FitEnded(job_id, "The fit's process ended without a result; see worker.log.", DaemonError.exit_code)
         time.sleep(_FIT_POLL_S)
 
 
@@ -223,6 +221,6 @@ def fit_is_alive(pid: int, folder: Path) -> bool:
     try:
         process = psutil.Process(pid)
         words = process.cmdline()
-        return process.status() != psutil.STATUS_ZOMBIE and str(folder / "worker_job.json") in words
+        return process.status() != psutil.STATUS_ZOMBIE and str(folder / JOB_NAME) in words
     except psutil.Error:
         return False

@@ -8,11 +8,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from daemon.api import RecorderJob
+from daemon.api import RecorderJob, RunRequest
 from daemon.commissioning import tags
+from daemon.config import read_settings
 from daemon.host import host_report
 from daemon.log.writer import Attachment
 from daemon.spare_folder import find_run_file
+from daemon.times import now_text
+from daemon.tool import Tool
+from daemon.workspace import WorkspaceFile
 
 __all__ = ["DESCRIPTION_NAME", "attachments_of", "closing_attachments_of", "description_of", "metadata_of"]
 
@@ -34,10 +38,20 @@ def metadata_of(job: RecorderJob) -> dict[str, str]:
         "lead_in_s": repr(request.lead_in_s),
         "amplitude": repr(request.amplitude),
         **tags(request),
+        "date": now_text(),
+        "serial": request.serial or "",
         "tool": request.tool,
+        **_tool_of(request).tags(),
         "seed": "" if request.seed is None else str(request.seed),
         "part": str(job.part),
     }
+
+
+def _tool_of(request: RunRequest) -> Tool:
+    """The tool with its load data: they stand in the run's workspace file."""
+    if request.workspace_file is None or not Path(request.workspace_file).is_file():
+        return Tool()
+    return read_settings(request.workspace_file, WorkspaceFile, "workspace").tool or Tool()
 
 
 def description_of(job: RecorderJob) -> str:

@@ -52,7 +52,7 @@ from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for
 
-__all__ = ["load_table", "main", "motion_of", "run_loop"]
+__all__ = ["bind", "load_table", "main", "motion_of", "run_loop"]
 
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 

@@ -6,18 +6,19 @@ Called by the commands `check`, `run` and `demo`; nothing here talks to a robot.
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunRequest
+from daemon.tool import Tool
 from daemon.torque_foresight import TorqueForesight, torque_foresight
-from daemon.workspace import Surroundings, load_surroundings
+from daemon.workspace import Surroundings, WorkspaceFile, load_surroundings
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from safety.limits import limits_for
 from safety.preflight import preflight
@@ -33,7 +34,8 @@ class PreparedMotion:
     """A motion ready to be run or refused.
 
     table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
-    surroundings: what it was held against; workspace_file: where they are described, None: a floor alone.
+    surroundings: what it was held against, the tool among them; workspace_file: where they are described, None: a floor
+    alone. lead_in_s: end of the period that is driven before the first recorded one, s.
     foresight: what its torque was foreseen with, None: nothing is known of the arm, and no torque was checked.
     """
 
@@ -46,14 +48,16 @@ class PreparedMotion:
     surroundings: Surroundings
     workspace_file: Path | None
     foresight: TorqueForesight | None
+    lead_in_s: float = LEAD_IN_S
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""
         if self.foresight is None:
             return f"No torque was checked: nothing is known of the masses of {self.robot}; give a model with --model."
+        tool = "The tool is counted in" if self.foresight.has_tool else "No tool is counted in but what the model has"
         return (
-            f"Torque along the motion is foreseen with {self.foresight.source}. A tool counts only if that model was "
-            "identified with it; start ramp and stops are not foreseen."
+            f"Torque along the motion is foreseen with {self.foresight.source}. {tool}; start ramp and stops are not "
+            "foreseen."
         )
 
 
@@ -64,22 +68,27 @@ def prepare_motion(
     amplitude: float = 1.0,
     workspace: Path | None = None,
     model: Path | None = None,
+    tool: Tool | None = None,
+    lead_in_s: float = LEAD_IN_S,
 ) -> PreparedMotion:
     """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
 
     robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
     at the mounting face. model: a model.json to foresee the torque with, None: what is taken to be known of the arm.
+    tool: what it says stands before what the workspace file says of the tool.
     Raises TrajectoryError or ModelFileError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
     workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
     trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
     arm = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
-    surroundings = load_surroundings(arm, workspace)
-    foresight = torque_foresight(arm, model)
-    report = check_table(table, arm, surroundings, foresight)
+    surroundings = load_surroundings(arm, workspace, tool)
+    foresight = torque_foresight(arm, model, surroundings.tool)
+    report = check_table(table, arm, surroundings, foresight, lead_in_s)
     name = f"shipped excitation of {arm}" if source is None else str(source)
-    return PreparedMotion(name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight)
+    return PreparedMotion(
+        name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight, lead_in_s
+    )
 
 
 def check_table(
@@ -87,6 +96,7 @@ def check_table(
     robot: str,
     surroundings: Surroundings | None = None,
     foresight: TorqueForesight | None = None,
+    lead_in_s: float = LEAD_IN_S,
 ) -> PreflightReport:
     """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace.
 
@@ -96,7 +106,7 @@ def check_table(
     # A table of another number of joints is the preflight's to refuse.
     fits = foresight is not None and table.shape[1:] == (foresight.regressor.robot.n,)
     torque = foresight.along(table, 1.0 / TABLE_RATE_HZ) if foresight is not None and fits else None
-    start_row = (len(table) - round(LEAD_IN_S * TABLE_RATE_HZ)) % len(table)
+    start_row = (len(table) - round(lead_in_s * TABLE_RATE_HZ)) % len(table)
     return preflight(
         table,
         1.0 / TABLE_RATE_HZ,
@@ -134,9 +144,13 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
     np.save(table_file, motion.table)
     trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
     (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
-    if motion.workspace_file is not None:
-        settings["workspace_file"] = str((out_dir / "workspace.yaml").resolve())
-        shutil.copyfile(motion.workspace_file, settings["workspace_file"])
+    around = motion.surroundings.entry
+    if around != WorkspaceFile():
+        # With the tool as it was taken: what is looked at before the start ramp is what was looked at here.
+        workspace_file = out_dir / "workspace.yaml"
+        workspace_file.write_bytes(msgspec.yaml.encode(around))
+        settings["workspace_file"] = str(workspace_file.resolve())
+    settings["tool"] = motion.surroundings.tool.describe()
     return RunRequest(
         run_id=settings.pop("run_id", None) or new_run_id(),
         robot=motion.robot,
@@ -144,7 +158,7 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
         trajectory_file=str(trajectory_file.resolve()),
         out_dir=str(out_dir.resolve()),
         table_period_s=1.0 / TABLE_RATE_HZ,
-        lead_in_s=LEAD_IN_S,
+        lead_in_s=motion.lead_in_s,
         amplitude=motion.amplitude,
         **settings,
     )

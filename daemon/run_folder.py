@@ -1,24 +1,31 @@
-"""The folder of a run before anything is started: inputs copied, paths absolute, port free. The supervisor calls it."""
+"""The folder of a run before anything is started: room in it, inputs copied, paths absolute, port free.
+
+The supervisor calls `prepare_folder`; the command line `make_room` before it writes the inputs there.
+"""
 
 from __future__ import annotations
 
-import errno
 import shutil
-import socket
 from pathlib import Path
 
 import msgspec
 
-from daemon.api import RunRequest
-from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
-from daemon.json_files import write_json
+from daemon.api import LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, LoopReport, RunOutcome, RunRequest
+from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError
+from daemon.json_files import read_json, write_json
 from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log_inputs import DESCRIPTION_NAME
+from daemon.loop_process import bind
+from fri_client.channel import unbound_socket
 from identification.export import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 
-__all__ = ["prepare_folder"]
+__all__ = ["make_room", "nothing_moved", "prepare_folder"]
+
+_BEFORE_MOTION = ("no_robot", "not_started", "version_mismatch", "port_in_use", "refused")
+_AT_REST = ("WAITING", "LATCHED", "DONE")
+_RESULTS = (REPORT_NAME, LAST_SAMPLES_NAME, RUN_NAME)
 
 
 def prepare_folder(request: RunRequest) -> RunRequest:
@@ -29,7 +36,7 @@ def prepare_folder(request: RunRequest) -> RunRequest:
     LogIOError.
     """
     folder = Path(request.out_dir).absolute()
-    _refuse_used(folder)
+    make_room(folder)
     changes: dict[str, str] = {"out_dir": str(folder)}
     sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
     if request.urdf_file is not None:
@@ -51,36 +58,62 @@ def prepare_folder(request: RunRequest) -> RunRequest:
         write_json(folder / "request.json", resolved)
     except OSError as error:
         raise LogIOError(str(folder), error) from error
-    _check_port(request)
+    # Whether the port is free is said before any process is started.
+    with unbound_socket() as probe:
+        bind(probe, request.bind_host, request.bind_port)
     return resolved
 
 
-def _refuse_used(folder: Path) -> None:
-    """A folder is for one run. Raises ConfigurationError, which says what to do about one that was broken off."""
+def make_room(folder: Path) -> None:
+    """See to it that a run may write into the folder, before anything is written there.
+
+    A folder is for one run. What a start left at which nothing moved (a silent robot, another FRI version, a stop while
+    waiting) is moved into failed-start-N within it, so that the same command can be given again. Raises
+    ConfigurationError, which says what to do about a run that was broken off, and LogIOError.
+    """
     state = state_of_recording(folder)
     if state == "recording":
         raise ConfigurationError(
             f"{folder} holds a run that is being recorded; choose another folder.", field="out_dir"
         )
+    if nothing_moved(folder):
+        _set_aside(folder)
+        return
     if state == "broken":
         raise ConfigurationError(
             f"{folder} holds a run that was broken off; `iiwa-ident recover {folder}` makes its recording whole. "
             "Choose another folder for the new run.",
             field="out_dir",
         )
-    for name in (RECORDING_NAME, "run.json"):
+    for name in (RECORDING_NAME, RUN_NAME):
         if (folder / name).exists():
             raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
 
 
-def _check_port(request: RunRequest) -> None:
-    """Find out before any process is started whether the port is free. Raises PortInUseError, ConfigurationError."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((request.bind_host, request.bind_port))
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                raise PortInUseError(request.bind_host, request.bind_port) from error
-            raise ConfigurationError(
-                f"UDP {request.bind_host}:{request.bind_port} cannot be bound: {error.strerror}.", field="bind_host"
-            ) from error
+def nothing_moved(folder: Path) -> bool:
+    """True where the run.json of a folder says that no command of a motion was sent."""
+    try:
+        outcome = read_json(folder / RUN_NAME, RunOutcome)
+    except DaemonError:
+        return False
+    loop = outcome.loop
+    return outcome.outcome in _BEFORE_MOTION or (
+        loop is not None and (not loop.answered or (outcome.outcome == "stopped" and _only_waited(loop)))
+    )
+
+
+def _only_waited(loop: LoopReport) -> bool:
+    return bool(loop.phases) and all(span.phase in _AT_REST for span in loop.phases)
+
+
+def _set_aside(folder: Path) -> None:
+    number = 1 + len(list(folder.glob("failed-start-*")))
+    aside = folder / f"failed-start-{number}"
+    try:
+        aside.mkdir()
+        # run.json last: while it stands there, the rest can be moved again.
+        for file in (*folder.glob("recording*.mcap"), *folder.glob("*.log"), *(folder / name for name in _RESULTS)):
+            if file.is_file():
+                file.rename(aside / file.name)
+    except OSError as error:
+        raise LogIOError(str(aside), error) from error

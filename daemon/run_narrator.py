@@ -12,8 +12,9 @@ import time
 from collections.abc import Callable
 
 from daemon.api import RunEvent, RunRequest
-from fri_client.handover import HandoverRing
-from fri_client.messages import SessionState
+from fri_client.handover import Disposition, HandoverRing
+from fri_client.loop_result import version_doubt
+from fri_client.messages import FriVersion, SessionState
 from fri_client.motion_phase import MotionPhase
 
 __all__ = ["Observer", "RunNarrator", "unfailing"]
@@ -44,6 +45,8 @@ class RunNarrator:
 
     def __init__(self, request: RunRequest, ring: HandoverRing, observe: Observer) -> None:
         self._periods = request.periods
+        self._version = FriVersion.parse(request.fri_version)
+        self._version_judged = False
         self._ring = ring
         self._observe = observe
         self.remarks: list[str] = []
@@ -75,6 +78,21 @@ class RunNarrator:
         if sentence not in self.remarks:
             self.remarks.append(sentence)
             self.tell("warning", sentence)
+
+    def has_judged_version(self) -> bool:
+        """Say once what speaks against the FRI version of the request in what the robot sends; False: nothing came yet.
+
+        Copies of the newest records while the loop pushes are whole: their slots are taken again a ring's length later.
+        """
+        if not self._version_judged:
+            fresh = [each for each in self._ring.newest(16) if each.disposition == Disposition.FRESH]
+            if not fresh:
+                return False
+            self._version_judged = True
+            doubt = version_doubt(fresh[0].monitoring, self._version)
+            if doubt:
+                self.tell("warning", doubt.strip())
+        return True
 
     def follow(self) -> None:
         """The loop's states, phases and periods as they change, and the count now and then."""

@@ -18,10 +18,13 @@ from __future__ import annotations
 
 import contextlib
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+import msgspec
+
 from daemon.api import (
+    AUTO_VERSION,
     EXIT_CODES,
     REPORT_NAME,
     RUN_NAME,
@@ -56,13 +59,14 @@ from daemon.outcome import (
     outcome_sentences,
     tidy,
 )
-from daemon.run_folder import prepare_folder
+from daemon.run_folder import make_room, prepare_folder
 from daemon.run_narrator import Observer, RunNarrator, unfailing
 from daemon.runtime_folder import lock_port
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from daemon.start_check import StartCheck
 from daemon.stop_handle import StopHandle
 from daemon.times import now_text
+from daemon.version_search import hear_version
 from daemon.worker_start import start_worker
 from fri_client.handover import EventCode, HandoverRing
 
@@ -83,13 +87,20 @@ def run_acquisition(
     SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
     thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
     moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
-    LogIOError, ChildProcessFailedError, LadderError. A run that was stopped, dropped or never began is an outcome, not
-    an error.
+    LogIOError, ChildProcessFailedError, LadderError, and where the version is "auto" those of `hear_version`. A run
+    that was stopped, dropped or never began is an outcome, not an error.
     """
     observe = unfailing(observe)
     _tell_if(observe, admit(request))
     with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
-        outcome = _Acquisition(prepare_folder(request), observe, stop or StopHandle()).run()
+        stop = stop or StopHandle()
+        if request.fri_version == AUTO_VERSION:
+            make_room(Path(request.out_dir))
+            observe(RunEvent(kind="waiting", sentence="Listening which FRI version the robot speaks."))
+            version, sentence = hear_version(request, stop)
+            _tell_if(observe, sentence)
+            request = msgspec.structs.replace(request, fri_version=version.value)
+        outcome = _Acquisition(prepare_folder(request), observe, stop).run()
     _tell_if(observe, remember(request, outcome))
     return outcome
 
@@ -183,7 +194,7 @@ class _Acquisition:
         self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
         # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
         checker = ThreadPoolExecutor(1, thread_name_prefix="start-check")
-        check = checker.submit(self._start_check.poll)
+        check: Future[str] | None = None
         try:
             while loop.alive:
                 # Where the operator's stop would not be heard any more, the loop is to stop by itself.
@@ -192,9 +203,12 @@ class _Acquisition:
                 self._listen(POLL_S)
                 self._watch_recorder()
                 self._narrator.follow()
-                if check.done():
+                if check is not None and check.done():
                     if sentence := check.result():
                         self._narrator.tell("preflight", sentence)
+                    check = None
+                # No start is allowed before the operator has read what the robot's messages say of its version.
+                if check is None and self._narrator.has_judged_version():
                     check = checker.submit(self._start_check.poll)
         finally:
             checker.shutdown()

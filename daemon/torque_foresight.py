@@ -12,11 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.tool import Tool
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
+from identification.estimators.physical import PhysicalParameters
 from identification.excitation import nominal_parameters
 from identification.model_file import read_model
 from identification.robots import BUILT_IN_ROBOTS, load_robot
+from safety.geometry import FLANGE_M
 
 __all__ = ["TorqueForesight", "torque_foresight"]
 
@@ -25,11 +28,15 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueForesight:
-    """A model of the arm to ask for torques: base parameters `values` (p,), and in words where they come from."""
+    """A model of the arm to ask for torques: base parameters `values` (p,), and in words where they come from.
+
+    has_tool: the declared load of the tool is among them.
+    """
 
     source: str
     regressor: BaseRegressor
     values: FloatArray
+    has_tool: bool = False
 
     def along(self, table: FloatArray, sample_period_s: float) -> FloatArray:
         """(N, n) Nm along one period (N, n) rad that is repeated without a break, by eq. (5) with central differences.
@@ -42,10 +49,14 @@ class TorqueForesight:
         return np.asarray(self.regressor.matrix(table, velocity, acceleration) @ self.values)
 
 
-def torque_foresight(robot: str, model_file: Path | None = None) -> TorqueForesight | None:
+def torque_foresight(
+    robot: str, model_file: Path | None = None, tool: Tool | None = None
+) -> TorqueForesight | None:
     """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
 
-    robot: a built-in arm. Raises ModelFileNotFoundError (66) or ModelFileError (65), also for a model of another arm.
+    robot: a built-in arm. tool: its load is added to Table 3, which is the bare arm's, and not to a model.json, which
+    may have been identified with the tool. Raises ModelFileNotFoundError (66) or ModelFileError (65), also for a model
+    of another arm.
     """
     if model_file is None:
         built_in = load_robot(robot)
@@ -53,7 +64,11 @@ def torque_foresight(robot: str, model_file: Path | None = None) -> TorqueForesi
         if nominal is None:
             return None
         regressor = BaseRegressor(built_in)
-        return TorqueForesight("Table 3 of the paper", regressor, regressor.base_from_physical(nominal))
+        values = regressor.base_from_physical(nominal)
+        if tool is None or not tool.mass_kg:
+            return TorqueForesight("Table 3 of the paper", regressor, values)
+        values = values + regressor.base_from_physical(_load_of(tool, built_in.n))
+        return TorqueForesight(f"Table 3 of the paper and {tool.mass_kg:g} kg on the flange", regressor, values, True)
     model = read_model(model_file)
     its_robot = model.load_robot()
     if its_robot.n != load_robot(robot).n or (its_robot.name in BUILT_IN_ROBOTS and its_robot.name != robot):
@@ -64,3 +79,16 @@ def torque_foresight(robot: str, model_file: Path | None = None) -> TorqueForesi
         )
     regressor = BaseRegressor(its_robot, model.options)
     return TorqueForesight(str(model_file), regressor, model.base_values(regressor))
+
+
+def _load_of(tool: Tool, links: int) -> PhysicalParameters:
+    """The tool as part of the last link, all other links without anything. The flange's axes are the link's, turned by
+    π about z (see `identification.export.kinematic_urdf`).
+    """
+    turn = np.diag([-1.0, -1.0, 1.0])
+    mass, center, inertia = np.zeros(links), np.zeros((links, 3)), np.zeros((links, 3, 3))
+    mass[-1] = tool.mass_kg or 0.0
+    center[-1] = turn @ np.array(tool.center_of_mass_m or (0.0, 0.0, 0.0)) + np.array([0.0, 0.0, FLANGE_M])
+    inertia[-1] = turn @ tool.inertia() @ turn
+    still = np.zeros(links)
+    return PhysicalParameters(mass, center, inertia, still, still.copy())

@@ -8,7 +8,7 @@ reading of YAML itself (`config`). `check` and `run` read it, and the supervisor
       - {name: fence, normal: [1, 0, 0], offset_m: -0.8}      # the arm stays where normal . x >= offset
     boxes:
       - {name: camera post, center_m: [0.7, 0.4, 0.9], size_m: [0.1, 0.1, 1.8], yaw_rad: 0.0}
-    tool: {length_m: 0.2, radius_m: 0.05}                     # from the flange outwards
+    tool: {length_m: 0.2, radius_m: 0.05, mass_kg: 2.5, center_of_mass_m: [0, 0, 0.06]}     # see `tool`
     margins: {self_collision_m: 0.02, workspace_m: 0.02}
 """
 
@@ -25,6 +25,7 @@ import msgspec
 
 from daemon.config import read_settings
 from daemon.errors import ConfigurationError
+from daemon.tool import Tool, check_tool
 from safety.collision import ForbiddenBox, Plane, Workspace
 from safety.errors import GeometryError
 from safety.geometry import RobotGeometry, load_geometry
@@ -55,13 +56,6 @@ class BoxEntry(_Section, frozen=True, kw_only=True):
     yaw_rad: float = 0.0
 
 
-class ToolEntry(_Section, frozen=True, kw_only=True):
-    """A capsule on the flange, along its axis."""
-
-    length_m: float
-    radius_m: float
-
-
 class Margins(_Section, frozen=True, kw_only=True):
     """Distances that are kept, m."""
 
@@ -75,18 +69,30 @@ class WorkspaceFile(_Section, frozen=True, kw_only=True):
     floor_height_m: float | None = 0.0
     walls: tuple[WallEntry, ...] = ()
     boxes: tuple[BoxEntry, ...] = ()
-    tool: ToolEntry | None = None
+    tool: Tool | None = None
     margins: Margins = Margins()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What a path is held against. digest: SHA-256 of the file's content, whatever its layout."""
+    """What a path is held against. entry: the file with the tool as it is taken. digest: SHA-256 of its content,
+    whatever its layout and whatever the tool is called.
+    """
 
     geometry: RobotGeometry
     workspace: Workspace
-    margins: Margins
+    entry: WorkspaceFile
     digest: str
+
+    @property
+    def margins(self) -> Margins:
+        """Distances that are kept, m."""
+        return self.entry.margins
+
+    @property
+    def tool(self) -> Tool:
+        """What is known of the tool."""
+        return self.entry.tool or Tool()
 
     def distances(self, limits: JointLimits) -> Distances:
         """What the preflight measures with."""
@@ -94,10 +100,11 @@ class Surroundings:
         return Distances(self.geometry, self.workspace, limits, margins.self_collision_m, margins.workspace_m)
 
 
-def load_surroundings(robot: str, file: str | Path | None = None) -> Surroundings:
+def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | None = None) -> Surroundings:
     """Shape of a built-in arm with its tool, and its surroundings; without a file a floor at the mounting face.
 
-    Raises MissingInputError (66), ConfigurationError (78) naming file and field, GeometryError for an unknown robot.
+    tool: what it says stands before what the file says of the tool. Raises MissingInputError (66), ConfigurationError
+    (78) naming file and field, GeometryError for an unknown robot.
     """
     geometry = load_geometry(robot)
     entry = WorkspaceFile() if file is None else read_settings(file, WorkspaceFile, "workspace")
@@ -106,6 +113,10 @@ def load_surroundings(robot: str, file: str | Path | None = None) -> Surrounding
     for name, margin in msgspec.structs.asdict(entry.margins).items():
         if not 0.0 <= margin < math.inf:
             raise ConfigurationError(f"{margin} m is no distance to keep.", file=str(file), field=f"margins.{name}")
+    if entry.tool is not None:
+        check_tool(entry.tool, str(file), "tool.")
+    if tool is not None:
+        entry = msgspec.structs.replace(entry, tool=tool.over(entry.tool))
     names = ["floor"]
     walls = []
     for place, wall in enumerate(entry.walls):
@@ -117,17 +128,22 @@ def load_surroundings(robot: str, file: str | Path | None = None) -> Surrounding
         with _naming(file, f"boxes[{place}]"):
             _new_name(box.name, names)
             boxes.append(ForbiddenBox(box.name, box.center_m, box.size_m, box.yaw_rad))
-    if entry.tool is not None:
+    if entry.tool is not None and entry.tool.length_m is not None:
         with _naming(file, "tool"):
-            if not 0.0 <= entry.tool.length_m < math.inf:
-                raise GeometryError(f"No tool is {entry.tool.length_m} m long.")
-            geometry = geometry.with_tool(entry.tool.length_m, entry.tool.radius_m)
+            geometry = geometry.with_tool(entry.tool.length_m, entry.tool.radius_m or 0.0)
     return Surroundings(
         geometry,
         Workspace(entry.floor_height_m, tuple(walls), tuple(boxes)),
-        entry.margins,
-        hashlib.sha256(msgspec.json.encode(entry)).hexdigest(),
+        entry,
+        _digest(entry),
     )
+
+
+def _digest(entry: WorkspaceFile) -> str:
+    nameless = None if entry.tool is None else msgspec.structs.replace(entry.tool, name="")
+    if nameless == Tool():
+        nameless = None
+    return hashlib.sha256(msgspec.json.encode(msgspec.structs.replace(entry, tool=nameless))).hexdigest()
 
 
 @contextlib.contextmanager

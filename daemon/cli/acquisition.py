@@ -1,11 +1,10 @@
-"""Commands that talk to a robot or prepare for it: `fake-robot`, `check`, `run`, `recover`."""
+"""Commands beside a run: `fake-robot`, `check`, `recover`; and what they share with `run` (the module `run`)."""
 
 from __future__ import annotations
 
 import ipaddress
 import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,10 +14,10 @@ from typer.core import TyperCommand
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.cli.run_view import run_shown
 
 if TYPE_CHECKING:
     from daemon.preparation import PreparedMotion
+    from daemon.tool import Tool
     from safety.collision import Clearance
 
 TrajectoryArgument = Annotated[
@@ -35,6 +34,12 @@ ModelOption = Annotated[
 ]
 AmplitudeOption = Annotated[
     float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
+]
+ToolOption = Annotated[
+    str | None,
+    typer.Option(
+        "--tool", metavar="MASS@X,Y,Z", help="Tool: kg@m,m,m from the flange, or a file tool.yaml; default: none."
+    ),
 ]
 
 
@@ -109,6 +114,7 @@ def check(
     amplitude: AmplitudeOption = 1.0,
     workspace: WorkspaceOption = None,
     model: ModelOption = None,
+    tool: ToolOption = None,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Draw the path into a .png or .svg file.")
     ] = None,
@@ -120,7 +126,10 @@ def check(
     """
     from daemon.preparation import prepare_motion
 
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model)
+    carried = tool_from(tool)
+    motion = prepare_motion(
+        trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=carried
+    )
     if picture is not None:
         from daemon.picture import draw_motion
 
@@ -137,133 +146,30 @@ def check(
         raise typer.Exit(1)
 
 
+def tool_from(text: str | None) -> Tool | None:
+    """The tool of `--tool`; raises a usage error for words that describe none, ConfigurationError for a file."""
+    from daemon.errors import ConfigurationError
+    from daemon.tool import NO_TOOL, read_tool
+
+    try:
+        return read_tool(text or NO_TOOL)
+    except ConfigurationError as error:
+        if error.file is not None:
+            raise
+        raise typer.BadParameter(error.reason) from error
+
+
 def parse_bind(text: str) -> tuple[str, int]:
     """Host and port of `HOST:PORT`; raises a usage error naming the text."""
     host, _, port = text.rpartition(":")
     try:
-        ipaddress.ip_address(host)
+        ipaddress.IPv4Address(host)
         number = int(port)
     except ValueError:
         number = -1
     if not 0 <= number <= 65535:
         raise typer.BadParameter(f"'{text}' is no address: give ADDRESS:PORT, such as 127.0.0.1:30200.")
     return host, number
-
-
-def confirm_motion(motion: PreparedMotion, host: str, periods: int) -> None:
-    """Ask before a real arm may move. No cabinet can reach a loopback address, so there nothing is asked."""
-    if ipaddress.ip_address(host).is_loopback:
-        return
-    if not sys.stdin.isatty():
-        raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
-    seconds = motion.trajectory.period_s * periods
-    message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
-    message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
-    typer.confirm("Start", abort=True, err=True)
-
-
-@app.command()
-def run(
-    trajectory: TrajectoryArgument = None,
-    periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
-    bind: Annotated[str, typer.Option("--bind", help="Address and port the robot sends to.")] = "127.0.0.1:30200",
-    fri_version: Annotated[str, typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
-    amplitude: AmplitudeOption = 1.0,
-    robot: RobotOption = None,
-    workspace: WorkspaceOption = None,
-    model: ModelOption = None,
-    robot_host: Annotated[
-        str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
-    no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
-    diagnose: Annotated[
-        bool, typer.Option("--diagnose", help="After the fit: name what the model leaves out, into diagnosis/.")
-    ] = False,
-    heldout: Annotated[
-        list[Path] | None,
-        typer.Option("--heldout", help="Recording of another motion that checks the names; may be given repeatedly."),
-    ] = None,
-    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
-    start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
-    seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
-    serial: Annotated[
-        str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
-    ] = None,
-    ladder: Annotated[
-        Path | None, typer.Option("--ladder", metavar="FILE", help="Record of amplitudes done; default: the user's.")
-    ] = None,
-    skip_ladder: Annotated[
-        bool, typer.Option("--skip-ladder", help="Allow an amplitude before its turn; the log will say so.")
-    ] = False,
-    json_file: JsonOption = None,
-) -> None:
-    """One acquisition: start ramp, PERIODS periods at 1 kHz, stop ramp; then the fit, in a process of its own.
-
-    Writes recording.mcap and run.json into the folder, then model.json. Ctrl-C brings the arm to rest by a ramp.
-    On a real arm a new motion begins at --amplitude 0.1; 0.25, 0.5 and 1 follow as each before was completed.
-
-    Example: iiwa-ident run --periods 1 --out runs/first --no-fit
-    """
-    from daemon.cli.worker_view import wait_for_worker
-    from daemon.commissioning import admit
-    from daemon.preparation import new_run_id, prepare_motion, write_run_request
-    from daemon.service import run_acquisition
-    from fri_client.messages import FriVersion
-
-    host, port = parse_bind(bind)
-    if diagnose and no_fit:
-        raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
-    for file in heldout or ():
-        if not diagnose or not file.is_file():
-            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
-    try:
-        version = FriVersion.parse(fri_version).value
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
-    motion = prepare_motion(trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model)
-    if not motion.preflight.safe:
-        show_preflight(motion)
-        message("The preflight found the motion unsafe; nothing was moved.")
-        raise typer.Exit(1)
-    run_id = new_run_id()
-    settings: dict[str, Any] = {
-        "run_id": run_id,
-        "periods": periods,
-        "bind_host": host,
-        "bind_port": port,
-        "robot_host": robot_host,
-        "fri_version": version,
-        "fit": not no_fit,
-        "diagnose": diagnose,
-        "heldout": tuple(str(file.absolute()) for file in heldout or ()),
-        "start_timeout_s": start_timeout,
-        "seed": seed,
-        "simulation": ipaddress.ip_address(host).is_loopback,
-        "serial": serial,
-        "ladder_file": None if ladder is None else str(ladder.absolute()),
-        "skip_ladder": skip_ladder,
-    }
-    # Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made.
-    with tempfile.TemporaryDirectory() as scratch:
-        admit(write_run_request(motion, Path(scratch), **settings))
-    if not no_confirm:
-        confirm_motion(motion, host, periods)
-    request = write_run_request(motion, out or Path("runs") / run_id, **settings)
-    with run_shown() as view:
-        outcome = run_acquisition(request, observe=view.observe)
-    fit = wait_for_worker(Path(outcome.worker_status_file)) if outcome.worker_status_file is not None else None
-    if json_file is not None:
-        import msgspec
-
-        write_json(json_file, msgspec.to_builtins(outcome))
-    if not wants_json_on_stdout(json_file):
-        view.show_outcome(outcome.sentences)
-        data(f"Everything is in {outcome.out_dir}")
-    if outcome.exit_code:
-        raise typer.Exit(outcome.exit_code)
-    if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
-        raise typer.Exit(fit.exit_code or 1)
 
 
 @app.command()
@@ -278,10 +184,12 @@ def recover(
     Example: iiwa-ident recover runs/first
     """
     from daemon.account import account_for_folder
+    from daemon.cli.worker_view import settle_fit
     from daemon.log.parts import recover as recover_recording
 
     report = recover_recording(log)
     outcome = account_for_folder(log, report) if log.is_dir() else None
+    fit = settle_fit(log) if log.is_dir() else ""
     if json_file is not None:
         write_json(json_file, report.to_json())
     if not wants_json_on_stdout(json_file):
@@ -289,3 +197,5 @@ def recover(
             data(sentence)
         if outcome is not None:
             data(f"{log / 'run.json'} was missing and is written: {outcome.sentences[0]}")
+        if fit:
+            data(fit)

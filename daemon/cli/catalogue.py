@@ -25,7 +25,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("demo", "demonstration", "The whole chain without a robot, from motion to diagnosis."),
         Entry("doctor", "examination", "Examine host, network, real-time limits and link."),
         Entry("check", "acquisition", "Preflight of a motion: is it safe?"),
-        Entry("run", "acquisition", "Move the arm, record at 1 kHz, then fit."),
+        Entry("run", "run", "Move the arm, record at 1 kHz, then fit."),
         Entry("recover", "acquisition", "Make a broken-off log whole again."),
     ),
     "Researcher: from recordings to a model": (

@@ -98,8 +98,8 @@ def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[s
     )
     data(f"3. Acquisition: {periods} periods {mode}; the worker fits and diagnoses from the logs alone")
     outcome = acquire(motion, "excitation", periods, unused.recordings, fit=True)
-    assert outcome.worker_status_file is not None
-    status = wait_for_worker(Path(outcome.worker_status_file))
+    assert outcome.worker_pid is not None
+    status = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid)
     if status.phase != "done" or status.diagnosis_error is not None:
         raise typer.Exit(status.exit_code or 1)
 

@@ -38,7 +38,8 @@ def doctor(
 
     Example: iiwa-ident doctor --bind 192.170.10.1:30200 --answer
     """
-    from daemon.config import DaemonConfig, load_config
+    from daemon.api import AUTO_VERSION
+    from daemon.config import DaemonConfig, load_config, parse_version
     from daemon.doctor import examine
     from daemon.link_observation import Mirror
     from fri_client.messages import FriVersion
@@ -47,7 +48,7 @@ def doctor(
     host, port = (settings.fri.bind_host, settings.fri.bind_port) if bind is None else parse_bind(bind)
     try:
         named = fri_version or (None if config is None else settings.fri.version)
-        version = None if named is None else FriVersion.parse(named)
+        version = None if named is None or parse_version(named) == AUTO_VERSION else FriVersion.parse(named)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     report = examine(

@@ -7,33 +7,42 @@ from pathlib import Path
 
 import psutil
 
-from daemon.api import WorkerStatus
+from daemon.api import WorkerJob, WorkerStatus
 from daemon.cli.output import message
 from daemon.cli.progress import progress_shown
-from daemon.errors import ChildProcessFailedError
 from daemon.json_files import read_json
+from daemon.worker_start import JOB_NAME, note_end
 
 _POLL_S = 0.2
-_START_ALLOWANCE_S = 60.0
 
 
-def wait_for_worker(status_file: Path) -> WorkerStatus:
+def wait_for_worker(folder: Path, pid: int) -> WorkerStatus:
     """Show each phase of a fit until it is done; returns its last status, which may be "failed".
 
-    Raises ChildProcessFailedError when the worker's process is gone without having said so.
+    folder: of the run. A process that is gone without a word has failed, and its status then says so.
     """
-    waited_s = 0.0
+    job = read_json(folder / JOB_NAME, WorkerJob)
     with progress_shown() as show:
         while True:
-            status = read_json(status_file, WorkerStatus) if status_file.exists() else None
-            if status is not None:
-                if status.phase in ("done", "failed"):
-                    break
-                show(status.sentence.rstrip("."), status.fraction)
-            alive = status is None or not status.pid or psutil.pid_exists(status.pid)
-            if not alive or (status is None and waited_s > _START_ALLOWANCE_S):
-                raise ChildProcessFailedError("fit", None, "its status file stopped changing")
+            alive = psutil.pid_exists(pid)
+            # Read after the question, so that what it said with its last breath counts.
+            status = read_json(job.status_file, WorkerStatus) if alive else note_end(job, None)
+            if status.phase in ("done", "failed"):
+                break
+            show(status.sentence.rstrip("."), status.fraction)
             time.sleep(_POLL_S)
-            waited_s += _POLL_S
     message(f"Fit: {status.sentence}")
     return status
+
+
+def settle_fit(folder: Path) -> str:
+    """The sentence for a fit of this run whose process is gone without a word, which its status then says as well;
+    empty where there is none.
+    """
+    if not (folder / JOB_NAME).is_file():
+        return ""
+    job = read_json(folder / JOB_NAME, WorkerJob)
+    status = read_json(job.status_file, WorkerStatus)
+    if status.phase in ("done", "failed") or (status.pid and psutil.pid_exists(status.pid)):
+        return ""
+    return note_end(job, None).sentence

@@ -41,7 +41,8 @@ def test_the_example_is_complete_and_its_values_are_the_defaults_but_for_the_lab
     config = load_config(_written(tmp_path / "c.yaml", text))
     shown, defaults = msgspec.to_builtins(config), msgspec.to_builtins(DaemonConfig())
     written = msgspec.yaml.decode(text)
-    lab = {("fri", "bind_host"), ("fri", "robot_host"), ("run", "external_torque_limit")}
+    lab = {("fri", "bind_host"), ("fri", "robot_host")}
+    assert text.count("# lab:") == len(lab)
     for section, default in defaults.items():
         if not isinstance(default, dict):
             assert written[section] == default
@@ -54,6 +55,18 @@ def test_the_example_is_complete_and_its_values_are_the_defaults_but_for_the_lab
 def _written(file: Path, text: str) -> Path:
     file.write_text(text)
     return file
+
+
+def test_the_version_may_be_left_to_the_robot(tmp_path: Path) -> None:
+    config = load_config(_written(tmp_path / "c.yaml", "fri: {version: Auto}\n"))
+    assert config.request_fields()["fri_version"] == "auto"
+
+
+@pytest.mark.parametrize("field", ["robot_host", "bind_host"])
+def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
+    with pytest.raises(ConfigurationError, match="notahost") as refusal:
+        RunRequest(run_id="r", robot="iiwa14", table_file="t", trajectory_file="j", out_dir="o", **{field: "notahost"})
+    assert refusal.value.field == field
 
 
 @pytest.mark.parametrize(

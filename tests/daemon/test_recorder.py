@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -448,3 +449,15 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     assert "brakes by itself" in outcome.sentences[0]
     assert "written by the recorder" in outcome.sentences[-1]
     assert not (tmp_path / "recorder0.json").exists()
+
+
+def test_the_metadata_name_arm_date_and_load(tmp_path: Path, ring: HandoverRing) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text("tool: {name: gripper, mass_kg: 2.5, center_of_mass_m: [0, 0, 0.06]}\n")
+    Producer(ring).push(5)
+    record_all(tmp_path, ring, serial="K-77", tool="gripper", workspace_file=str(cell))
+    with (tmp_path / "recording.mcap").open("rb") as stream:
+        told = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}["iiwa_ident"]
+    assert (told["serial"], told["tool"], told["tool_mass_kg"]) == ("K-77", "gripper", "2.5")
+    assert told["tool_center_of_mass_m"] == "0.0, 0.0, 0.06"
+    assert datetime.fromisoformat(told["date"]).tzinfo is not None

@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pinocchio
+import pytest
 
+from daemon.api import LoopReport, PhaseSpan, RunOutcome
+from daemon.cli import main
+from daemon.errors import ConfigurationError
+from daemon.json_files import write_json
 from daemon.log.cdr import JOINT_NAMES
-from daemon.run_folder import prepare_folder
+from daemon.run_folder import make_room, prepare_folder
 
 from .producer import make_request
 
@@ -26,3 +31,69 @@ def test_a_urdf_of_the_operators_own_is_copied_and_not_replaced(tmp_path: Path) 
     resolved = prepare_folder(make_request(tmp_path / "in", out_dir=str(tmp_path / "run"), urdf_file=str(own)))
     assert resolved.urdf_file == str(tmp_path / "run" / "mine.urdf")
     assert not (tmp_path / "run" / "robot.urdf").exists()
+
+
+def leave_run(folder: Path, outcome: str, *phases: str, answered: int = 5) -> None:
+    """What a run leaves: its account and its files."""
+    folder.mkdir(exist_ok=True)
+    report = LoopReport(
+        outcome=outcome, reason="r", sentence="s", answered=answered,  # type: ignore[arg-type]
+        phases=tuple(PhaseSpan(phase=phase) for phase in phases),
+    )  # fmt: skip
+    write_json(
+        folder / "run.json",
+        RunOutcome(
+            run_id="r", outcome=report.outcome, exit_code=69, sentences=("s",), out_dir=str(folder), loop=report
+        ),
+    )
+    (folder / "loop.log").write_text("words")
+    (folder / "table.npy").write_text("an input")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "phases", "answered"),
+    [
+        ("no_robot", ("WAITING",), 0),
+        ("version_mismatch", ("WAITING",), 0),
+        ("not_started", ("WAITING",), 900),
+        ("refused", (), 0),
+        ("stopped", ("WAITING", "DONE"), 4),
+        ("fault", (), 0),
+    ],
+)
+def test_a_start_at_which_nothing_moved_makes_room_for_the_next_and_is_kept(
+    tmp_path: Path, outcome: str, phases: tuple[str, ...], answered: int
+) -> None:
+    for number in (1, 2):
+        leave_run(tmp_path / "run", outcome, *phases, answered=answered)
+        make_room(tmp_path / "run")
+        kept = tmp_path / "run" / f"failed-start-{number}"
+        assert {file.name for file in kept.iterdir()} == {"run.json", "loop.log"}
+        assert not (tmp_path / "run" / "run.json").exists()
+        assert (tmp_path / "run" / "table.npy").exists()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "phases"),
+    [
+        ("completed", ("START_RAMP", "EXCITATION")),
+        ("stopped", ("WAITING", "START_RAMP", "STOP_RAMP")),
+        ("dropped", ("WAITING", "START_RAMP")),
+        ("fault", ()),
+    ],
+)
+def test_a_run_that_may_have_moved_the_arm_is_never_set_aside(
+    tmp_path: Path, outcome: str, phases: tuple[str, ...]
+) -> None:
+    leave_run(tmp_path / "run", outcome, *phases)
+    with pytest.raises(ConfigurationError, match="holds a run already"):
+        make_room(tmp_path / "run")
+
+
+def test_the_inputs_of_an_earlier_run_are_not_written_over_by_one_that_is_refused(tmp_path: Path) -> None:
+    leave_run(tmp_path / "run", "completed", "START_RAMP")
+    with pytest.raises(SystemExit) as refusal:
+        main(["run", "--amplitude", "0.1", "--out", str(tmp_path / "run")])
+    assert refusal.value.code == 78
+    assert (tmp_path / "run" / "table.npy").read_text() == "an input"
+    assert not (tmp_path / "run" / "trajectory.json").exists()

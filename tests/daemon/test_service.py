@@ -26,7 +26,13 @@ from rosbags.highlevel import AnyReader
 
 from daemon.account import account_for_folder
 from daemon.api import RunEvent, RunOutcome, RunRequest
-from daemon.errors import ConfigurationError, LogIOError, MissingInputError, PortInUseError
+from daemon.errors import (
+    ConfigurationError,
+    LogIOError,
+    MissingInputError,
+    PortInUseError,
+    RobotUnreachableError,
+)
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.service import run_acquisition
@@ -372,6 +378,62 @@ def test_another_fri_version_is_a_mismatch_with_exit_code_76(robot: tuple[int, P
     outcome = run_acquisition(request, observe=lambda _: None)
     assert (outcome.exit_code, outcome.outcome) == (76, "version_mismatch")
     assert "2.7" in outcome.sentences[0]
+
+
+def test_a_start_that_failed_can_be_repeated_into_the_same_folder(tmp_path: Path) -> None:
+    for number in (0, 1):
+        outcome = run_acquisition(gentle_request(tmp_path, free_port(), start_timeout_s=0.2), observe=lambda _: None)
+        assert outcome.exit_code == 69
+        assert len(list((tmp_path / "run").glob("failed-start-*"))) == number
+
+
+@pytest.fixture(params=["2.5", "2.7"])
+def newer_robot(request: pytest.FixtureRequest) -> Iterator[tuple[int, str]]:
+    port = free_port()
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
+            *("--duration", "600", "--seed", "3", "--fri-version", request.param),
+        ],
+        cwd=REPOSITORY,
+        stderr=subprocess.DEVNULL,
+    )
+    yield port, request.param
+    process.terminate()
+    process.wait(30)
+
+
+def test_the_version_is_heard_before_anything_is_started(newer_robot: tuple[int, str], tmp_path: Path) -> None:
+    port, spoken = newer_robot
+    outcome = run_acquisition(gentle_request(tmp_path, port, periods=1, fri_version="auto"), observe=lambda _: None)
+    assert (outcome.exit_code, outcome.outcome) == (0, "completed"), outcome.sentences
+    assert outcome.request is not None
+    assert outcome.request.fri_version == spoken
+    with open(outcome.recordings[0], "rb") as stream:
+        told = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    assert told["iiwa_ident"]["fri_version"] == spoken
+
+
+def test_nobody_to_hear_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(RobotUnreachableError):
+        run_acquisition(
+            gentle_request(tmp_path, free_port(), fri_version="auto", start_timeout_s=0.2), observe=lambda _: None
+        )
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("newer_robot", ["2.5"], indirect=True)
+def test_a_version_that_only_looks_alike_is_said_before_the_motion(
+    newer_robot: tuple[int, str], tmp_path: Path
+) -> None:
+    events: list[RunEvent] = []
+    request = gentle_request(tmp_path, newer_robot[0], periods=1, fri_version="1.15")
+    outcome = run_acquisition(request, observe=events.append)
+    assert outcome.outcome == "completed", outcome.sentences
+    said = next(number for number, event in enumerate(events) if "--fri-version 2.5" in event.sentence)
+    moving = next(number for number, event in enumerate(events) if event.sentence == "Motion: start ramp.")
+    assert events[said].kind == "warning"
+    assert said < moving
 
 
 def test_a_port_in_use_is_said_before_any_process_is_started(tmp_path: Path) -> None:

@@ -19,9 +19,10 @@ import psutil
 import pytest
 
 from daemon.api import WorkerJob, WorkerStatus
+from daemon.cli.worker_view import settle_fit, wait_for_worker
 from daemon.json_files import read_json, write_json
 from daemon.worker import StatusFile, main, run_job
-from daemon.worker_start import launch
+from daemon.worker_start import JOB_NAME, launch
 from fixtures.physics import iiwa14_table_three
 from identification.estimators.physical import PhysicalParameters
 from identification.robots import load_robot
@@ -152,3 +153,31 @@ def test_a_diagnosis_that_fails_leaves_the_job_done_and_its_model(tmp_path: Path
     assert status.diagnosis_error is not None
     assert "absent.mcap" in status.diagnosis_error
     assert status.diagnosis_error in status.sentence
+
+
+def test_a_killed_fit_says_so_in_its_status_and_to_whoever_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The worker waits for ever as its interpreter begins, and is killed: who waits for it gets an answer, no error."""
+    (tmp_path / "sitecustomize.py").write_text("import signal; signal.pause()")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
+    pid = launch(job, tmp_path / JOB_NAME)
+    assert read_json(job.status_file, WorkerStatus).phase == "queued"
+    os.kill(pid, signal.SIGKILL)
+    status = wait_for_worker(tmp_path, pid)
+    assert (status.phase, status.exit_code) == ("failed", 1)
+    assert "while queued" in status.sentence
+    assert "absent.mcap" in status.sentence
+    assert wait_for_end(job).phase == "failed"
+
+
+def test_a_fit_killed_with_all_who_could_tell_is_settled_afterwards(tmp_path: Path) -> None:
+    job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
+    write_json(tmp_path / JOB_NAME, job)
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    write_json(job.status_file, WorkerStatus(job_id=job.job_id, phase="loading", sentence="Reading.", pid=gone.pid))
+    assert "iiwa-ident fit" in settle_fit(tmp_path)
+    assert read_json(job.status_file, WorkerStatus).phase == "failed"
+    assert settle_fit(tmp_path) == ""

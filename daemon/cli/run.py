@@ -1,0 +1,204 @@
+"""The command `run`: one acquisition in the foreground, from the settings to the fit's last word."""
+
+from __future__ import annotations
+
+import ipaddress
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from daemon.cli.acquisition import (
+    ModelOption,
+    RobotOption,
+    ToolOption,
+    TrajectoryArgument,
+    WorkspaceOption,
+    parse_bind,
+    show_preflight,
+    tool_from,
+)
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.run_view import run_shown
+from daemon.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from daemon.preparation import PreparedMotion
+
+
+def _address(host: str | None) -> str | None:
+    from daemon.api import is_ipv4
+
+    if host is not None and not is_ipv4(host):
+        raise typer.BadParameter(f"--robot-host '{host}' is no IPv4 address, such as 192.170.10.2.")
+    return host
+
+
+def _version(text: str | None) -> str | None:
+    from daemon.config import parse_version
+
+    try:
+        return None if text is None else parse_version(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def confirm_motion(motion: PreparedMotion, host: str, periods: int) -> None:
+    """Ask before a real arm may move. No cabinet can reach a loopback address, so there nothing is asked."""
+    if ipaddress.ip_address(host).is_loopback:
+        return
+    if not sys.stdin.isatty():
+        raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
+    seconds = motion.trajectory.period_s * periods
+    message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
+    tool = motion.surroundings.tool.describe()
+    message(f"Tool: {tool}. Are the load data on the cabinet those of this tool?")
+    message("Is the workspace clear, and the enabling switch in reach?")
+    typer.confirm("Start", abort=True, err=True)
+
+
+@app.command()
+def run(
+    trajectory: TrajectoryArgument = None,
+    periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record; default: 16.")] = None,
+    bind: Annotated[
+        str | None, typer.Option("--bind", help="Address and port the robot sends to; default: 127.0.0.1:30200.")
+    ] = None,
+    fri_version: Annotated[
+        str | None,
+        typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5, 2.7, or auto: ask the robot; default: 1.15."),
+    ] = None,
+    amplitude: Annotated[
+        float | None,
+        typer.Option(
+            "--amplitude",
+            min=0.01,
+            max=1.0,
+            help="Fraction of the motion, default: 1; on a new arm 0.1, 0.25, 0.5 first.",
+        ),
+    ] = None,
+    robot: RobotOption = None,
+    workspace: WorkspaceOption = None,
+    model: ModelOption = None,
+    tool: ToolOption = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="Settings as of `daemon`; options given here stand before them."),
+    ] = None,
+    robot_host: Annotated[
+        str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
+    no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose", help="After the fit: name what the model leaves out, into diagnosis/.")
+    ] = False,
+    heldout: Annotated[
+        list[Path] | None,
+        typer.Option("--heldout", help="Recording of another motion that checks the names; may be given repeatedly."),
+    ] = None,
+    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
+    start_timeout: Annotated[
+        float | None, typer.Option("--start-timeout", help="Seconds to wait for the robot; default: 30.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
+    ] = None,
+    ladder: Annotated[
+        Path | None, typer.Option("--ladder", metavar="FILE", help="Record of amplitudes done; default: the user's.")
+    ] = None,
+    skip_ladder: Annotated[
+        bool, typer.Option("--skip-ladder", help="Allow an amplitude before its turn; the log will say so.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """One acquisition: start ramp, PERIODS periods at 1 kHz, stop ramp; then the fit, in a process of its own.
+
+    Writes recording.mcap and run.json into the folder, then model.json. Ctrl-C brings the arm to rest by a ramp.
+    On a real arm a new motion begins at --amplitude 0.1; 0.25, 0.5 and 1 follow as each before was completed.
+
+    Example: iiwa-ident run --config lab.yaml --tool 2.5@0,0,0.06 --amplitude 0.1
+    """
+    from daemon.cli.worker_view import wait_for_worker
+    from daemon.commissioning import admit
+    from daemon.config import DaemonConfig, load_config
+    from daemon.preparation import new_run_id, prepare_motion, write_run_request
+    from daemon.run_folder import make_room
+    from daemon.service import run_acquisition
+    from daemon.tool import read_tool
+
+    lab = DaemonConfig() if config is None else load_config(config)
+    host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
+    if diagnose and (no_fit or not lab.run.fit):
+        raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
+    for file in heldout or ():
+        if not diagnose or not file.is_file():
+            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
+    given = {
+        "periods": periods,
+        "bind_host": host,
+        "bind_port": port,
+        "robot_host": _address(robot_host),
+        "fri_version": _version(fri_version),
+        "start_timeout_s": start_timeout,
+        "serial": serial,
+        "amplitude": amplitude,
+        "workspace_file": workspace,
+        "fit": False if no_fit else None,
+    }
+    settings = lab.request_fields() | {name: each for name, each in given.items() if each is not None}
+    arm, noted = settings.pop("robot"), settings.pop("tool")
+    carried = read_tool(noted, is_name=True) if tool is None else tool_from(tool)
+    around = settings.pop("workspace_file")
+    motion = prepare_motion(
+        trajectory,
+        robot=robot or (None if config is None else arm),
+        amplitude=settings.pop("amplitude"),
+        workspace=None if around is None else Path(around),
+        model=model,
+        tool=carried,
+        lead_in_s=settings.pop("lead_in_s"),
+    )
+    meant_for = motion.trajectory.robot
+    if robot is None and meant_for not in ("", motion.robot):
+        raise ConfigurationError(f"{motion.name} was made for {meant_for}; --robot says otherwise.", file=str(config))
+    if not motion.preflight.safe:
+        show_preflight(motion)
+        message("The preflight found the motion unsafe; nothing was moved.")
+        raise typer.Exit(1)
+    run_id = new_run_id()
+    settings.update(
+        run_id=run_id,
+        diagnose=diagnose,
+        heldout=tuple(str(file.absolute()) for file in heldout or ()),
+        seed=seed,
+        simulation=ipaddress.ip_address(host).is_loopback,
+        ladder_file=None if ladder is None else str(ladder.absolute()),
+        skip_ladder=skip_ladder,
+    )
+    out = Path(lab.output) / run_id if out is None else out
+    make_room(out)
+    # Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made.
+    with tempfile.TemporaryDirectory() as scratch:
+        admit(write_run_request(motion, Path(scratch), **settings))
+    if not no_confirm:
+        confirm_motion(motion, host, settings["periods"])
+    request = write_run_request(motion, out, **settings)
+    with run_shown() as view:
+        outcome = run_acquisition(request, observe=view.observe)
+    fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
+    if json_file is not None:
+        import msgspec
+
+        write_json(json_file, msgspec.to_builtins(outcome))
+    if not wants_json_on_stdout(json_file):
+        view.show_outcome(outcome.sentences)
+        data(f"Everything is in {outcome.out_dir}")
+    if outcome.exit_code:
+        raise typer.Exit(outcome.exit_code)
+    if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
+        raise typer.Exit(fit.exit_code or 1)
