@@ -8,7 +8,8 @@ What happens when a child dies:
   - recorder: the loop is asked for a stop ramp, a second recorder takes over the same ring (which still holds all that
     is not safe) into a part of its own, and both parts are joined into recording.mcap; the broken one is kept too.
     When the disk is what failed, the part goes to the system's temporary folder.
-  - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds.
+  - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds. A loop that is held
+    (SIGSTOP) for STOPPED_S is ended.
   - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended; the
     loop's process then writes run.json.
   - loop and supervisor together: the recorder closes its file and writes run.json.
@@ -74,7 +75,8 @@ __all__ = ["run_acquisition"]
 
 RECORDER_START_S = 60.0
 RECORDER_SILENCE_S = 120.0
-RECORDER_STOPPED_S = 10.0
+STOPPED_S = 10.0
+"""A child that a signal holds (SIGSTOP) for so long does not come back: what it holds is needed now."""
 MAXIMUM_PARTS = 4
 POLL_S = 0.05
 
@@ -203,6 +205,9 @@ class _Acquisition:
                 self._listen(POLL_S)
                 self._watch_recorder()
                 self._narrator.follow()
+                # The robot has long braked by itself; a loop that came back now would answer nobody.
+                if self._loop_silence_s() > STOPPED_S and loop.is_stopped:
+                    loop.process.kill()
                 if check is not None and check.done():
                     if sentence := check.result():
                         self._narrator.tell("preflight", sentence)
@@ -225,6 +230,10 @@ class _Acquisition:
         report = loop_report_without_loop(self._ring, loop.process.returncode, loop.last_words)
         self._loop_exit_code = EXIT_CODES[report.outcome]
         return report
+
+    def _loop_silence_s(self) -> float:
+        said = self._ring.status.time_ns
+        return time.monotonic() - said * 1e-9 if said else 0.0
 
     def _watch_recorder(self) -> None:
         """Replace a recorder that ended while the loop runs, and end the motion: what failed once may fail again."""
@@ -251,7 +260,7 @@ class _Acquisition:
         while self._recorder is not None:
             if self._recorder.alive:
                 self._listen(POLL_S)
-                patience_s = RECORDER_STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
+                patience_s = STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
                 if time.monotonic() - self._last_heard > patience_s:
                     self._recorder.process.kill()
                     self._recorder.process.wait()

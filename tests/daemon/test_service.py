@@ -179,7 +179,7 @@ def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
 def test_a_recorder_stopped_for_ever_costs_no_sample(
     robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.service.RECORDER_STOPPED_S", 0.3)
+    monkeypatch.setattr("daemon.service.STOPPED_S", 0.3)
     stopped: list[psutil.Process] = []
 
     def observe(event: RunEvent) -> None:
@@ -197,6 +197,23 @@ def test_a_recorder_stopped_for_ever_costs_no_sample(
     assert outcome.handover_gaps == 0
     assert_nothing_missing(Path(outcome.recordings[0]))
     assert not stopped[0].is_running()
+
+
+def test_a_loop_stopped_for_ever_is_ended_and_the_books_are_closed(
+    robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.service.STOPPED_S", 0.3)
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1:
+            child_of(psutil.Process(), "daemon.loop_process").suspend()
+
+    outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=600), observe=observe)
+    assert (outcome.exit_code, outcome.outcome) == (70, "fault"), outcome.sentences
+    assert outcome.loop is not None
+    # It may have been held between a record and the count of it.
+    assert outcome.samples - outcome.loop.received in (0, 1)
+    assert read_json(tmp_path / "run" / "run.json", RunOutcome) == outcome
 
 
 def test_an_observer_that_fails_ends_no_run(robot: tuple[int, Path], tmp_path: Path) -> None:
