@@ -15,24 +15,35 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from daemon.errors import ConfigurationError
+from daemon.errors import ConfigurationError, sentence_of
 
 if TYPE_CHECKING:
+    from identification.mismatch.findings import Finding
     from identification.robots import Installation
 
-__all__ = ["BatchItem", "Task", "executor_of", "run_batch", "run_item"]
+__all__ = ["BatchItem", "Task", "executor_of", "folder_names", "run_batch", "run_item"]
 
 Task = Literal["fit", "diagnose"]
+RECORDING_NAME = "recording.mcap"
+"""Of the log in the folder of every run."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchItem:
-    """The outcome for one file. exit_code: as of the command alone; sentence: result or error; files: those written."""
+    """The outcome for one file. exit_code: as of the command alone; sentence: result or error; files: those written.
+
+    name: of its folder. rms_nm: (n,) RMS of measured minus modelled torque, with the findings of a diagnosis, and
+    noise_floor_nm: (n,) of the noise alone, None where it is not known; both empty after an error. tone: of its page.
+    """
 
     file: str
     exit_code: int
     sentence: str
     files: tuple[str, ...] = ()
+    name: str = ""
+    rms_nm: tuple[float | None, ...] = ()
+    noise_floor_nm: tuple[float | None, ...] = ()
+    tone: Literal["good", "attention", "neutral"] = "neutral"
 
     def to_json(self) -> dict[str, Any]:
         """The item as plain JSON types."""
@@ -41,6 +52,9 @@ class BatchItem:
             "exit_code": self.exit_code,
             "sentence": self.sentence,
             "files": list(self.files),
+            "name": self.name,
+            "rms_nm": list(self.rms_nm),
+            "noise_floor_nm": list(self.noise_floor_nm),
         }
 
 
@@ -60,7 +74,11 @@ def run_item(
     try:
         from daemon.diagnosis import diagnose_recordings
         from identification.fit import fit_recordings
+        from identification.fitting.rms import json_numbers
         from identification.recordings.reader import read_inputs
+        from identification.report import write_report
+        from identification.report.diagnosis_sections import tone_of
+        from identification.report.fit_verdict import fit_verdict
 
         out = Path(folder)
         out.mkdir(parents=True, exist_ok=True)
@@ -69,15 +87,30 @@ def run_item(
         recording, *unseen = inputs.recordings
         if task == "diagnose":
             found = diagnose_recordings([recording], unseen, inputs.robot, out)
-            names = ", ".join(finding.effect for finding in found.diagnosis.findings) or "nothing named"
-            return BatchItem(file, 0, f"{found.diagnosis.verdict}: {names}", tuple(map(str, found.files)))
+            diagnosis = found.diagnosis
+            names = ", ".join(_claim(finding) for finding in diagnosis.findings) or "nothing named"
+            left = diagnosis.rms_after_nm if diagnosis.findings else diagnosis.baseline.rms_nm
+            return BatchItem(
+                file, 0, f"{diagnosis.verdict.replace('_', ' ')}: {names}", tuple(map(str, found.files)), out.name,
+                tuple(json_numbers(left)), tuple(json_numbers(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
+            )  # fmt: skip
         result = fit_recordings([recording], inputs.robot)
-        target = out / "model.json"
-        target.write_text(json.dumps(result.to_model_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        rms = ", ".join(f"{value:.3f}" for value in result.rms.rows[0].rms_nm)
-        return BatchItem(file, 0, f"RMS per joint {rms} Nm", (str(target),))
+        model, target, page = result.to_model_json(), out / "model.json", out / "report.html"
+        target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_report(page, fit=result, model=model)
+        rms, (sentence, tone) = result.rms.rows[0], fit_verdict(model)
+        return BatchItem(
+            file, 0, sentence, (str(target), str(page)), out.name,
+            tuple(json_numbers(rms.rms_nm)), tuple(json_numbers(rms.noise_floor_nm)), tone,
+        )  # fmt: skip
     except Exception as error:  # one bad file must not cost the others their result
-        return BatchItem(file, exit_code_of(error), str(error) or type(error).__name__)
+        return BatchItem(file, exit_code_of(error), sentence_of(error), name=Path(folder).name)
+
+
+def _claim(finding: Finding) -> str:
+    where = "" if finding.place.joint is None else f" of joint {finding.place.joint}"
+    doubt = " (NOT confirmed)" if finding.confirmed is False else ""
+    return f"{finding.effect.replace('_', ' ')}{where}{doubt}"
 
 
 def run_batch(
@@ -94,24 +127,26 @@ def run_batch(
 ) -> tuple[BatchItem, ...]:
     """One job a file, results in the order of the files; `progress` sees each item as it ends.
 
-    Each file's results go to a folder of its name in `out`, numbered where names repeat.
+    Each file's results go to a folder of its name in `out`, of its run's name where every run's log has the same one;
+    numbered where names repeat.
     """
     others = tuple(str(path.resolve()) for path in heldout)
-    names = _folder_names(files)
-    waiting: dict[Future[BatchItem], Path] = {
+    names = folder_names(files)
+    waiting: dict[Future[BatchItem], tuple[Path, str]] = {
         executor.submit(
             run_item, task, str(file.resolve()), str((out / name).resolve()), robot, others, joints, installation
-        ): file
+        ): (file, name)
         for file, name in zip(files, names, strict=True)
     }
-    done: dict[Path, BatchItem] = {}
+    done: dict[str, BatchItem] = {}
     for future in as_completed(waiting):
-        file = waiting[future]
+        file, name = waiting[future]
         error = future.exception()
-        done[file] = future.result() if error is None else BatchItem(str(file), 70, f"the process died: {error}")
+        died = BatchItem(str(file), 70, f"the process died: {error}", name=name)
+        done[name] = future.result() if error is None else died
         if progress is not None:
-            progress(done[file])
-    return tuple(done[file] for file in files)
+            progress(done[name])
+    return tuple(done[name] for name in names)
 
 
 @contextmanager
@@ -134,17 +169,20 @@ def executor_of(scheduler: str | None, jobs: int | None) -> Iterator[Executor]:
         connect: Any = distributed.Client
         client = connect(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
-        raise ConfigurationError(f"no Dask scheduler answers at {scheduler} ({error})", field="--scheduler") from error
+        reason = sentence_of(error).rstrip(".")
+        raise ConfigurationError(f"no Dask scheduler answers at {scheduler} ({reason})", field="--scheduler") from error
     with client:
         # Not the client's own futures: `get_executor` gives those of the standard library.
         yield client.get_executor(pure=False)
 
 
-def _folder_names(files: Sequence[Path]) -> list[str]:
+def folder_names(files: Sequence[Path]) -> list[str]:
+    """A name for each file's results: its own, of `recording.mcap` that of the run's folder, numbered if taken."""
     names: list[str] = []
     for file in files:
-        name, number = file.stem, 2
+        own = file.resolve().parent.name if file.name == RECORDING_NAME else file.name if file.is_dir() else file.stem
+        name, number = own, 2
         while name in names:
-            name, number = f"{file.stem}-{number}", number + 1
+            name, number = f"{own}-{number}", number + 1
         names.append(name)
     return names

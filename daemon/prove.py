@@ -28,7 +28,7 @@ from typing import Any
 from daemon.errors import ProofProcessError, SealBrokenError
 from daemon.prove_score import CaseScore, score_case
 
-__all__ = ["GENERATOR", "WORKER", "ProvenCase", "prove", "select_cases"]
+__all__ = ["GENERATOR", "WORKER", "ProvenCase", "page_name", "prove", "select_cases"]
 
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.prove_worker")
@@ -128,6 +128,7 @@ def prove(
     jobs: int,
     worker: Sequence[str] = WORKER,
     report: bool = False,
+    pages: Path | None = None,
     publish: Callable[[str, str], None],
     progress: Callable[[int, int], None] | None = None,
     minutes: float = math.inf,
@@ -135,7 +136,8 @@ def prove(
     """Diagnose the cases of a seed blind and score them, in the order of their numbers.
 
     minutes: after which no further case is begun; those that are done are opened and scored. report: each diagnosis is
-    also written as a report, within the time of its case. A case without a diagnosis (an error, or a process that was
+    also written as a report, within the time of its case. pages: folder that keeps them, each as `page_name` says;
+    given, there are reports. A case without a diagnosis (an error, or a process that was
     killed, which is started anew) is wrong in every count.
     publish(name, commitment) is called for each case before its recordings are diagnosed. worker: arguments of the
     Python process that diagnoses. Raises SealBrokenError when an opened label is not the sealed one, ProofProcessError
@@ -163,7 +165,7 @@ def prove(
         def run_lane(generator: _LineProcess, diagnoser: _Diagnoser) -> list[dict[str, Any]]:
             done = []
             for index in _drain(waiting, end):
-                done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish, report=report))
+                done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish, report, pages))
                 if progress is not None:
                     progress(next(count), len(indices))
             return done
@@ -176,6 +178,11 @@ def prove(
             for case in lane
         ]
     return sorted(proven, key=lambda case: case.index)
+
+
+def page_name(index: int) -> str:
+    """File name of a case's page, by the case's number."""
+    return f"case-{index:04d}.html"
 
 
 def _drain(waiting: SimpleQueue[int], end: float) -> Iterator[int]:
@@ -192,8 +199,8 @@ def _diagnose_blind(
     index: int,
     scratch: Path,
     publish: Callable[[str, str], None],
-    *,
     report: bool,
+    pages: Path | None,
 ) -> dict[str, Any]:
     name = secrets.token_hex(8)  # the folder's name tells nothing of the case
     folder = scratch / name
@@ -201,9 +208,12 @@ def _diagnose_blind(
     publish(name, drawn["commitment"])
     first, second = drawn["recordings"]
     request: dict[str, Any] = {"recordings": [first], "heldout": [second]}
-    if report:
+    if report or pages is not None:
         request["report"] = str(folder / "report.html")
     answer = diagnoser.ask(request)
+    page = folder / "report.html"
+    if pages is not None and page.is_file():
+        shutil.move(page, pages / page_name(index))
     shutil.rmtree(folder)
     return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
 

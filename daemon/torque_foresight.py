@@ -49,9 +49,7 @@ class TorqueForesight:
         return np.asarray(self.regressor.matrix(table, velocity, acceleration) @ self.values)
 
 
-def torque_foresight(
-    robot: str, model_file: Path | None = None, tool: Tool | None = None
-) -> TorqueForesight | None:
+def torque_foresight(robot: str, model_file: Path | None = None, tool: Tool | None = None) -> TorqueForesight | None:
     """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
 
     robot: a built-in arm. tool: its load is added to Table 3, which is the bare arm's, and not to a model.json, which

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +28,7 @@ from daemon.cli.output import JsonOption, data, message, show_table, wants_json_
 from daemon.cli.progress import progress_shown
 
 if TYPE_CHECKING:
+    from daemon.batch import BatchItem
     from identification.mismatch.effects.base import Parameter
     from identification.mismatch.findings import Diagnosis, Finding
     from identification.robots import RobotModel
@@ -199,17 +202,28 @@ def batch(
     Example: iiwa-ident batch diagnose runs/*/recording.mcap --out batch
     """
     from daemon.batch import executor_of, run_batch
+    from daemon.batch_summary import write_summary
 
-    with executor_of(scheduler, jobs) as executor:
+    with progress_shown(lines=False) as show, executor_of(scheduler, jobs) as executor:
+        done = count(1)
+
+        def ended(item: BatchItem) -> None:
+            show(f"{task} of {len(files)} recordings", next(done) / len(files))
+            message(f"{item.name}: {'failed: ' if item.exit_code else ''}{item.sentence}")
+
         items = run_batch(
             task, files, out, executor, robot=robot, heldout=heldout or (), joints=names_of(joints),
-            installation=installation_of(gravity, mount, lock),
-            progress=lambda item: message(f"{item.file}: {item.sentence}"),
+            installation=installation_of(gravity, mount, lock), progress=ended,
         )  # fmt: skip
+    page, table = write_summary(task, items, out)
     if json_file is not None:
         write_json(json_file, [item.to_json() for item in items])
     if not wants_json_on_stdout(json_file):
-        for item in items:
-            data(f"{'failed' if item.exit_code else 'done  '}  {item.file}: {item.sentence}")
+        if not (sys.stdout.isatty() and sys.stderr.isatty()):  # there each stands above already
+            for item in items:
+                data(f"{'failed' if item.exit_code else 'done  '}  {item.name}: {item.sentence}")
+        data(f"As a table: {table}")
+        data("The page to open:")
+        data(f"  {page}")
     if any(item.exit_code for item in items):
         raise typer.Exit(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -13,7 +13,10 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.prove_table import NO_NAME, Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
+from daemon.cli.progress import progress_shown
+from daemon.prove_page import proof_page, proof_tables
+from daemon.prove_score import CaseScore
+from daemon.prove_table import Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
 
 
 @app.command()
@@ -31,46 +34,59 @@ def prove(
     report: Annotated[
         bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
     ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Keep the cases' pages there, and one of the proof."),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Prove the diagnosis on concealed cases: draw, seal, diagnose blind in other processes, open the seals, score.
 
     Example: iiwa-ident prove --cases 600 --seed 1000000 --json proof.json
     """
+    from daemon.prove import page_name, select_cases
     from daemon.prove import prove as run_proof
-    from daemon.prove import select_cases
 
     indices = select_cases(seed, cases, only)
     if not indices:
         raise typer.BadParameter(f"no case is called '{only}'; groups: single, negative, decoy, background, pair, …")
-    proven = run_proof(
-        seed,
-        indices,
-        jobs=jobs or os.cpu_count() or 1,
-        minutes=math.inf if minutes is None else minutes,
-        report=report,
-        publish=lambda name, commitment: message(f"case {name}: label sealed, sha256 {commitment}"),
-        progress=_show_progress if sys.stderr.isatty() else None,
-    )
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    with progress_shown(lines=False) as show:
+        proven = run_proof(
+            seed,
+            indices,
+            jobs=jobs or os.cpu_count() or 1,
+            minutes=math.inf if minutes is None else minutes,
+            report=report,
+            pages=out,
+            publish=lambda name, commitment: message(f"case {name}: label sealed, sha256 {commitment}"),
+            progress=lambda done, total: show(f"{done} of {total} cases diagnosed", done / total),
+        )
     scores = [case.score for case in proven]
     figures = summary(scores)
+    result = plain(
+        {
+            "format": "iiwa-ident/proof/1",
+            "seed": seed,
+            "only": only,
+            "summary": figures,
+            "targets": [dataclasses.asdict(target) for target in targets(figures)],
+            "families": family_rows(scores),
+            "negatives": negatives(scores),
+            "confusion": confusion(scores),
+            "cases": [dataclasses.asdict(case) for case in proven],
+        }
+    )
     if json_file is not None:
-        write_json(
-            json_file,
-            plain(
-                {
-                    "format": "iiwa-ident/proof/1",
-                    "seed": seed,
-                    "only": only,
-                    "summary": figures,
-                    "targets": [dataclasses.asdict(target) for target in targets(figures)],
-                    "families": family_rows(scores),
-                    "negatives": negatives(scores),
-                    "confusion": confusion(scores),
-                    "cases": [dataclasses.asdict(case) for case in proven],
-                }
-            ),
-        )
+        write_json(json_file, result)
+    if out is not None:
+        from identification.report.page import render
+
+        names = {case.index: page_name(case.index) for case in proven}
+        pages = {index: name for index, name in names.items() if (out / name).is_file()}
+        (out / "index.html").write_text(render(proof_page(seed, proven, pages)), encoding="utf-8")
+        write_json(out / "proof.json", result)
     if wants_json_on_stdout(json_file):
         return
     show_proof(scores, figures)
@@ -78,57 +94,19 @@ def prove(
     for line in wrong_answers([(case.index, case.score) for case in proven]) or ["none"]:
         data(f"  {line}")
     data(f"One of these cases again: python -m fixtures.cases --seed {seed} --case I --out DIR")
+    if out is not None:
+        data("The page to open:")
+        data(f"  {out / 'index.html'}")
 
 
-def _show_progress(done: int, total: int) -> None:
-    message(f"[{100 * done // total:3d} %] {done} of {total} cases diagnosed")
-
-
-def show_proof(scores: list[Any], figures: dict[str, Any]) -> None:
-    """Families, confusion, negatives, the other figures, and the targets, on stdout."""
-    data("Singles without background; rates at λ ≥ 100, what an oracle needs is λ = 24:")
-    names = ("detected", "joint", "named", "in_set", "named_textbook", "named_perturbed", "named_background")
-    table = Table(
-        "family",
-        "cases",
-        "detected",
-        "joint right",
-        "named",
-        "or in set",
-        "textbook",
-        "perturbed",
-        "in background",
-        "λ50",
-        "λ90",
-    )
-    for row in family_rows(scores):
-        curve = ["-" if row[name] is None else f"{row[name]:.0f}" for name in ("lambda50", "lambda90")]
-        table.add_row(row["family"], str(row["cases"]), *(short(row[name]) for name in names), *curve)
-    show_table(table)
-    data("First name given, singles with λ ≥ 24 (structural equals count as right):")
-    table = Table("hidden", "right", NO_NAME, "other names")
-    for family, called in confusion(scores).items():
-        others = ", ".join(f"{name} {n}" for name, n in called.most_common() if name not in ("right", NO_NAME))
-        table.add_row(family, str(called["right"]), str(called[NO_NAME]), others)
-    show_table(table)
-    data("False names where nothing is hidden, with the 95 % upper bound:")
-    table = Table("group", "false names", "bound")
-    for group, value in negatives(scores).items():
-        table.add_row(group, str(value), f"{100 * value.upper_bound:.1f} %")
-    show_table(table)
-    data("Everything else:")
-    for name, value in figures.items():
-        data(f"  {name.replace('_', ' ')}: {value if not isinstance(value, float) else f'{value:.4g}'}")
-    table = Table("to be reached", "wanted", "reached", "")
-    for target in targets(figures):
-        verdict = "no case" if target.met is None else ("met" if target.met else "NOT MET")
-        table.add_row(target.text, target.wanted, target.reached, verdict)
-    show_table(table)
-
-
-def short(value: Rate) -> str:
-    """'11/12', or '-' of nothing."""
-    return f"{value.hits}/{value.count}" if value.count else "-"
+def show_proof(scores: list[CaseScore], figures: dict[str, Any]) -> None:
+    """Families, confusion, negatives, the other figures, and what was to be reached, on stdout."""
+    for table in proof_tables(scores, figures):
+        shown = Table(*table.head)
+        for row in table.rows:
+            shown.add_row(*row)
+        data(f"{table.caption}:")
+        show_table(shown)
 
 
 def plain(value: Any) -> Any:

@@ -14,9 +14,11 @@ import pytest
 
 from daemon import prove as proof
 from daemon.errors import ProofProcessError, SealBrokenError
+from daemon.prove_page import proof_page
 from daemon.prove_score import CaseScore, score_case
 from daemon.prove_table import Rate, confusion, negatives, summary, targets, visibility_for, wrong_answers
 from fixtures.cases.plan import plan_of
+from identification.report.page import render
 
 TUNING_SEED = 21
 
@@ -317,6 +319,22 @@ def test_the_report_is_written_only_where_it_is_asked_for(tmp_path: Path) -> Non
     proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(stub), str(log)], report=True, publish=unheard)
     (seen,) = (json.loads(line) for line in log.read_text().splitlines())
     assert Path(seen["request"]["report"]).parent == Path(seen["request"]["recordings"][0]).parent
+
+
+def test_pages_are_kept_under_the_cases_numbers_and_one_page_leads_to_them(tmp_path: Path) -> None:
+    stub, pages = tmp_path / "stub.py", tmp_path / "proof"
+    stub.write_text(STUB.replace("    nothing", "    open(request['report'], 'w').close()\n    nothing"))
+    pages.mkdir()
+    proven = proof.prove(
+        TUNING_SEED, [0, 3], jobs=1, worker=[str(stub), str(tmp_path / "log")], pages=pages, publish=unheard
+    )
+    assert sorted(file.name for file in pages.iterdir()) == ["case-0000.html", "case-0003.html"]
+    text = render(proof_page(TUNING_SEED, proven, {0: "case-0000.html"}))
+    assert '<a href="case-0000.html">case 0</a>' in text
+    assert "case-0003.html" not in text
+    for case in proven:
+        for effect in case.label["effects"]:
+            assert effect["family"] in text
 
 
 def test_without_the_keeper_of_the_labels_there_is_no_proof(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,6 +153,8 @@ def test_a_diagnosis_that_fails_leaves_the_job_done_and_its_model(tmp_path: Path
     assert status.diagnosis_error is not None
     assert "absent.mcap" in status.diagnosis_error
     assert status.diagnosis_error in status.sentence
+    # No link to a page that was never written.
+    assert "diagnosis/report.html" not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_killed_fit_says_so_in_its_status_and_to_whoever_waits(
