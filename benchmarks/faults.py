@@ -94,7 +94,8 @@ def run_all(cases: Iterable[FaultCase], beside: int) -> Iterable[tuple[FaultCase
 def as_said(case: FaultCase, result: FaultResult) -> bool:
     """The short form of what the tests hold each row to."""
     arm = not case.arm or (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code)
-    return arm and max(result.peaks) <= 1.0 + 1e-6 and result.rejections == case.rejections
+    inside = result.judged_inside or (case.wire is not None and result.peaks[0] <= 1.0)
+    return arm and inside and result.rejections == case.rejections
 
 
 def row(case: FaultCase, result: FaultResult) -> str:

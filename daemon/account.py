@@ -16,6 +16,7 @@ from daemon.commissioning import tags
 from daemon.errors import DaemonError, LogIOError
 from daemon.host import software_versions
 from daemon.json_files import read_json
+from daemon.judgement import judged
 from daemon.log.parts import RECORDING_NAME, recover
 from daemon.log.recover import RecoverReport
 from daemon.outcome import digests_of, lost_between, outcome_sentences, tidy
@@ -115,5 +116,7 @@ def _write(
         finished_at=now_text(),
         commissioning=tags(request),
     )
+    write_run_file(request, RUN_NAME, outcome)
+    outcome = judged(outcome)
     write_run_file(request, RUN_NAME, outcome)
     return outcome

@@ -193,7 +193,7 @@ class LoopReport(Message, frozen=True, kw_only=True):
     missing: gaps in the robot's sequence counter; duplicates, stale (older than one already seen), refused (decoded,
     but not usable: non-finite position, too few joints), undecodable; foreign: datagrams of another sender;
     lost_in_handover: samples that found the ring full. Peaks per joint of what was commanded: rad, rad/s, rad/s²,
-    rad/s³.
+    rad/s³; not in loop_report.json, since the judge of the finished recording tells them (run.json).
     reason: machine-readable cause (name of an EventCode, or the outcome); criterion: the guard's, where it was one.
     sentence: for the operator. stop_kind: the stop kept to the "path", slowed, or was one of each joint on its own
     ("joint_space"); stop_duration_s: from the last command of the motion to the first at rest; overruled: commands of
@@ -246,7 +246,10 @@ class FileDigest(Message, frozen=True, kw_only=True):
 
 
 class RunOutcome(Message, frozen=True, kw_only=True):
-    """The result of one acquisition, also written as `run.json`. exit_code as in the contract; sentences for people."""
+    """The result of one acquisition, also written as `run.json`. exit_code as in the contract; sentences for people.
+
+    judgement: what `iiwa-ident judge` says of the recording; empty where it could not be judged.
+    """
 
     run_id: str
     outcome: LoopOutcome
@@ -267,6 +270,7 @@ class RunOutcome(Message, frozen=True, kw_only=True):
     worker_pid: int | None = None
     worker_status_file: str | None = None
     commissioning: dict[str, str] = {}
+    judgement: dict[str, Any] = {}
 
 
 class RunEvent(Message, frozen=True, kw_only=True):

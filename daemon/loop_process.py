@@ -224,8 +224,6 @@ def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) 
 def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: HandoverRing) -> LoopReport:
     counts = loop.session.counts
     link = loop.statistics.summary()
-    period_s = loop.motion.command_period_s
-    paths = loop.motion.commanded_paths()
     return LoopReport(
         outcome=result.outcome,
         reason=result.reason,
@@ -253,10 +251,6 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
         send_period_ms=loop.session.send_period_ms,
         turn_around=_histogram(link["turn_around"]),
         jitter=_histogram(link["jitter"]),
-        peak_command_position=_peak(paths, 0, period_s),
-        peak_command_velocity=_peak(paths, 1, period_s),
-        peak_command_acceleration=_peak(paths, 2, period_s),
-        peak_command_jerk=_peak(paths, 3, period_s),
         phases=tuple(
             PhaseSpan(
                 phase=MotionPhase(span.phase).name,
@@ -275,12 +269,6 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
 
 def _histogram(summary: dict[str, Any]) -> Histogram:
     return Histogram(edges_us=tuple(summary["edges_us"]), counts=tuple(summary["counts"]))
-
-
-def _peak(paths: Sequence[NDArray[np.float64]], order: int, period_s: float) -> tuple[float, ...]:
-    """Per joint the largest |order-th difference quotient| of the commands; empty where nothing was commanded."""
-    peaks = [np.abs(np.diff(path, n=order, axis=0)).max(axis=0) for path in paths if len(path) > order]
-    return tuple((np.max(peaks, axis=0) / period_s**order).tolist()) if peaks else ()
 
 
 if __name__ == "__main__":

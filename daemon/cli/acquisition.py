@@ -1,4 +1,4 @@
-"""Commands beside a run: `fake-robot`, `check`, `recover`; and what they share with `run` (the module `run`)."""
+"""Commands beside a run: `fake-robot`, `check`, `recover`, `judge`; and what they share with `run` (module `run`)."""
 
 from __future__ import annotations
 
@@ -72,6 +72,24 @@ def fake_robot(context: typer.Context) -> None:
     """Stand in for the robot. Options and help are the fake robot's own: `fixtures.fake_robot.command_line`."""
     quiet = ["--quiet"] if context.find_root().params["quiet"] else []
     os.execv(sys.executable, [*_FAKE_ROBOT, *quiet, *context.args])
+
+
+@app.command()
+def judge(
+    log: Annotated[Path, typer.Argument(help="Recording of a run.")],
+    json_file: JsonOption = None,
+    hidden_answers: Annotated[
+        bool, typer.Option("--hidden-answers", help="A wire may have lost answers: a short gap may hide commands.")
+    ] = False,
+) -> None:
+    """Were the commands inside every limit at the robot, in its own cycles? Exit code 0 only when all were.
+
+    Example: iiwa-ident judge runs/first/recording.mcap
+    """
+    # A program of its own, so that it shares no code with what it judges.
+    options = ["--json", str(json_file)] if json_file is not None else []
+    options += ["--hidden-answers"] if hidden_answers else []
+    os.execv(sys.executable, [sys.executable, "-m", "fixtures.judge", str(log), *options])
 
 
 def show_preflight(motion: PreparedMotion) -> None:

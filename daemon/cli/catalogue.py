@@ -27,6 +27,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("check", "acquisition", "Preflight of a motion: is it safe?"),
         Entry("run", "run", "Move the arm, record at 1 kHz, then fit."),
         Entry("recover", "acquisition", "Make a broken-off log whole again."),
+        Entry("judge", "acquisition", "Were all commands inside the limits at the robot?"),
     ),
     "Researcher: from recordings to a model": (
         Entry("import", "importing", "Bring recordings of others into this project's log."),

@@ -120,8 +120,14 @@ def test_a_run_without_supervisor_has_an_account_that_says_who_wrote_it(tmp_path
     (tmp_path / "loop.log").write_text("It said something.")
     leave_outcome(request, report, 1, writer="the loop's process", ring=ring)
     outcome = read_json(tmp_path / "run.json", RunOutcome)
-    assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.loop) == ("stopped", 1, 40, report)
-    assert "written by the loop's process" in outcome.sentences[-1]
+    assert (outcome.outcome, outcome.exit_code, outcome.samples) == ("stopped", 1, 40)
+    assert outcome.judgement["commands"] == 40
+    assert outcome.loop is not None
+    assert (outcome.loop.reason, outcome.loop.sentence) == (report.reason, report.sentence)
+    assert outcome.loop.peak_command_position == pytest.approx(outcome.judgement["peaks"]["position_rad"])
+    assert any("written by the loop's process" in sentence for sentence in outcome.sentences)
+    # The producer's commands jump, and the account says so.
+    assert "Commands went beyond a limit at the robot" in outcome.sentences[-1]
     assert "recording.mcap" in {file.name for file in outcome.files}
     written = (tmp_path / "run.json").read_bytes()
     leave_outcome(request, report, 70, writer="the loop's process", ring=ring)

@@ -100,6 +100,14 @@ def states_of(path: Path) -> list[Any]:
         return [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
 
 
+def commands_of(path: Path) -> list[Any]:
+    """Positions sent, from the first that was not the robot's own."""
+    with AnyReader([path]) as bag:
+        wanted = [each for each in bag.connections if each.topic == "/fri/command"]
+        commands = [bag.deserialize(raw, connection.msgtype) for connection, _, raw in bag.messages(wanted)]
+    return [each.joint_position for each in commands if each.joint_position_valid]
+
+
 def events_of(path: Path) -> list[Any]:
     with AnyReader([path]) as bag:
         wanted = [each for each in bag.connections if each.topic == "/run/events"]
@@ -138,6 +146,12 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
     assert events[0].kind == "starting"
     assert events[-1].kind == "finished"
     assert {event.period for event in events if event.kind == "progress"} >= {0, 1, 2}
+    # Peaks are those of what went out, differenced here; the judge says so too.
+    sent = np.array(commands_of(Path(outcome.recordings[0])))
+    for order, peak in ((1, outcome.loop.peak_command_velocity), (2, outcome.loop.peak_command_acceleration)):
+        assert peak == pytest.approx(np.abs(np.diff(sent, order, axis=0)).max(axis=0) * 1000.0**order, rel=1e-6)
+    assert outcome.judgement["passed"]
+    assert outcome.judgement["set_points"] == outcome.judgement["commands"] > 3 * PERIOD_SAMPLES
     folder = Path(outcome.out_dir)
     names = {file.name for file in folder.iterdir()}
     inputs = {"request.json", "table.npy", "trajectory.json", "robot.urdf"}

@@ -27,7 +27,6 @@ from rosbags.highlevel import AnyReader
 from daemon.api import RunRequest
 from daemon.json_files import write_json
 from identification.excitation import FourierTrajectory, default_trajectory
-from safety.limits import IIWA14_R820
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.processes import free_udp_port, iiwa_ident
 
@@ -46,13 +45,15 @@ MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker
 class FaultResult:
     """What was measured.
 
-    arm: see FaultCase; peaks: velocity, acceleration and jerk of the commands the robot accepted, worst joint over its
-    limit; speed_at_end: of the arm, rad/s; read: what the operator read last; samples, gap, answered_samples: in the
-    file (None: no file); recovered: the file had to be made whole by `iiwa-ident recover` first.
+    arm: see FaultCase; peaks: velocity, acceleration and jerk of the robot's set-points by its own clock, worst joint
+    over its limit; judged_inside: no set-point was beyond one; speed_at_end: of the arm, rad/s; read: what the operator
+    read last; samples, gap, answered_samples: in the file (None: no file); recovered: the file had to be made whole by
+    `iiwa-ident recover` first.
     """
 
     arm: str
     peaks: tuple[float, float, float]
+    judged_inside: bool
     speed_at_end: float
     rejections: tuple[str, ...]
     robot_answered: int
@@ -97,6 +98,7 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
     return FaultResult(
         arm=_what_the_arm_did(summary, outcome),
         peaks=_peaks(summary),
+        judged_inside=not summary or summary["judgement"]["passed"],
         speed_at_end=summary.get("arm_speed_at_end_rad_s", 0.0),
         rejections=tuple(sorted({each["reason"] for each in summary.get("rejections", ())})),
         robot_answered=summary.get("counts", {}).get("answered", 0),
@@ -273,16 +275,10 @@ def _what_the_arm_did(summary: dict[str, Any], outcome: str | None) -> str:
 
 
 def _peaks(summary: dict[str, Any]) -> tuple[float, float, float]:
-    if not summary:
-        return 0.0, 0.0, 0.0
-    peak, limits = summary["peak_command"], IIWA14_R820
+    """Worst velocity, acceleration and jerk over their limits, from the judge at the robot's side."""
+    percent = summary["judgement"]["percent"] if summary else {}
     velocity, acceleration, jerk = (
-        float(np.max(np.array(peak[name]) / limit))
-        for name, limit in (
-            ("velocity_rad_s", limits.velocity),
-            ("acceleration_rad_s2", limits.acceleration),
-            ("jerk_rad_s3", limits.jerk),
-        )
+        float(percent.get(name, 0.0)) / 100.0 for name in ("velocity", "acceleration", "jerk")
     )
     return velocity, acceleration, jerk
 

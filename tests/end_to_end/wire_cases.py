@@ -19,6 +19,7 @@ TOLERANT = {
     "quality_window_s": 1.0, "quality_fair": 0.1, "quality_good": 0.2, "quality_excellent": 0.9,
     "missed_commands_tolerated": 100, "mirror_timeout_s": 60.0, "mirror_cycles": 5,
 }  # fmt: skip
+UNSEEN = {"answers_lost_unseen": True}
 
 
 def _cases() -> Iterator[FaultCase]:
@@ -26,12 +27,12 @@ def _cases() -> Iterator[FaultCase]:
         for share in SHARES:
             yield FaultCase(
                 f"{trouble}-{share:.0%}", f"{share:.0%} of {meaning}", "", None, 0, clock=True, wire=(trouble, share),
-                request={"periods": 1, "command_timeout_s": 4.0},
+                session=UNSEEN, request={"periods": 1, "command_timeout_s": 4.0},
             )  # fmt: skip
         if trouble != "flip":
             yield FaultCase(
                 f"{trouble}-20%-tolerant", f"20% of {meaning}; tolerant robot", "finished", "completed", 0, clock=True,
-                wire=(trouble, 0.2), session=TOLERANT, request={"periods": 1},
+                wire=(trouble, 0.2), session=TOLERANT | UNSEEN, request={"periods": 1},
             )  # fmt: skip
 
 

@@ -1,0 +1,80 @@
+"""What the judge says of a finished recording; a process of its own, which shares no code with what it judges.
+
+Called once the arm is at rest and the file is closed, by whoever writes run.json: first without it, so that nothing
+that happens meanwhile costs the account, then with it.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from daemon.api import RunOutcome
+from daemon.children import child_environment
+
+__all__ = ["judge_recording", "judged", "judgement_remarks"]
+
+_ALLOWANCE_S = 600.0
+"""A run of an hour takes two minutes."""
+_JUDGED = (0, 1)
+_CLEARLY_BEYOND = 101.0
+"""Percent; above the judge's largest tolerance."""
+
+
+def judge_recording(recording: Path) -> dict[str, Any]:
+    """The judgement as `iiwa-ident judge --json` writes it; `{"error": sentence}` where there is none."""
+    command = [sys.executable, "-m", "fixtures.judge", str(recording), "--json", "-"]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=_ALLOWANCE_S, env=child_environment(),
+            stdin=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        if done.returncode in _JUDGED:
+            told: dict[str, Any] = json.loads(done.stdout)
+            return told
+        words = done.stderr.strip().splitlines() or [f"it ended with exit code {done.returncode}"]
+    except (OSError, subprocess.SubprocessError, ValueError) as error:
+        words = [str(error)]
+    return {"error": f"The recording could not be judged: {words[-1]}"}
+
+
+def judged(outcome: RunOutcome) -> RunOutcome:
+    """The account of a run with the judgement of its recording: peaks of what went out, as the robot had it in its own
+    cycles, and a sentence where a command was beyond a limit. Unchanged where no sample was recorded.
+    """
+    if not outcome.samples or not outcome.recordings:
+        return outcome
+    judgement = judge_recording(Path(outcome.recordings[0]))
+    loop, peaks = outcome.loop, judgement.get("peaks")
+    if loop is not None and peaks:
+        loop = msgspec.structs.replace(
+            loop,
+            peak_command_position=tuple(peaks["position_rad"]),
+            peak_command_velocity=tuple(peaks["velocity_rad_s"]),
+            peak_command_acceleration=tuple(peaks["acceleration_rad_s2"]),
+            peak_command_jerk=tuple(peaks["jerk_rad_s3"]),
+        )
+    sentences = (*outcome.sentences, *judgement_remarks(judgement))
+    return msgspec.structs.replace(outcome, loop=loop, judgement=judgement, sentences=sentences)
+
+
+def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:
+    """What the operator has to know of it: nothing where every command was inside the limits."""
+    if "error" in judgement:
+        return (judgement["error"],)
+    if judgement.get("passed", True):
+        return ()
+    # The lowest derivative says most: a jump of the velocity is one of acceleration and jerk too, by ever more percent.
+    beyond = [each for each in judgement["worst"].values() if float(each["percent"]) > _CLEARLY_BEYOND]
+    worst = (beyond or judgement["excesses"])[0]
+    return (
+        f"Commands went beyond a limit at the robot, {judgement['excess_count']} times, first at "
+        f"{judgement['excesses'][0]['time_s']:.3f} s; {worst['quantity']} of joint {worst['joint']} at "
+        f"{float(worst['percent']):.0f} % of its limit, at {worst['time_s']:.3f} s. "
+        f"`iiwa-ident judge {judgement['file']}` lists them.",
+    )
