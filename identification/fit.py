@@ -24,7 +24,7 @@ from identification.estimators.constrained import ConstrainedResult, solve_const
 from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
-from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
+from identification.estimators.prior import SettledParameters, settle_open_directions
 from identification.fitting.blocks import Block, Evaluation, build_block, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.drives import choose_drive_parameters
@@ -93,12 +93,12 @@ def fit_recordings(
         _refuse_wrong_sign(sign, processed)
 
     constrained: ConstrainedResult | None = None
-    consistent: SemidefiniteResult | None = None
+    consistent: SettledParameters | None = None
     feasibility: FeasibilityAnswer | None = None
     if settings.physical:
-        report("physically consistent parameters (semidefinite program)", 0.6)
+        report("parameters of real bodies", 0.6)
         rules = rules_for(robot).with_bounds(settings.bounds)
-        consistent = solve_semidefinite(least_squares.reduced, regressor, rules)
+        consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
         report("feasible parameters (program 10)", 0.7)
         constrained = solve_constrained(
             least_squares.reduced,

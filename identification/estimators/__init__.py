@@ -1,7 +1,8 @@
 """Estimators: from an observation (8) to base parameters with σ, and to physical parameters that can exist.
 
 `observation` reads the tall matrix once; `least_squares` solves (9); `semidefinite` finds the best physically
-consistent parameters with a certificate; `constrained` solves the paper's program (10). The fit ties them together.
+consistent parameters with a certificate; `constrained` solves the paper's program (10); `prior` settles what the data
+leave open. The fit ties them together.
 """
 
 from __future__ import annotations
@@ -23,9 +24,17 @@ from identification.estimators.observation import (
     merge,
 )
 from identification.estimators.physical import PhysicalParameters
+from identification.estimators.prior import (
+    BodyPrior,
+    SettledParameters,
+    prior_of_bodies,
+    settle_open_directions,
+    uniform_bodies,
+)
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
 
 __all__ = [
+    "BodyPrior",
     "Certificate",
     "CompressedObservation",
     "ConstrainedResult",
@@ -37,15 +46,19 @@ __all__ = [
     "PhysicalParameters",
     "ReducedProblem",
     "SemidefiniteResult",
+    "SettledParameters",
     "Violation",
     "compress",
     "impossible_parameters",
     "merge",
     "nearest_physical",
+    "prior_of_bodies",
     "rules_for",
     "rules_of_matter",
+    "settle_open_directions",
     "solve_constrained",
     "solve_least_squares",
     "solve_semidefinite",
+    "uniform_bodies",
     "violations",
 ]

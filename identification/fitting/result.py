@@ -13,7 +13,7 @@ from identification.estimators.constrained import ConstrainedResult
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer
 from identification.estimators.physical import PhysicalParameters
-from identification.estimators.semidefinite import SemidefiniteResult
+from identification.estimators.prior import SettledParameters
 from identification.fitting.delay import TorqueDelay
 from identification.fitting.rms import RmsTable, json_numbers
 from identification.fitting.settings import FitSettings
@@ -32,9 +32,9 @@ class FitResult:
 
     regressor: names, units and grouping of the p base parameters. estimator: the one used, never "auto".
     least_squares: its values and their covariance on coloured noise (`fitting.covariance`). equation_15_std: (p,) the
-    paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: the
-    pseudo-inertia program, feasibility: whether a robot can have the base parameters; None if not asked for. rms: lines
-    "fit, base", "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's
+    paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: of
+    real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base parameters;
+    None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's
     evaluation, nan where the recordings do not tell. torque_delay: of the torque against the position, before any
     correction. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
     """
@@ -46,7 +46,7 @@ class FitResult:
     least_squares: LeastSquaresResult
     equation_15_std: FloatArray
     constrained: ConstrainedResult | None
-    consistent: SemidefiniteResult | None
+    consistent: SettledParameters | None
     feasibility: FeasibilityAnswer | None
     rms: RmsTable
     noise_floor_nm: FloatArray
@@ -89,6 +89,7 @@ class FitResult:
                     self.names, self.values, self.std, self.regressor.units, self.equation_15_std, strict=True
                 )
             ],
+            "base_covariance": [row[: place + 1].tolist() for place, row in enumerate(least_squares.covariance)],
             "physical_parameters": self._physical_json(),
             "friction": self._friction_json(),
             "drives": self._drives_json(),
@@ -123,10 +124,12 @@ class FitResult:
         ]
 
     def _consistent_json(self) -> dict[str, Any]:
-        """The set of the pseudo-inertia program, for simulators: real bodies can have it. Empty if not asked for."""
+        """The set for simulators: real bodies can have it. from_data: 1 where the data determine a parameter, 0 where
+        the prior does. Empty if not asked for.
+        """
         if self.consistent is None:
             return {}
-        physical = self.consistent.physical
+        physical, shares = self.consistent.physical, self.consistent.from_data.tolist()
         drives = {
             name: np.zeros(physical.n) if (values := self.regressor.extra_of(self.consistent.full, symbol)) is None
             else values
@@ -139,6 +142,9 @@ class FitResult:
             "viscous": physical.viscous.tolist(),
             "coulomb": physical.coulomb.tolist(),
             **{name: values.tolist() for name, values in drives.items()},
+            "prior": self.consistent.prior,
+            "from_data": dict(zip(self.regressor.full_names, shares, strict=True)),
+            "sigma_widened_by": self.consistent.widening,
         }
 
     def _named(self, symbol: str, joint: int) -> float | None:
