@@ -25,6 +25,8 @@ __all__ = ["MODEL_FORMAT", "Model", "read_model", "write_model"]
 
 FloatArray = npt.NDArray[np.float64]
 
+_SMALLEST_RELATIVE_STD = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
@@ -75,6 +77,32 @@ class Model:
                 field="base_parameters",
             )
         return np.array([mine[name] for name in regressor.names])
+
+    def base_covariance(self, regressor: BaseRegressor) -> FloatArray:
+        """(p, p) covariance of the base parameters in the order of a regressor.
+
+        A file that states standard deviations only gives a diagonal one. Raises ModelFileError for other names, or a
+        covariance of another shape.
+        """
+        self.base_values(regressor)
+        order = [self.names.index(name) for name in regressor.names]
+        rows = self.data.get("base_covariance")
+        if not rows:
+            smallest = _SMALLEST_RELATIVE_STD * np.maximum(np.abs(self.values), 1.0)
+            return np.asarray(np.diag(np.maximum(self.std, smallest)[order] ** 2), dtype=np.float64)
+        covariance = np.zeros((len(self.names), len(self.names)))
+        try:
+            for place, row in enumerate(rows):
+                covariance[place, : place + 1] = covariance[: place + 1, place] = row
+            np.linalg.cholesky(covariance)
+        except (TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+            raise ModelFileError(
+                f"{self.path or 'The model'}: field 'base_covariance' is no covariance of its "
+                f"{len(self.names)} parameters.",
+                file=self.path or None,
+                field="base_covariance",
+            ) from error
+        return covariance[np.ix_(order, order)]
 
     def physical_base_values(self, regressor: BaseRegressor) -> FloatArray | None:
         """(p,) the base parameters of the physical set with its drives, None if the model holds none."""

@@ -18,7 +18,7 @@ from daemon.cli.rms_view import show_rms
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
     str,
-    typer.Option("--parameters", help="physical: the set of program (10); consistent: nearest that bodies can have."),
+    typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
 ]
 _BADLY_FOLLOWED = 0.02
 """rad (m) RMS between simulated and commanded position."""
@@ -31,7 +31,13 @@ def export(
     model_file: ModelArgument,
     form: Annotated[str, typer.Option("--format", help="urdf, sdf or mjcf.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.", callback=not_a_recording)],
-    parameters: ParametersOption = "physical",
+    parameters: ParametersOption = "consistent",
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--prior", metavar="FILE.urdf", help="Where the data leave directions open: its bodies, not uniform ones."
+        ),
+    ] = None,
     motor_inertia: Annotated[
         bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
     ] = False,
@@ -39,20 +45,22 @@ def export(
 ) -> None:
     """Write a simulator model of the identified arm and check it by reading it back.
 
-    Example: iiwa-ident export model.json --format mjcf --parameters consistent --out arm.xml
+    What the data leave open goes to uniform bodies, or to those of --prior; the file's head says so per parameter.
+
+    Example: iiwa-ident export model.json --format mjcf --out arm.xml
     """
     from identification.export import export_model, parameters_of
     from identification.model_file import read_model
     from identification.simulation.motor_inertia import motor_inertia_of
 
     model = read_model(model_file)
-    prior = None
+    added = None
     if motor_inertia:
         identified = parameters_of(model, parameters)
         values, sentence = motor_inertia_of(model.load_robot(), identified)
-        prior = values - identified.rotor_inertia
+        added = values - identified.rotor_inertia
         message(sentence)
-    result = export_model(model, out, form, parameter_set=parameters, motor_inertia=prior)
+    result = export_model(model, out, form, parameter_set=parameters, prior=prior, motor_inertia=added)
     if json_file is not None:
         write_json(
             json_file,
@@ -65,6 +73,7 @@ def export(
                     for item in result.agreements
                 ],
                 "notes": list(result.notes),
+                "origins": None if result.origins is None else result.origins.to_json(),
                 "effects_file": None if result.effects_path is None else str(result.effects_path),
             },
         )
@@ -73,6 +82,9 @@ def export(
     data(f"Written to {result.path}")
     for agreement in result.agreements:
         data(agreement.sentence())
+    if result.origins is not None:
+        for sentence in result.origins.sentences():
+            data(sentence)
     for note in result.notes:
         data(f"note: {note}")
     if result.effects_path is not None:

@@ -20,9 +20,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import clarabel
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
+import scipy.sparse
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, SolverError
@@ -36,26 +38,25 @@ FloatArray = npt.NDArray[np.float64]
 _THICKNESS_SHARE = 1.0 / 6.0
 """Radius of a uniform link as a share of the longest stretch between two joints: 0.07 m for an iiwa."""
 _RADIUS_WITHOUT_STRETCHES_M = 0.1
+_DENSITY = 1000.0
+"""kg/m³ of a link so thick, housing and hollow: an iiwa 14 (30 kg) has 1080, a Panda 760, a KUKA KR300 1900."""
 _TYPICAL_OFFSET = 1.0
 """Nm (N): a constant torque is taken to be of this size, which matters only where nothing determines it."""
 _COVARIANCE_FLOOR = 1e-12
-_STAGE = 100.0
-_MOST_STEPS = 200
-_CLOSE, _CLOSE_ENOUGH = 1e-12, 1e-2
-_RESCALINGS = 3
+_PRIOR_WEIGHT = 0.1
+"""Of the divergence: the mass of one body is taken to be known to a factor of about four."""
 _BASIS = pseudo_inertia(np.eye(INERTIAL_COUNT))
+_LOWER = tuple((row, column) for row in range(4) for column in range(row + 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPrior:
     """Where the directions go that the data leave open.
 
-    bodies: (n, 4, 4) pseudo-inertias B_l, positive definite, in the link frames. scaled: whether all masses share a
-    factor that the data choose (bodies whose shape is known, not their density). name: for the reader.
+    bodies: (n, 4, 4) pseudo-inertias B_l, positive definite, in the link frames. name: for the reader.
     """
 
     bodies: FloatArray
-    scaled: bool
     name: str
 
 
@@ -66,8 +67,7 @@ class SettledParameters:
     physical: all pseudo-inertias are positive definite. full: (full,) dynamic parameters in the order of full_names.
     base_values: (p,) their base parameters. from_data: (full,) 0 to 1, the share by which the data narrow a parameter's
     variance below the prior's: 1 determined by the data, 0 left to the prior. misfit: root of the mean square of what
-    the base parameters were moved by, in σ (after `widening`). widening: factor, at least 1, by which σ was widened
-    because no real body comes nearer (Birge's ratio). prior: its name.
+    the base parameters were moved by, in σ: below 1 they were moved within what is known of them. prior: its name.
     """
 
     physical: PhysicalParameters
@@ -75,12 +75,11 @@ class SettledParameters:
     base_values: FloatArray
     from_data: FloatArray
     misfit: float
-    widening: float
     prior: str
 
 
 def uniform_bodies(kinematics: Kinematics) -> BodyPrior:
-    """A uniform rod for each link, of one density and thickness, between its joint and those it carries.
+    """A uniform rod for each link, of the density of water and one thickness, between its joint and those it carries.
 
     A joint may sit anywhere on its axis: where the stretch from the joint before runs along it, it is taken to sit in
     the middle of that part. A link without a further joint ends at its frame's origin.
@@ -92,18 +91,23 @@ def uniform_bodies(kinematics: Kinematics) -> BodyPrior:
     place_in_parent = kinematics.translation + np.einsum("jab,jb->ja", kinematics.rotation, place)
     ends = [place_in_parent[kinematics.parent == link] for link in range(kinematics.n)]
     ends = [each if len(each) else np.zeros((1, 3)) for each in ends]
-    longest = max(float(np.linalg.norm(each - place[link], axis=1).max()) for link, each in enumerate(ends))
+    longest = float(np.linalg.norm(kinematics.translation[kinematics.parent >= 0], axis=1).max(initial=0.0))
     radius = _THICKNESS_SHARE * longest if longest > 0.0 else _RADIUS_WITHOUT_STRETCHES_M
     bodies = np.zeros((kinematics.n, 4, 4))
     for link, each in enumerate(ends):
         for end in each:
             rod, middle = end - place[link], 0.5 * (end + place[link])
-            weight = (float(np.linalg.norm(rod)) + 2.0 * radius) / (longest + 2.0 * radius)
-            spread = np.outer(rod, rod) / 12.0 + 0.25 * radius**2 * np.eye(3)
-            point = np.append(middle, 1.0)
-            bodies[link] += weight * np.outer(point, point)
-            bodies[link, :3, :3] += weight * spread
-    return BodyPrior(bodies, scaled=True, name="uniform bodies")
+            mass = _DENSITY * np.pi * radius**2 * (float(np.linalg.norm(rod)) + 2.0 * radius) / len(each)
+            bodies[link] += _body(mass, middle, mass * (np.outer(rod, rod) / 12.0 + 0.25 * radius**2 * np.eye(3)))
+    return BodyPrior(bodies, name="uniform bodies")
+
+
+def _body(mass: float, center: FloatArray, spread: FloatArray) -> FloatArray:
+    """(4, 4) pseudo-inertia of a mass with its second moment (3, 3) about its centre, kg m²."""
+    point = np.append(center, 1.0)
+    result = mass * np.outer(point, point)
+    result[:3, :3] += spread
+    return np.asarray(result, dtype=np.float64)
 
 
 def prior_of_bodies(inertial: FloatArray, kinematics: Kinematics, name: str) -> BodyPrior:
@@ -123,11 +127,8 @@ def prior_of_bodies(inertial: FloatArray, kinematics: Kinematics, name: str) -> 
         root = np.linalg.cholesky(floor)
         about_center = body[:3, :3] - mass * np.outer(center, center)
         values, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, about_center).T))
-        lifted = root @ (vectors * np.maximum(values, 1.0)) @ vectors.T @ root.T
-        point = np.append(center, 1.0)
-        bodies[link] = mass * np.outer(point, point)
-        bodies[link, :3, :3] += lifted
-    return BodyPrior(bodies, scaled=False, name=name)
+        bodies[link] = _body(mass, center, root @ (vectors * np.maximum(values, 1.0)) @ vectors.T @ root.T)
+    return BodyPrior(bodies, name=name)
 
 
 def settle_open_directions(
@@ -135,32 +136,24 @@ def settle_open_directions(
 ) -> SettledParameters:
     """Parameters of real bodies near base parameters (p,) with their covariance (p, p); the rest goes to the prior.
 
-    prior: uniform bodies where none is given. Where no real body comes within the covariance, it is widened until the
-    nearest does, so that one impossible parameter does not push its link to the edge of what can exist. Raises
-    EstimationError for values of another number, SolverError where the program does not end.
+    prior: uniform bodies where none is given. Raises EstimationError for values of another number, SolverError where
+    the program does not end.
     """
     if base_values.shape != (base.size,):
         raise EstimationError(f"{base.robot.name} has {base.size} base parameters, not {len(base_values)}")
     chosen = prior if prior is not None else uniform_bodies(base.robot.kinematics)
     program = _Program(base_values, covariance, base, chosen)
-    x, widening = program.path(), 1.0
-    for _ in range(_RESCALINGS):
-        ratio = program.distance_square(x) / (len(base_values) * widening**2)
-        if ratio <= 1.0:
-            break
-        widening *= float(np.sqrt(ratio))
-        x = program.descend(x, widening**-2, _CLOSE)
+    x = program.minimum()
     full = x.ravel()
     physical = PhysicalParameters.from_dynamic_parameters(
         x[:, :INERTIAL_COUNT], base.extra_of(full, "FV"), base.extra_of(full, "FS")
     )
-    misfit = float(np.sqrt(program.distance_square(x) / len(base_values))) / widening
-    shares = program.share_of_data(x, widening**-2)
-    return SettledParameters(physical, full, base.base_from_full(full), shares, misfit, widening, chosen.name)
+    misfit = float(np.sqrt(program.distance_square(x) / len(base_values)))
+    return SettledParameters(physical, full, base.base_from_full(full), program.share_of_data(x), misfit, chosen.name)
 
 
 class _Program:
-    """The cost and its derivatives in x (n, 10 + effects), the dynamic parameters per link."""
+    """The program in x (n, 10 + effects), the dynamic parameters per link, and its curvature."""
 
     def __init__(self, values: FloatArray, covariance: FloatArray, base: BaseRegressor, prior: BodyPrior) -> None:
         std = np.sqrt(np.diag(covariance))
@@ -168,13 +161,17 @@ class _Program:
         whiten = scipy.linalg.solve_triangular(np.linalg.cholesky(correlation), np.diag(1.0 / std), lower=True)
         self._image = whiten @ base.regrouping
         self._target = whiten @ values
-        self._inverse = np.linalg.inv(prior.bodies)
-        self._bodies, self._scaled, self._scale = prior.bodies, prior.scaled, 1.0
         symbols = base.options.symbols
         self._links, self._stride = base.robot.n, INERTIAL_COUNT + len(symbols)
-        self._free = np.zeros((self._links, self._stride), dtype=np.bool_)
-        self._free[:, [INERTIAL_COUNT + k for k, symbol in enumerate(symbols) if symbol == "OFF"]] = True
         self._typical = self._typical_effects(values, std, base)
+        self._free = np.tile(np.array([symbol == "OFF" for symbol in symbols], dtype=np.bool_), (self._links, 1))
+        # π of a link whose pseudo-inertia is L P̃ Lᵀ, B = L Lᵀ: the program counts in units of the prior body.
+        basis = _BASIS.reshape(INERTIAL_COUNT, -1)
+        self._units = np.zeros((self._links, self._stride, self._stride))
+        for link, root in enumerate(np.linalg.cholesky(prior.bodies)):
+            scaled = np.einsum("ij,ajk,lk->ail", root, _BASIS, root).reshape(INERTIAL_COUNT, -1)
+            self._units[link, :INERTIAL_COUNT, :INERTIAL_COUNT] = np.linalg.lstsq(basis.T, scaled.T, rcond=None)[0]
+            self._units[link, INERTIAL_COUNT:, INERTIAL_COUNT:] = np.diag(self._typical[link])
 
     def _typical_effects(self, values: FloatArray, std: FloatArray, base: BaseRegressor) -> FloatArray:
         """x₀ (n, effects): the estimate, at least its σ; a joint without an estimate of its own has the median's."""
@@ -192,96 +189,107 @@ class _Program:
             typical[list(own), column] = list(own.values())
         return typical
 
-    def path(self) -> FloatArray:
-        """The minimum, reached from the prior by letting the data weigh in step by step."""
-        x = np.empty((self._links, self._stride))
-        basis = _BASIS.reshape(INERTIAL_COUNT, -1)
-        x[:, :INERTIAL_COUNT] = np.linalg.lstsq(basis.T, self._bodies.reshape(self._links, -1).T, rcond=None)[0].T
-        x[:, INERTIAL_COUNT:] = np.where(self._free[:, INERTIAL_COUNT:], 0.0, self._typical)
-        weight = 1.0 / max(self.distance_square(x), 1.0)
-        while weight < 1.0:
-            x = self.descend(x, weight, _CLOSE_ENOUGH)
-            weight *= _STAGE
-        return self.descend(x, 1.0, _CLOSE)
+    def minimum(self) -> FloatArray:
+        """The x of smallest cost: a program of semidefinite and exponential cones. Raises SolverError.
 
-    def descend(self, x: FloatArray, weight: float, tolerance: float) -> FloatArray:
-        """Newton's method with step halving; ends where the next step would gain less than the tolerance."""
-        for _ in range(_MOST_STEPS):
-            if self._scaled:
-                traces = np.einsum("lij,lji->", self._inverse, self._pseudo_inertias(x))
-                self._scale = float(traces) / (4.0 * self._links)
-            gradient, root = self._barrier(x)
-            gradient = gradient + weight * self._image.T @ (self._image @ x.ravel() - self._target)
-            # In units of the barrier's own curvature the Hessian is 1 + AᵀA; its square root is never formed.
-            image = np.sqrt(weight) * scipy.linalg.solve_triangular(root, self._image.T, lower=True).T
-            slope = scipy.linalg.solve_triangular(root, gradient, lower=True)
-            _, triangular = np.linalg.qr(np.vstack([image, np.eye(len(slope))]))
-            half = scipy.linalg.solve_triangular(triangular, slope, trans="T")
-            decrement = float(half @ half)
-            if decrement < tolerance:
-                return x
-            step = -scipy.linalg.solve_triangular(
-                root, scipy.linalg.solve_triangular(triangular, half), lower=True, trans="T"
-            ).reshape(x.shape)
-            x = self._halved(x, step, weight, decrement)
-        raise SolverError("The program with a prior does not end.", solver="Newton", status="iteration limit")
+        log det P is the largest Σ log Z_kk over lower triangular Z with [[P, Z], [Zᵀ, diag Z]] ⪰ 0.
+        """
+        links, stride = self._links, self._stride
+        size, rows = links * stride, len(self._target)
+        image = np.hstack(
+            [self._image[:, link * stride : (link + 1) * stride] @ self._units[link] for link in range(links)]
+        )
+        logarithms = [(link, k) for link in range(links) for k in range(4)]
+        positive = [(link, k) for link in range(links) for k in np.flatnonzero(~self._free[link])]
+        # variables: x̃ (size), the deviation in σ (rows), Z (10 a link), the logarithms
+        first_z, first_log = size + rows, size + rows + 10 * links
+        count = first_log + len(logarithms) + len(positive)
+        quadratic, linear = np.zeros(count), np.zeros(count)
+        quadratic[size:first_z] = 1.0
+        linear[first_log:] = -_PRIOR_WEIGHT
+        for link in range(links):
+            first = link * stride
+            linear[first : first + INERTIAL_COUNT] = _PRIOR_WEIGHT * np.trace(_BASIS, axis1=1, axis2=2)
+            effects = slice(first + INERTIAL_COUNT, first + stride)
+            linear[effects] = np.where(self._free[link], 0.0, _PRIOR_WEIGHT)
+            quadratic[effects] = np.where(self._free[link], _PRIOR_WEIGHT, 0.0)
+        data = np.zeros((rows, count))
+        data[:, :size], data[:, size:first_z] = image, -np.eye(rows)
+        blocks, bounds, cones = [data], [self._target], [clarabel.ZeroConeT(rows)]
+        for link in range(links):
+            block = np.zeros((36, count))
+            _add_matrix(block, slice(link * stride, link * stride + INERTIAL_COUNT), _BASIS, (0, 0))
+            for place, (row, column) in enumerate(_LOWER):
+                z = np.zeros((4, 4))
+                z[row, column] = 1.0
+                _add_matrix(block, slice(first_z + 10 * link + place, first_z + 10 * link + place + 1), z[None], (0, 4))
+                if row == column:
+                    _add_matrix(
+                        block, slice(first_z + 10 * link + place, first_z + 10 * link + place + 1), z[None], (4, 4)
+                    )
+            blocks.append(-block)
+            bounds.append(np.zeros(36))
+            cones.append(clarabel.PSDTriangleConeT(8))
+        arguments = [first_z + 10 * link + _LOWER.index((k, k)) for link, k in logarithms]
+        arguments += [link * stride + INERTIAL_COUNT + int(k) for link, k in positive]
+        for number, argument in enumerate(arguments):
+            block = np.zeros((3, count))
+            block[0, first_log + number], block[2, argument] = -1.0, -1.0
+            blocks.append(block)
+            bounds.append(np.array([0.0, 1.0, 0.0]))
+            cones.append(clarabel.ExponentialConeT())
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_threads = False, 1
+        solution = clarabel.DefaultSolver(
+            scipy.sparse.diags_array(quadratic).tocsc(), linear, scipy.sparse.csc_matrix(np.vstack(blocks)),
+            np.concatenate(bounds), cones, settings,
+        ).solve()  # fmt: skip
+        x = np.einsum("lij,lj->li", self._units, np.array(solution.x[:size]).reshape(links, stride))
+        status = str(solution.status)
+        if status not in ("Solved", "AlmostSolved") or not self._exists(x):
+            raise SolverError(
+                f"The program with a prior has no solution ({status}).", solver="Clarabel", status=status
+            )
+        return np.asarray(x, dtype=np.float64)
 
-    def _halved(self, x: FloatArray, step: FloatArray, weight: float, decrement: float) -> FloatArray:
-        before, length = self._cost(x, weight), 1.0
-        rounding = 1e-12 * max(1.0, abs(before))
-        while length > 1e-12:
-            candidate = x + length * step
-            if self._cost(candidate, weight) <= before - 0.25 * length * decrement + rounding:
-                return candidate
-            length *= 0.5
-        return x
+    def _exists(self, x: FloatArray) -> bool:
+        bodies = np.linalg.eigvalsh(pseudo_inertia(x[:, :INERTIAL_COUNT])).min() > 0.0
+        return bool(bodies and np.all(x[:, INERTIAL_COUNT:][~self._free] > 0.0))
 
     def distance_square(self, x: FloatArray) -> float:
         """Squared distance of the base parameters from the estimate, in σ."""
         return float(np.square(self._image @ x.ravel() - self._target).sum())
 
-    def share_of_data(self, x: FloatArray, weight: float) -> FloatArray:
+    def share_of_data(self, x: FloatArray) -> FloatArray:
         """(full,) 1 − variance with the data / variance of the prior alone, by the curvature at x."""
-        _, root = self._barrier(x)
-        inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True)  # root⁻¹; prior = its square
-        image = np.sqrt(weight) * self._image @ inverse.T
-        _, triangular = np.linalg.qr(np.vstack([image, np.eye(len(root))]))
+        root = self._prior_curvature(x)
+        inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True)
+        _, triangular = np.linalg.qr(np.vstack([self._image @ inverse.T, np.eye(len(root))]))
         narrowed = scipy.linalg.solve_triangular(triangular, inverse, trans="T")
         return np.asarray(1.0 - np.square(narrowed).sum(axis=0) / np.square(inverse).sum(axis=0), dtype=np.float64)
 
-    def _pseudo_inertias(self, x: FloatArray) -> FloatArray:
-        return pseudo_inertia(x[:, :INERTIAL_COUNT])
-
-    def _cost(self, x: FloatArray, weight: float) -> float:
-        """Infinite outside of what can exist."""
-        effects, free = x[:, INERTIAL_COUNT:], self._free[:, INERTIAL_COUNT:]
-        ratio = effects / self._typical
-        matrices = self._pseudo_inertias(x)
-        if np.any(ratio[~free] <= 0.0) or np.linalg.eigvalsh(matrices).min() <= 0.0:
-            return np.inf
-        divergence = float(np.einsum("lij,lji->", self._inverse, matrices)) / self._scale
-        divergence -= float(np.linalg.slogdet(matrices)[1].sum())
-        drives = float((ratio[~free] - np.log(ratio[~free])).sum() + 0.5 * np.square(ratio[free]).sum())
-        return 0.5 * weight * self.distance_square(x) + divergence + drives
-
-    def _barrier(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (k,) of the prior's terms, and the lower Cholesky factor (k, k) of their Hessian."""
-        size = x.size
-        gradient, root = np.zeros_like(x), np.zeros((size, size))
-        for link, matrix in enumerate(self._pseudo_inertias(x)):
-            inverse = np.linalg.inv(matrix)
-            turned = np.einsum("ij,ajk->aik", inverse, _BASIS)
-            gradient[link, :INERTIAL_COUNT] = np.einsum("ij,aji->a", self._inverse[link] / self._scale, _BASIS)
-            gradient[link, :INERTIAL_COUNT] -= np.einsum("aii->a", turned)
+    def _prior_curvature(self, x: FloatArray) -> FloatArray:
+        """(k, k) lower Cholesky factor of the Hessian of the prior's terms; of −log det P it is tr(P⁻¹E_a P⁻¹E_b)."""
+        root = np.zeros((x.size, x.size))
+        for link, matrix in enumerate(pseudo_inertia(x[:, :INERTIAL_COUNT])):
+            turned = np.einsum("ij,ajk->aik", np.linalg.inv(matrix), _BASIS)
             first = link * self._stride
             block = slice(first, first + INERTIAL_COUNT)
             root[block, block] = np.linalg.cholesky(np.einsum("aij,bji->ab", turned, turned))
-        effects, free = x[:, INERTIAL_COUNT:], self._free[:, INERTIAL_COUNT:]
-        with np.errstate(divide="ignore"):
-            barrier = 1.0 / self._typical - 1.0 / effects
-            curvature = 1.0 / np.abs(effects)
-        gradient[:, INERTIAL_COUNT:] = np.where(free, effects / self._typical**2, barrier)
         diagonal = np.zeros_like(x)
-        diagonal[:, INERTIAL_COUNT:] = np.where(free, 1.0 / self._typical, curvature)
-        root[np.diag_indices(size)] += diagonal.ravel()
-        return gradient.ravel(), root
+        diagonal[:, INERTIAL_COUNT:] = 1.0 / np.where(self._free, self._typical, np.abs(x[:, INERTIAL_COUNT:]))
+        root[np.diag_indices(x.size)] += diagonal.ravel()
+        return np.asarray(np.sqrt(_PRIOR_WEIGHT) * root, dtype=np.float64)
+
+
+def _add_matrix(block: FloatArray, columns: slice, matrices: FloatArray, corner: tuple[int, int]) -> None:
+    """Let variables `columns` add their matrices (k, 4, 4) at a corner of a symmetric 8 × 8 matrix, given by its scaled
+    upper triangle, column by column, as Clarabel takes it (36, count).
+    """
+    place = 0
+    for column in range(8):
+        for row in range(column + 1):
+            i, j = row - corner[0], column - corner[1]
+            if 0 <= i < 4 and 0 <= j < 4:
+                block[place, columns] += matrices[:, i, j] * (1.0 if row == column else np.sqrt(2.0))
+            place += 1

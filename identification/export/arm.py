@@ -7,7 +7,7 @@ Not here: writing. Called by the exporters.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
@@ -98,6 +98,26 @@ def arm_of(urdf: ElementTree.Element, robot: RobotModel) -> Arm:
         links=tuple(bodies[index] for index in range(robot.n)),
         joint_types=tuple(joints[name].get("type", "revolute") for name in robot.joint_names),
     )
+
+
+def with_distinct_names(arm: Arm, joint_names: tuple[str, ...]) -> tuple[Arm, tuple[tuple[str, str], ...]]:
+    """The arm with links and frames renamed where a joint or another of them has their name; old and new names."""
+    taken, renamed = set(joint_names), []
+
+    def distinct(name: str) -> str:
+        new = name
+        while new in taken:
+            new += "_link"
+        taken.add(new)
+        if new != name:
+            renamed.append((name, new))
+        return new
+
+    bodies = [
+        replace(body, name=distinct(body.name), frames=tuple((distinct(name), pose) for name, pose in body.frames))
+        for body in (arm.base, *arm.links)
+    ]
+    return replace(arm, base=bodies[0], links=tuple(bodies[1:])), tuple(renamed)
 
 
 def joint_placement(robot: RobotModel, urdf: ElementTree.Element, joint: int) -> pinocchio.SE3:

@@ -29,6 +29,15 @@ InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 TOLERANCE = 1e-9
 STATES = 20
 _SEED = 87
+_WORLD = "world"
+
+
+class _RefusedError(Exception):
+    """A program does not take the file, for a reason that is no difference in torque."""
+
+    def __init__(self, program: str, reason: str) -> None:
+        super().__init__(f"{program}: {reason}")
+        self.program, self.reason = program, reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +53,14 @@ class Agreement:
         return f"{self.program} reads it back: inverse dynamics ({self.covers}) within {self.difference_nm:.1e} Nm."
 
 
-def check_export(path: Path, form: str, robot: RobotModel, parameters: ModelParameters) -> tuple[Agreement, ...]:
+def check_export(
+    path: Path, form: str, robot: RobotModel, parameters: ModelParameters
+) -> tuple[tuple[Agreement, ...], tuple[str, ...]]:
     """Read a written file back with every program that is there, at random states (seed fixed).
 
-    Raises ExportCheckError where a torque differs by more than 1e-9 of the largest torque, at least 1e-9 Nm.
+    Returns what they make of it, and a sentence for each that does not take the file, for its own reasons (Drake is
+    strict about names, mimic joints and what else a robot's own URDF may hold). Raises ExportCheckError where a torque
+    differs by more than 1e-9 of the largest torque, at least 1e-9 Nm, or MuJoCo refuses its own format.
     """
     readers = {
         "urdf": (_pinocchio_urdf, _drake), "sdf": (_pinocchio_sdf, _drake), "mjcf": (_pinocchio_mjcf, _mujoco),
@@ -55,9 +68,13 @@ def check_export(path: Path, form: str, robot: RobotModel, parameters: ModelPara
     model = parameters.pinocchio_model(robot)
     generator = np.random.default_rng(_SEED)
     states = [_state(robot, generator) for _ in range(STATES)]
-    agreements = []
+    agreements, complaints = [], []
     for reader in readers:
-        read = reader(path, robot)
+        try:
+            read = reader(path, robot)
+        except _RefusedError as refused:
+            complaints.append(f"{refused.program} does not take the file, the others do: {refused.reason}")
+            continue
         if read is None:
             continue
         program, terms, inverse_dynamics = read
@@ -82,13 +99,14 @@ def check_export(path: Path, form: str, robot: RobotModel, parameters: ModelPara
                 difference_nm=difference,
             )
         agreements.append(Agreement(program, covers, difference))
-    return tuple(agreements)
+    return tuple(agreements), tuple(complaints)
 
 
 def _state(robot: RobotModel, generator: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A position within ±π (±1 m) and, for dry friction to be fully sliding, a velocity of at least 0.2."""
     span = np.where(robot.kinematics.revolute, np.pi, 1.0)
-    lower, upper = np.fmax(robot.position_lower, -span), np.fmin(robot.position_upper, span)
+    ends = np.fmax(robot.position_lower, -span), np.fmin(robot.position_upper, span)
+    lower, upper = np.minimum(*ends), np.maximum(*ends)
     dq = generator.uniform(0.2, 1.5, robot.n) * generator.choice([-1.0, 1.0], robot.n)
     return generator.uniform(lower, upper), dq, generator.normal(size=robot.n)
 
@@ -161,7 +179,12 @@ def _mujoco(path: Path, robot: RobotModel) -> Read | None:
         return None
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(path))
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ExportCheckError(
+            f"{path}: MuJoCo does not take it: {_first_line(error)}", file=path, program="MuJoCo", difference_nm=np.inf
+        ) from error
     data = mujoco.MjData(model)
     joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in robot.joint_names]
     order = model.jnt_dofadr[joints]
@@ -186,13 +209,18 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
 
     # It warns of each joint that it leaves dry friction out; our note says so once.
     logging.getLogger("drake").setLevel(logging.ERROR)
+    program = f"Drake {version('drake')}"
     plant = MultibodyPlant(0.0)
-    (instance,) = Parser(plant).AddModels(path)
-    base = plant.get_body(plant.GetBodyIndices(instance)[0])
-    if path.suffix == ".urdf":
-        plant.WeldFrames(plant.world_frame(), base.body_frame())
-    plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
-    plant.Finalize()
+    try:
+        (instance,) = Parser(plant).AddModels(path)
+        root = _root_of_urdf(path) if path.suffix == ".urdf" else _WORLD
+        # Drake takes a link of this name for the world itself: it is fixed already.
+        if root != _WORLD:
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, instance))
+        plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
+        plant.Finalize()
+    except (RuntimeError, ValueError, SystemExit) as error:  # a condition that Drake demands ends as SystemExit
+        raise _RefusedError(program, _first_line(error)) from error
     context = plant.CreateDefaultContext()
     order = [plant.GetJointByName(name).velocity_start() for name in robot.joint_names]
 
@@ -205,4 +233,15 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
         plant.CalcForceElementsContribution(context, forces)
         return np.asarray(plant.CalcInverseDynamics(context, by_file[2], forces)[order])
 
-    return f"Drake {version('drake')}", (_ROTOR, _VISCOUS), inverse_dynamics
+    return program, (_ROTOR, _VISCOUS), inverse_dynamics
+
+
+def _root_of_urdf(path: Path) -> str:
+    """The link that no joint moves; the first in the file need not be it."""
+    root = ElementTree.parse(path).getroot()
+    moved = {child.get("link") for joint in root.findall("joint") for child in joint.findall("child")}
+    return next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in moved)
+
+
+def _first_line(error: BaseException) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)

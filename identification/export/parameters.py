@@ -1,7 +1,7 @@
 """The numbers an exporter writes, taken from a model, and the refusal of numbers that no body can have.
 
-Here: which of the model's parameter sets, and the test of physical consistency. Not here: formats. Nothing is repaired:
-a changed inertia would be another robot than the identified one. Called by `write` and by `simulation`.
+Here: which of the model's parameter sets, and the test of physical consistency. Not here: formats. Nothing is repaired
+silently: a changed inertia would be another robot than the identified one. Called by `write` and by `simulation`.
 """
 
 from __future__ import annotations
@@ -13,18 +13,67 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from identification.base_parameters import BaseRegressor
 from identification.errors import InconsistentParametersError, ModelFileError
 from identification.estimators.physical import PhysicalParameters
+from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
 from identification.model_file import Model
 from identification.robots import RobotModel
 from identification.robots.model import build_pinocchio_model
 
 FloatArray = npt.NDArray[np.float64]
 
-PARAMETER_SETS = ("physical", "consistent")
+PARAMETER_SETS = ("consistent", "physical")
+
+_DETERMINED, _OPEN = 0.9, 0.1
+"""Shares of the data in a parameter's variance above which it is called theirs, and below which the prior's."""
+_WORTH_SAYING = 1.5
 
 _SMALLEST_RELATIVE_SLACK = 1e-12
 """Slack of the triangle inequality below this share of the largest moment is rounding: simulators may refuse it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Origins:
+    """What the parameters of `settled` rest on, by name."""
+
+    names: tuple[str, ...]
+    settled: SettledParameters
+
+    def to_json(self) -> dict[str, Any]:
+        """The prior, and the share of the data of every parameter: 1 the data determine it, 0 the prior does."""
+        return {
+            "prior": self.settled.prior,
+            "from_data": dict(zip(self.names, self.settled.from_data.tolist(), strict=True)),
+            "misfit_sigma": self.settled.misfit,
+        }
+
+    def sentences(self) -> tuple[str, ...]:
+        """One for all, and one for each link: its parameters about the origin of its frame, as eq. (3) names them."""
+        links = self.settled.physical.n
+        shares = self.settled.from_data.reshape(links, -1)
+        symbols = [name.partition("_")[0] for name in self.names[: shares.shape[1]]]
+        lines = [
+            f"Of {shares.size} parameters the data determine {int((shares >= _DETERMINED).sum())}, the prior "
+            f"({self.settled.prior}) {int((shares <= _OPEN).sum())}, and both together the others, with the data's "
+            "share in brackets."
+        ]
+        if self.settled.misfit > _WORTH_SAYING:
+            lines.append(
+                f"No real body has the base parameters within their σ: they were moved by {self.settled.misfit:.1f} "
+                "times σ (RMS). Physics that the model lacks does that: see diagnose."
+            )
+        for link, row in enumerate(shares, start=1):
+            by_data = [symbol for symbol, share in zip(symbols, row, strict=True) if share >= _DETERMINED]
+            by_prior = [symbol for symbol, share in zip(symbols, row, strict=True) if share <= _OPEN]
+            by_both = [
+                f"{symbol} ({100 * share:.0f} %)"
+                for symbol, share in zip(symbols, row, strict=True)
+                if _OPEN < share < _DETERMINED
+            ]
+            parts = (("data", by_data), ("both", by_both), ("prior", by_prior))
+            lines.append(f"Link {link}: " + "; ".join(f"{who}: {', '.join(what)}" for who, what in parts if what) + ".")
+        return tuple(lines)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +81,14 @@ class ModelParameters:
     """Everything a simulator can be told about the dynamics of n joints.
 
     physical: masses, centres of mass, inertias, viscous and Coulomb friction. rotor_inertia: (n,) kg m², seen at the
-    joint; zeros where the torque was measured behind the gear. offset: (n,) Nm, constant torque.
+    joint; zeros where the torque was measured behind the gear. offset: (n,) Nm, constant torque. origins: what each
+    parameter rests on, None where no prior was used.
     """
 
     physical: PhysicalParameters
     rotor_inertia: FloatArray
     offset: FloatArray
+    origins: Origins | None = None
 
     def pinocchio_model(self, robot: RobotModel) -> pinocchio.Model:
         """The robot with these inertias and rotor inertias (`armature`); friction and offset are not in it."""
@@ -53,26 +104,30 @@ class ModelParameters:
         return np.asarray(self.physical.viscous * velocity + self.physical.coulomb * np.sign(velocity))
 
 
-def parameters_of(model: Model, which: str = "physical") -> ModelParameters:
-    """The model's parameter set: "physical" (program (10)) or "consistent" (nearest set that real bodies can have).
+def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | None = None) -> ModelParameters:
+    """The model's parameter set: "consistent" (bodies that exist; a prior where the data leave directions open) or
+    "physical" (program (10)).
 
-    Raises ModelFileError naming the field where the file holds no such set.
+    prior: of the consistent set, uniform bodies where none is given. Raises ModelFileError naming the field where the
+    file holds no such set.
     """
     if which not in PARAMETER_SETS:
         raise ModelFileError(f"There is no parameter set '{which}'; known are {', '.join(PARAMETER_SETS)}.")
     if which == "consistent":
-        stored = model.data.get("consistent_parameters")
-        if not stored:
-            raise ModelFileError(
-                f"{model.path or 'The model'} holds no consistent parameter set; fit the recording again to get one.",
-                file=model.path or None,
-                field="consistent_parameters",
-            )
-        return _consistent(stored, model)
+        regressor = BaseRegressor(model.load_robot(), model.options)
+        settled = settle_open_directions(
+            model.base_values(regressor), model.base_covariance(regressor), regressor, prior
+        )
+        rotor, offset = (regressor.extra_of(settled.full, symbol) for symbol in ("IA", "OFF"))
+        none = np.zeros(settled.physical.n)
+        return ModelParameters(
+            settled.physical, none if rotor is None else rotor, none if offset is None else offset,
+            Origins(regressor.full_names, settled),
+        )  # fmt: skip
     if model.physical is None:
         raise ModelFileError(
-            f"{model.path or 'The model'} holds base parameters only; fit without --no-physical to get masses and "
-            "inertias.",
+            f"{model.path or 'The model'} holds base parameters only; fit without --no-physical to get the set of "
+            "program (10), or take the consistent one.",
             file=model.path or None,
             field="physical_parameters",
         )
@@ -81,24 +136,6 @@ def parameters_of(model: Model, which: str = "physical") -> ModelParameters:
         values if values.size else np.zeros(n) for values in (model.rotor_inertia, model.offset)
     )  # fmt: skip
     return ModelParameters(model.physical, rotor, offset)
-
-
-def _consistent(stored: dict[str, Any], model: Model) -> ModelParameters:
-    try:
-        column = {
-            name: np.array(stored[name], dtype=np.float64)
-            for name in ("mass", "com", "inertia", "viscous", "coulomb", "rotor_inertia", "offset")
-        }
-        physical = PhysicalParameters(
-            column["mass"], column["com"], column["inertia"], column["viscous"], column["coulomb"]
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelFileError(
-            f"{model.path}: field 'consistent_parameters' is not as it should be ({error!r}).",
-            file=model.path,
-            field="consistent_parameters",
-        ) from error
-    return ModelParameters(physical, column["rotor_inertia"], column["offset"])
 
 
 def principal_slack(physical: PhysicalParameters) -> FloatArray:

@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.errors import ModelFileError
-from identification.export.arm import arm_of
+from identification.export.arm import arm_of, with_distinct_names
 from identification.export.check import Agreement, check_export
 from identification.export.effects import effects_note
+from identification.export.given_bodies import given_bodies
 from identification.export.kinematic_urdf import arm_without_inertias
 from identification.export.mjcf import write_mjcf
-from identification.export.parameters import ModelParameters, parameters_of, refuse_inconsistent
+from identification.export.parameters import ModelParameters, Origins, parameters_of, refuse_inconsistent
 from identification.export.sdf import write_sdf
 from identification.export.urdf import move_meshes, write_urdf
 from identification.export.xml_text import document
@@ -31,6 +32,8 @@ from identification.robots import RobotModel
 FloatArray = npt.NDArray[np.float64]
 
 FORMATS = ("urdf", "sdf", "mjcf")
+
+_ADVICE = " Export the consistent set, the default: its bodies exist."
 
 _FRICTION_NOTES = {
     "urdf": (
@@ -63,13 +66,15 @@ _NO_ROTOR_NOTE = (
 class ExportResult:
     """path: the file written. agreements: what other programs read from it. notes: what the format cannot say.
 
-    effects_path: the file with effects that no simulator model holds, None if there are none.
+    effects_path: the file with effects that no simulator model holds, None if there are none. origins: what each
+    parameter rests on, None where no prior was used.
     """
 
     path: Path
     agreements: tuple[Agreement, ...]
     notes: tuple[str, ...]
     effects_path: Path | None
+    origins: Origins | None
 
 
 def export_model(
@@ -77,20 +82,24 @@ def export_model(
     path: str | Path,
     form: str,
     *,
-    parameter_set: str = "physical",
+    parameter_set: str = "consistent",
+    prior: str | Path | None = None,
     motor_inertia: FloatArray | None = None,
 ) -> ExportResult:
     """Write a model as "urdf", "sdf" or "mjcf" and read it back with every simulator that is installed.
 
-    parameter_set: "physical" or "consistent". motor_inertia: (n,) kg m² added to each joint's rotor inertia, for
+    parameter_set: "consistent" or "physical". prior: a URDF whose bodies the open directions of the consistent set go
+    to, uniform bodies where none is given. motor_inertia: (n,) kg m² added to each joint's rotor inertia, for
     simulators with stiff controllers; torques are then those of the motors, not those behind the gears. Raises
     InconsistentParametersError (65) for links that no body can have, ModelFileError, RobotError, ExportCheckError.
     """
     if form not in FORMATS:
         raise ModelFileError(f"There is no format '{form}'; known are {', '.join(FORMATS)}.")
     path, robot = Path(path), model.load_robot()
-    parameters = parameters_of(model, parameter_set)
-    refuse_inconsistent(parameters.physical, file=model.path, advice=_advice(model, parameter_set))
+    if prior is not None and parameter_set != "consistent":
+        raise ModelFileError("A prior belongs to the consistent parameter set; the physical one has none.")
+    parameters = parameters_of(model, parameter_set, None if prior is None else given_bodies(prior, robot))
+    refuse_inconsistent(parameters.physical, file=model.path, advice=_ADVICE if parameter_set == "physical" else "")
     notes = _notes(form, parameters)
     if motor_inertia is not None:
         parameters = replace(parameters, rotor_inertia=parameters.rotor_inertia + motor_inertia)
@@ -109,11 +118,15 @@ def export_model(
     skeleton = _skeleton(robot, path)
     if form == "urdf":
         root = write_urdf(skeleton, robot, parameters)
+    elif form == "sdf":
+        arm, renamed = with_distinct_names(arm_of(skeleton, robot), robot.joint_names)
+        root = write_sdf(arm, skeleton, robot, parameters)
+        notes = (*notes, *(f"SDF wants all names to differ: link {old} is called {new}." for old, new in renamed))
     else:
-        writer = write_sdf if form == "sdf" else write_mjcf
-        root = writer(arm_of(skeleton, robot), skeleton, robot, parameters)
+        root = write_mjcf(arm_of(skeleton, robot), skeleton, robot, parameters)
     source = f"{robot.name}, identified; from {Path(model.path).name or 'a model'}, {parameter_set} parameters."
-    path.write_text(document(root, (source, *notes)), encoding="utf-8")
+    origins = () if parameters.origins is None else parameters.origins.sentences()
+    path.write_text(document(root, (source, *notes, *origins)), encoding="utf-8")
     beside = None
     width = model.options.coulomb_velocity
     if effects.left_out or width > 0.0:
@@ -126,7 +139,8 @@ def export_model(
         if width > 0.0:
             content["friction_transition"] = {"velocity": width, "unit": "rad/s", "law": "F_s tanh(q̇/velocity)"}
         beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return ExportResult(path, check_export(path, form, robot, parameters), notes, beside)
+    agreements, complaints = check_export(path, form, robot, parameters)
+    return ExportResult(path, agreements, (*notes, *complaints), beside, parameters.origins)
 
 
 def _skeleton(robot: RobotModel, target: Path) -> ElementTree.Element:
@@ -138,14 +152,6 @@ def _skeleton(robot: RobotModel, target: Path) -> ElementTree.Element:
     root = ElementTree.fromstring(source.read_text("utf-8"), parser=ElementTree.XMLParser(target=builder))
     move_meshes(root, source.resolve().parent, target.resolve().parent)
     return root
-
-
-def _advice(model: Model, parameter_set: str) -> str:
-    if parameter_set == "consistent":
-        return ""
-    if model.data.get("consistent_parameters"):
-        return " Export the consistent set that the model also holds: --parameters consistent."
-    return " Fit the recording again: the model then holds a consistent set too, for --parameters consistent."
 
 
 def _notes(form: str, parameters: ModelParameters) -> tuple[str, ...]:

@@ -34,9 +34,10 @@ class FitResult:
     least_squares: its values and their covariance on coloured noise (`fitting.covariance`). equation_15_std: (p,) the
     paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: of
     real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base parameters;
-    None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were held out. noise_floor_nm: (n,) of the fit's
-    evaluation, nan where the recordings do not tell. torque_delay: of the torque against the position, before any
-    correction. notes: sentences for the reader. provenance: inputs, settings, versions, seed.
+    None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were held out.
+    noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. torque_delay: of the torque
+    against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings,
+    versions, seed.
     """
 
     robot: RobotModel
@@ -144,7 +145,7 @@ class FitResult:
             **{name: values.tolist() for name, values in drives.items()},
             "prior": self.consistent.prior,
             "from_data": dict(zip(self.regressor.full_names, shares, strict=True)),
-            "sigma_widened_by": self.consistent.widening,
+            "misfit_sigma": self.consistent.misfit,
         }
 
     def _named(self, symbol: str, joint: int) -> float | None:

@@ -67,11 +67,13 @@ def test_export_refuses_links_that_no_body_can_be_with_65(tmp_path: Path, capsys
     model_of(
         tmp_path, "iiwa14", PhysicalParameters(fine.mass, fine.center_of_mass, inertia, fine.viscous, fine.coulomb)
     )
-    assert run("export", tmp_path / "model.json", "--format", "urdf", "--out", tmp_path / "arm.urdf") == 65
+    words = ["export", tmp_path / "model.json", "--format", "urdf", "--out", tmp_path / "arm.urdf"]
+    assert run(*words, "--parameters", "physical") == 65
     error = capsys.readouterr().err
     assert "link 5" in error
     assert "-0.01" in error
     assert not (tmp_path / "arm.urdf").exists()
+    assert run(*words) == 0
     assert run("export", tmp_path / "none.json", "--format", "urdf", "--out", tmp_path / "arm.urdf") == 66
 
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from identification.base_parameters import BaseRegressor
 from identification.estimators import PhysicalParameters
 from identification.model_file import Model, read_model, write_model
+from identification.robots import load_robot
 
 
 def consistent(physical: PhysicalParameters) -> PhysicalParameters:
@@ -25,10 +27,14 @@ def model_of(
     zeros = np.zeros(physical.n)
     rotor, offset = (zeros if values is None else np.asarray(values, float) for values in (rotor, offset))
     joints = range(physical.n)
+    base = BaseRegressor(load_robot(robot))
     data = {
         "format": "iiwa-ident/model/1",
         "robot": robot,
-        "base_parameters": [{"name": "any", "value": 1.0, "std": 0.1, "unit": "kg m^2"}],
+        "base_parameters": [
+            {"name": name, "value": float(value), "std": 1e-4 * max(abs(float(value)), 1e-2), "unit": unit}
+            for name, value, unit in zip(base.names, base.base_from_physical(physical), base.units, strict=True)
+        ],
         "physical_parameters": [
             {
                 "link": i + 1,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -66,7 +67,7 @@ def test_every_program_reads_the_identified_arm_within_1e_9(
 ) -> None:
     physical = consistent(table3)
     model = model_of(tmp_path, "iiwa14", physical, rotor=ROTOR)
-    result = export_model(model, tmp_path / f"arm{SUFFIX[form]}", form)
+    result = export_model(model, tmp_path / f"arm{SUFFIX[form]}", form, parameter_set="physical")
     assert {item.program.split()[0] for item in result.agreements} == {
         "urdf": {"Pinocchio", "Drake"}, "sdf": {"Pinocchio", "Drake"}, "mjcf": {"Pinocchio", "MuJoCo"},
     }[form]  # fmt: skip
@@ -75,7 +76,9 @@ def test_every_program_reads_the_identified_arm_within_1e_9(
 
 def test_mujoco_finds_all_of_equation_one_and_the_rotors_in_mjcf(tmp_path: Path, table3: PhysicalParameters) -> None:
     physical = consistent(table3)
-    export_model(model_of(tmp_path, "iiwa14", physical, rotor=ROTOR), tmp_path / "arm.xml", "mjcf")
+    export_model(
+        model_of(tmp_path, "iiwa14", physical, rotor=ROTOR), tmp_path / "arm.xml", "mjcf", parameter_set="physical"
+    )
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
     data = mujoco.MjData(model)
     generator = np.random.default_rng(8)
@@ -92,7 +95,7 @@ def test_mujoco_finds_all_of_equation_one_and_the_rotors_in_mjcf(tmp_path: Path,
 @pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
 def test_the_flange_is_where_the_usual_iiwa_14_has_it(form: str, tmp_path: Path, table3: PhysicalParameters) -> None:
     path = tmp_path / f"arm{SUFFIX[form]}"
-    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), path, form)
+    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), path, form, parameter_set="physical")
     for position in POSITIONS:
         pose = np.eye(4)
         if form == "mjcf":
@@ -115,7 +118,7 @@ def test_friction_rotors_and_limits_stand_where_each_program_reads_them(
     physical, robot = consistent(table3), load_robot("iiwa14")
     model = model_of(tmp_path, "iiwa14", physical, rotor=ROTOR)
     for form, suffix in SUFFIX.items():
-        export_model(model, tmp_path / f"arm{suffix}", form)
+        export_model(model, tmp_path / f"arm{suffix}", form, parameter_set="physical")
     by_mujoco = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
     from_urdf = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.urdf"))
     assert np.allclose(by_mujoco.dof_armature, ROTOR, atol=1e-15)
@@ -142,31 +145,17 @@ def test_table_three_is_refused_by_link_and_slack_and_left_as_it_is(tmp_path: Pa
     """MuJoCo refuses the same link; its balanceinertia, which would change the torques silently, is not used."""
     target = tmp_path / "arm.xml"
     with pytest.raises(InconsistentParametersError) as caught:
-        export_model(model_of(tmp_path, "iiwa14", table3), target, "mjcf")
+        export_model(model_of(tmp_path, "iiwa14", table3), target, "mjcf", parameter_set="physical")
     assert caught.value.link == 4
     assert caught.value.slack == pytest.approx(-2.9e-4, abs=0.05e-4)
     assert "link 4" in str(caught.value)
     assert "link 7" in str(caught.value)
-    assert "--parameters consistent" in str(caught.value)
+    assert "consistent set" in str(caught.value)
     assert not target.exists()
     entries = " ".join(str(table3.inertia[3][i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     body = f'<body><joint/><inertial pos="0 0 0" mass="1" fullinertia="{entries}"/></body>'
     with pytest.raises(ValueError, match="inertia must satisfy"):
         mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-
-
-def test_the_consistent_set_of_the_model_is_exported_on_request(tmp_path: Path, table3: PhysicalParameters) -> None:
-    good = consistent(table3)
-    stored = {
-        "mass": good.mass.tolist(), "com": good.center_of_mass.tolist(), "inertia": good.inertia.tolist(),
-        "viscous": good.viscous.tolist(), "coulomb": good.coulomb.tolist(),
-        "rotor_inertia": [0.0] * 7, "offset": [0.0] * 7,
-    }  # fmt: skip
-    model = model_of(tmp_path, "iiwa14", table3, consistent_parameters=stored)
-    result = export_model(model, tmp_path / "arm.xml", "mjcf", parameter_set="consistent")
-    assert max(item.difference_nm for item in result.agreements) < 1e-9
-    with pytest.raises(ModelFileError, match="consistent parameter set"):
-        export_model(model_of(tmp_path, "iiwa14", table3), tmp_path / "arm.xml", "mjcf", parameter_set="consistent")
 
 
 def test_the_fits_consistent_set_of_an_infeasible_table_is_one_that_simulators_take(
@@ -180,13 +169,75 @@ def test_the_fits_consistent_set_of_an_infeasible_table_is_one_that_simulators_t
     refuse_inconsistent(physical)
 
 
+@pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
+def test_a_model_whose_physical_set_no_body_has_is_exported_all_the_same(
+    form: str, tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    """The default set is one of real bodies; MuJoCo takes it as it is, and the head says what rests on the prior."""
+    model = model_of(tmp_path, "iiwa14", table3)
+    result = export_model(model, tmp_path / f"arm{SUFFIX[form]}", form)
+    assert len(result.agreements) == 2
+    assert result.origins is not None
+    assert result.origins.to_json()["from_data"]["M_1"] < 1e-3
+    text = (tmp_path / f"arm{SUFFIX[form]}").read_text()
+    assert re.search("Link 1: data: [ZFVS, ]*FV, FS; .*prior: M, MX", text)
+    assert "uniform bodies" in text
+
+
+def test_a_given_prior_is_where_open_directions_go(tmp_path: Path, table3: PhysicalParameters) -> None:
+    physical = consistent(table3)
+    model = model_of(tmp_path, "iiwa14", physical)
+    export_model(model, tmp_path / "given.urdf", "urdf", parameter_set="physical")
+    export_model(model, tmp_path / "arm.urdf", "urdf", prior=tmp_path / "given.urdf")
+    trees = [ElementTree.parse(tmp_path / name).getroot() for name in ("given.urdf", "arm.urdf")]
+    masses = [[float(mass.get("value")) for mass in tree.findall("link/inertial/mass")] for tree in trees]
+    assert masses[1] == pytest.approx(masses[0], rel=1e-3)
+    with pytest.raises(ModelFileError, match="prior"):
+        export_model(model, tmp_path / "arm.urdf", "urdf", parameter_set="physical", prior=tmp_path / "given.urdf")
+
+
+def test_a_urdf_that_hangs_on_the_world_is_welded_once(tmp_path: Path) -> None:
+    """As the URDFs of universal robots, xArm and Med 7 do; the first link of the file need not be its root."""
+    source = tmp_path / "source.urdf"
+    arm = random_arm(3, 4).replace('<link name="base"/>', '<link name="base"/><link name="world"/>')
+    weld = '<joint name="anchor" type="fixed"><parent link="world"/><child link="base"/></joint></robot>'
+    source.write_text(arm.replace("</robot>", weld))
+    model = model_of(tmp_path, str(source), random_bodies(3, 4))
+    for form, suffix in SUFFIX.items():
+        result = export_model(model, tmp_path / f"arm{suffix}", form)
+        assert len(result.agreements) == 2, result.notes
+
+
+def test_what_drake_does_not_take_is_a_note(tmp_path: Path) -> None:
+    """Two motors of one name, as a public xArm 6 has them: Pinocchio and MuJoCo read it, Drake does not."""
+    source = tmp_path / "source.urdf"
+    motors = "".join(
+        f'<transmission name="t{joint}"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="axis_{joint}"/><actuator name="motor"/></transmission>'
+        for joint in (1, 2)
+    )
+    source.write_text(random_arm(2, 0).replace("</robot>", motors + "</robot>"))
+    result = export_model(model_of(tmp_path, str(source), random_bodies(2, 0)), tmp_path / "arm.urdf", "urdf")
+    assert [item.program.split()[0] for item in result.agreements] == ["Pinocchio"]
+    assert [note for note in result.notes if note.startswith("Drake") and "motor" in note]
+
+
+def test_a_link_called_like_a_joint_is_renamed_for_sdf(tmp_path: Path) -> None:
+    source = tmp_path / "source.urdf"
+    source.write_text(random_arm(2, 6).replace('"part_2"', '"axis_1"'))
+    model = model_of(tmp_path, str(source), random_bodies(2, 6))
+    result = export_model(model, tmp_path / "arm.sdf", "sdf")
+    assert len(result.agreements) == 2
+    assert "link axis_1 is called axis_1_link" in " ".join(result.notes)
+
+
 @pytest.mark.parametrize(("form", "place"), [("urdf", "link/inertial/mass"), ("sdf", "model/link/inertial/mass")])
 def test_a_file_that_says_something_else_is_found_out(
     form: str, place: str, tmp_path: Path, table3: PhysicalParameters
 ) -> None:
     model = model_of(tmp_path, "iiwa14", consistent(table3))
     path = tmp_path / f"arm{SUFFIX[form]}"
-    export_model(model, path, form)
+    export_model(model, path, form, parameter_set="physical")
     tree = ElementTree.parse(path)
     # Link 1 turns about a vertical axis: its mass is felt by no joint. Link 3's is.
     mass = tree.getroot().findall(place)[2]
@@ -196,7 +247,7 @@ def test_a_file_that_says_something_else_is_found_out(
         mass.text = str(float(mass.text) * (1.0 + 1e-6))
     tree.write(path)
     with pytest.raises(ExportCheckError):
-        check_export(path, form, model.load_robot(), parameters_of(model))
+        check_export(path, form, model.load_robot(), parameters_of(model, "physical"))
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
@@ -207,7 +258,7 @@ def test_any_serial_arm_survives_in_every_format(joints: int, seed: int, tmp_pat
     source.write_text(random_arm(joints, seed))
     model = model_of(tmp_path, str(source), random_bodies(joints, seed))
     for form, suffix in SUFFIX.items():
-        result = export_model(model, tmp_path / f"arm{suffix}", form)
+        result = export_model(model, tmp_path / f"arm{suffix}", form, parameter_set="physical")
         assert len(result.agreements) == 2
 
 
@@ -217,7 +268,7 @@ def test_arms_of_others_survive_in_every_format(name: str, tmp_path: Path, share
     joints = load_robot(source).n
     model = model_of(tmp_path, str(source), random_bodies(joints, 5), rotor=np.full(joints, 0.2))
     for form, suffix in SUFFIX.items():
-        assert len(export_model(model, tmp_path / f"arm{suffix}", form).agreements) == 2
+        assert len(export_model(model, tmp_path / f"arm{suffix}", form, parameter_set="physical").agreements) == 2
 
 
 def test_a_urdf_keeps_its_names_meshes_and_limits_and_gets_full_right_angles(tmp_path: Path) -> None:
@@ -234,7 +285,7 @@ def test_a_urdf_keeps_its_names_meshes_and_limits_and_gets_full_right_angles(tmp
     )
     target = tmp_path / "out.urdf"
     physical = random_bodies(2, 1)
-    export_model(model_of(tmp_path, str(source), physical), target, "urdf")
+    export_model(model_of(tmp_path, str(source), physical), target, "urdf", parameter_set="physical")
     root = ElementTree.parse(target).getroot()
     assert "painted yellow" in target.read_text()
     assert [link.get("name") for link in root.findall("link")] == ["floor", "mast", "trolley"]
@@ -251,7 +302,7 @@ def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3:
     effects = [{"effect": "stribeck_friction", "joint": 1}, {"effect": "payload", "joint": None, "link": 7}]
     offset = [0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]
     model = model_of(tmp_path, "iiwa14", consistent(table3), offset=offset, effects=effects)
-    result = export_model(model, tmp_path / "arm.urdf", "urdf")
+    result = export_model(model, tmp_path / "arm.urdf", "urdf", parameter_set="physical")
     beside = json.loads((tmp_path / "arm.urdf.effects.json").read_text())
     assert result.effects_path == tmp_path / "arm.urdf.effects.json"
     assert [(item["effect"], item["joint"]) for item in beside["effects"]] == [

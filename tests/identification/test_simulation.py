@@ -211,7 +211,8 @@ def test_mujoco_simulates_the_exported_arm_alike(
     known = ModelParameters(rough, MOTORS, np.zeros(7)).pinocchio_model(robot)
     ours, theirs = [], []
     for physical in (smooth, rough):
-        export_model(model_of(tmp_path, "iiwa14", physical), tmp_path / "arm.xml", "mjcf", motor_inertia=MOTORS)
+        given = model_of(tmp_path, "iiwa14", physical)
+        export_model(given, tmp_path / "arm.xml", "mjcf", parameter_set="physical", motor_inertia=MOTORS)
         theirs.append(by_mujoco(tmp_path / "arm.xml", known, controller))
         result = simulate(robot, physical, Later(), controller, settings=settings)
         ours.append((result.position, result.motor_torque))

@@ -37,7 +37,7 @@ def test_a_simulator_s_file_has_the_base_parameters_it_was_written_from(
     if form == "sdf" and importlib.util.find_spec("pydrake") is None:
         pytest.skip("SDF is read by Drake, which is not installed")
     file = tmp_path / f"arm.{form}"
-    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), file, form)
+    export_model(model_of(tmp_path, "iiwa14", consistent(table3)), file, form, parameter_set="physical")
     expected = iiwa14_base.base_from_physical(consistent(table3))
     assert np.allclose(read_simulator_model(file, iiwa14_base), expected, atol=1e-6)
 
@@ -46,7 +46,7 @@ def test_a_file_that_moves_otherwise_is_refused_with_the_joint(
     tmp_path: Path, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
     file = tmp_path / "arm.urdf"
-    export_model(model_of(tmp_path, "iiwa7", consistent(table3)), file, "urdf")
+    export_model(model_of(tmp_path, "iiwa7", consistent(table3)), file, "urdf", parameter_set="physical")
     with pytest.raises(RobotError, match="zero positions, axes, lengths"):
         read_simulator_model(file, iiwa14_base)
     with pytest.raises(RobotNotFoundError):
