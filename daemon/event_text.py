@@ -7,6 +7,7 @@ from enum import IntEnum
 from fri_client.handover import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState
 from fri_client.motion_phase import MotionPhase
+from fri_client.refusal import refusal_sentence
 
 __all__ = ["event_name", "event_sentence", "phase_name"]
 
@@ -25,8 +26,7 @@ def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
     if code == EventCode.GAP:
         return f"{value:.0f} monitoring messages are missing before sample {record.index}."
     if code == EventCode.REFUSED:
-        joint = f" of joint {record.event_joint}" if record.event_joint else ""
-        return f"Sample {record.index} was refused: the value {value:g}{joint} cannot be used."
+        return f"Sample {record.index} was refused: {refusal_sentence(limit, record.event_joint, value)}."
     if code == EventCode.SILENCE:
         return f"No monitoring message came for {value:.3g} s (limit {limit:.3g} s)."
     if code == EventCode.STOP_ON_PATH:

@@ -14,6 +14,7 @@ from daemon.fri_guess import guess_version
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.messages import COMMAND_IDENTIFIER, CommandMessage, FriVersion, MessageHeader, SessionState
+from fri_client.pilot import monitoring_echo
 from fri_client.session import Session
 
 __all__ = ["LinkObservation", "Mirror", "observe_link"]
@@ -57,7 +58,7 @@ class Mirror:
                 return None
             self.version = FriVersion.parse(candidates[0])
         if self._session is None or self._codec is None:
-            self._session, self._codec = Session(self.version), Codec(self.version)
+            self._session, self._codec = Session(), Codec(self.version)
         session = self._session
         try:
             message = self._codec.decode_monitoring(datagram)
@@ -72,7 +73,7 @@ class Mirror:
         if not session.answer_due:
             return None
         counter = message.header.sequence_counter
-        position = session.answer_position(message)
+        position = monitoring_echo(message, self.version).position
         if position is not None:
             return self._codec.encode_position_command(session.own_counter, counter, position)
         return self._codec.encode_command(

@@ -18,7 +18,6 @@ import contextlib
 import errno
 import os
 import signal
-import socket
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -40,7 +39,7 @@ from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingIn
 from daemon.json_files import read_json
 from daemon.spare_folder import write_run_file
 from daemon.supervision import Supervision
-from fri_client.channel import unbound_socket
+from fri_client.channel import UdpChannel
 from fri_client.errors import FriError
 from fri_client.handover import HandoverRing
 from fri_client.loop import FriLoop
@@ -105,8 +104,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
     """Run one acquisition's loop in this process; its report and the exit code. Never raises for a request that is
     wrong.
     """
-    channel = unbound_socket()
-    with channel:
+    with UdpChannel() as channel:
         try:
             version = FriVersion.parse(request.fri_version)
             limits = limits_for(request.robot)
@@ -150,10 +148,10 @@ def load_table(path: str) -> NDArray[np.float64]:
     return table.astype(np.float64)
 
 
-def bind(channel: socket.socket, host: str, port: int) -> None:
+def bind(channel: UdpChannel, host: str, port: int) -> None:
     """Bind the loop's socket. Raises PortInUseError, ConfigurationError for an address that is not this machine's."""
     try:
-        channel.bind((host, port))
+        channel.bind(host, port)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise PortInUseError(host, port) from error
@@ -186,7 +184,7 @@ def motion_of(
 
 def _make_loop(
     request: RunRequest,
-    channel: socket.socket,
+    channel: UdpChannel,
     version: FriVersion,
     limits: JointLimits,
     table: NDArray[np.float64],
@@ -203,7 +201,6 @@ def _make_loop(
         robot_host=request.robot_host,
         expected_period_s=request.table_period_s,
         maximum_ipo_distance_rad=request.maximum_distance_to_measured,
-        simulated_time=request.simulation,
     )
     return FriLoop(channel, version, make_motion, ring, settings)
 

@@ -32,7 +32,7 @@ _AFTER_COUNTER = b"\x18"
 
 
 class AnswerAhead:
-    """`prepare` after each tick; `command_for` the next datagram; after it was sent, `motion.take(foreseen)`.
+    """`prepare` after each tick; `command_for` the next datagram; after it was sent, `Pilot.take(foreseen)`.
 
     counter: of the message that is answered. foreseen: what the motion foresaw for it.
     """
@@ -99,7 +99,9 @@ class AnswerAhead:
             if foreseen is not None:
                 self.counter = (counter + 1) & _WRAP
                 self._counter_bytes = varint(self.counter) + _AFTER_COUNTER
-                self._command = self._codec.encode_position_command(session.own_counter, self.counter, foreseen.command)
+                self._command = self._codec.encode_position_command(
+                    session.own_counter, self.counter, foreseen.judged.command
+                )
 
     def learn(self, datagram: memoryview, message: MonitoringMessage) -> None:
         """Expect messages like this one, which the session has found to be in order, from now on."""

@@ -38,7 +38,7 @@ class EventCode(IntEnum):
     STANDSTILL_CONFIRMED = 40
     STANDSTILL_NOT_CONFIRMED = 41
     START_TIMEOUT = 42
-    # The link. GAP: value messages missing before this one; REFUSED: joint and the number that was not usable;
+    # The link. GAP: value messages missing before this one; REFUSED: joint, the wrong number, as limit the Refusal;
     # SILENCE: value and time-out in s; UNDECODABLE: value bytes.
     GAP = 50
     REFUSED = 51

@@ -1,30 +1,29 @@
-"""The 1 kHz loop: receive, decode, judge, decide, encode, answer, hand over. One socket, one thread, one robot.
+"""The 1 kHz loop: receive, decode, judge, decide, encode, answer, hand over. One channel, one thread, one robot.
 
 Here: the order of these steps in one tick, the polls for a stop, the time-outs, and the end. Not here: what each
-step does (`codec`, `session`, `motion`, `handover`, `link_statistics`), real-time settings, processes, files. The
-loop process calls `FriLoop.run` once.
+step does (`codec`, `session`, `pilot`, `gate`, `handover`, `link_statistics`), real-time settings, processes, files.
 
 Rules of a tick: the blocking receive paces it, with a finite time-out and no sleep; no log line, no disk, no lock;
 nothing is kept but counters, so nothing grows; the answer leaves before the sample is handed over. While it waits for
 a message whose answer is ready, it goes through that answer's code once, for warm caches, and waits on.
 
-After a stall of this process the kernel holds a backlog of old messages. Each is answered, in order, because
-answers are what the robot grades the connection by; but only the newest advances the path. The robot applies the
-last command that reached it in a cycle, so an advance per queued message would reach it as one large step. The
-answers to the older ones repeat the last command, are counted late, and their samples carry no place in a period.
+After a stall of this process the kernel holds a backlog of old messages. All of it is taken out and judged before
+anything is decided, and only the newest message is answered: an answer to an older one would come too late to count,
+and would reach the arm in the cycle of the newest. The others are recorded without an answer and without a place in a
+period, and counted late.
 """
 
 from __future__ import annotations
 
-import select
-import socket
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from fri_client.answer_ahead import AnswerAhead
-from fri_client.channel import Queue, open_socket
+from fri_client.channel import Address, Channel
 from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError
+from fri_client.gate import CommandGate, Pace
 from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.journal import Journal
 from fri_client.last_samples import read_last_samples
@@ -36,21 +35,21 @@ from fri_client.messages import (
     FriVersion,
     MessageHeader,
     MonitoringMessage,
-    SessionState,
 )
 from fri_client.motion import MotionProgram, StopReason
 from fri_client.motion_phase import MotionPhase
-from fri_client.pilot import Pilot
+from fri_client.pilot import Answer, Pilot
 from fri_client.session import Session
 from fri_client.stop_watch import RecorderPatience, StopWatch
+from safety.guard import Judged
 
-__all__ = ["FriLoop", "open_socket"]
+__all__ = ["FriLoop"]
 
 _DRAIN_S = 1.0
 """After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
 
-_HELD_S = 0.1
-"""Without an answer for so long, the robot has brought the arm to rest at its last command."""
+_MOST_AT_ONCE = 256
+"""Datagrams taken out of the channel before something is decided; its buffer holds fewer unless somebody floods it."""
 
 _REHEARSAL_NS = 200_000
 """So long before the next message is due the loop goes through its answer once: ten times what that takes, and more
@@ -60,8 +59,19 @@ _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
 _ENDINGS = (_WAITING, _LATCHED, _DONE)
 _FRESH, _UNDECODABLE = int(Disposition.FRESH), int(Disposition.UNDECODABLE)
-_ACTIVE = int(SessionState.COMMANDING_ACTIVE)
-_COMMANDING_WAIT = int(SessionState.COMMANDING_WAIT)
+
+
+class _Newest(NamedTuple):
+    """The newest message that may be answered, with its bytes, its Disposition and when it was received, ns.
+
+    due: an answer belongs to it, or to one before it that it stands for.
+    """
+
+    message: MonitoringMessage
+    datagram: bytes
+    disposition: int
+    receive_ns: int
+    due: bool
 
 
 class FriLoop:
@@ -71,34 +81,35 @@ class FriLoop:
 
     def __init__(
         self,
-        channel: socket.socket,
+        channel: Channel,
         version: FriVersion,
         make_motion: Callable[[float, int], MotionProgram],
         ring: HandoverRing,
         settings: LoopSettings,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """make_motion(command_period_s, samples_per_command) builds the motion; it may raise FriError or
-        SafetyError.
+        SafetyError. clock_ns: CLOCK_MONOTONIC, or a simulated one.
         """
         self._channel = channel
+        self._clock_ns = clock_ns
         self._codec = Codec(version, learn_later=True)
         self._codec.warm_up()
         self._ring = ring
         self._settings = settings
         self._stop_watch = StopWatch(ring, settings.supervisor_timeout_s)
         self._journal = Journal(ring)
-        self.session = Session(version)
+        self.session = Session()
         self.statistics = LinkStatistics()
-        self._pilot = Pilot(make_motion, self.session, ring.gate, settings)
+        self._gate = CommandGate(channel, self.session.clock, clock_ns)
+        self._pilot = Pilot(make_motion, version, self.session, self._gate, ring.gate, settings)
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
-        self._queue = Queue(channel, self._codec)
         self._ahead = AnswerAhead(self._codec)
-        self._robot: tuple[str, int] | None = None
+        self._robot: Address | None = None
         self._foreign = 0
         self._restarts = 0
-        self._repeated = 0
-        self._last_answer_ns = 0
+        self._unanswered = 0
         self._silence_told = False
         self._first_sample = b""
         self._undecodable_sample = b""
@@ -127,14 +138,14 @@ class FriLoop:
 
         The ring stays open: its producer says `finish` once the report is written, so the recorder finds it.
         """
-        channel, buffer, clock = self._channel, self._buffer, time.monotonic_ns
+        receive, buffer, clock = self._channel.receive_into, self._buffer, self._clock_ns
         started = clock()
         outcome: Outcome | None = None
         while outcome is None:
             try:
                 if self._ahead.is_ready:
                     self._rehearse()
-                size, address = channel.recvfrom_into(buffer)
+                size, address = receive(buffer)
             except BlockingIOError:
                 now = clock()
                 self._idle(now)
@@ -166,7 +177,7 @@ class FriLoop:
                 return "completed"
             return "fault" if self._faults else "stopped"
         standstill = motion.standstill
-        silent = now - max(self.session.last_fresh_ns, self._last_answer_ns) > _DRAIN_S * 1e9
+        silent = now - max(self.session.last_fresh_ns, self._gate.last_send_ns) > _DRAIN_S * 1e9
         return "dropped" if standstill.confirmed or standstill.gave_up or silent else None
 
     def _rehearse(self) -> None:
@@ -176,141 +187,188 @@ class FriLoop:
         """
         size, received_ns = self._received
         due = received_ns + (self.session.send_period_ms or 0) * 1_000_000 - _REHEARSAL_NS
-        spare = due - time.monotonic_ns()
-        if self._settings.simulated_time or spare <= 0 or select.select((self._channel,), (), (), spare * 1e-9)[0]:
+        spare = due - self._clock_ns()
+        if self.session.clock.simulated or spare <= 0 or self._channel.wait(spare * 1e-9):
             return
         self._ahead.rehearse(bytes(self._view[:size]))
         if not self._stop_watch.is_asked:
-            self._queue.holds_newer_than(self._ahead.counter, None)
+            self._channel.is_waiting()
 
     # One tick.
 
-    def _receive(self, size: int, address: tuple[str, int], receive_ns: int) -> None:
-        if address != self._robot and not self._may_be_robot(address):
-            self._foreign += 1
-            self._idle(receive_ns)
-            return
-        datagram = self._view[:size]
-        command = self._ahead.command_for(bytes(datagram))
-        if command is None or self._stop_watch.is_asked or self._queue.holds_newer_than(self._ahead.counter, address):
-            self._receive_unforeseen(datagram, address, receive_ns)
-            return
-        send_ns = self._send(command, address)
-        self._after_answer_ahead(datagram, receive_ns, send_ns, command)
+    def _receive(self, size: int, address: Address, receive_ns: int) -> None:
+        if address == self._robot:
+            datagram = bytes(self._view[:size])
+            command = self._ahead.command_for(datagram)
+            if (
+                command is not None
+                and not self._stop_watch.is_asked
+                and not self._channel.is_waiting()
+                and self._answer_ahead(datagram, command, receive_ns)
+            ):
+                return
+        self._receive_all(size, address, receive_ns)
 
-    def _after_answer_ahead(self, datagram: memoryview, receive_ns: int, send_ns: int, command: bytes) -> None:
-        """All that the answer did not have to wait for, and the proof that it was the right one."""
+    def _answer_ahead(self, datagram: bytes, command: bytes, receive_ns: int) -> bool:
+        """Send the answer that was made ready; False where this message has to go the whole way."""
         session, foreseen = self.session, self._ahead.foreseen
-        assert foreseen is not None
-        self._pilot.take(foreseen, self._ahead.counter, went_out=bool(send_ns))
-        message = self._codec.decode_monitoring(datagram)
-        disposition = session.judge(message, receive_ns)
-        if disposition != _FRESH or not session.answer_due or session.drop is not None:
-            raise RuntimeError(f"the message {message.header.sequence_counter} was not what it looked like")
+        if foreseen is None:
+            return False
+        message = None
+        time_ns = receive_ns
+        if session.clock.simulated:
+            message = self._codec.decode_monitoring(datagram)
+            time_ns = session.clock.time_of(message, receive_ns)
+        if not session.clock.admits(1, time_ns) or self._gate.pace(time_ns) != Pace.NEXT:
+            return False
+        send_ns = self._send(foreseen.judged, command, time_ns)
+        if not send_ns:
+            return False
+        # All that the answer did not have to wait for, and the proof that it was the right one.
+        self._pilot.take(foreseen, self._ahead.counter)
+        message = message or self._codec.decode_monitoring(datagram)
+        session.take_foreseen(message, receive_ns)
         self._journal.tick += 1
-        self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=False)
+        self._journal.note_session(session, receive_ns)
+        self._finish(_Newest(message, datagram, _FRESH, receive_ns, due=True), send_ns, command)
+        return True
 
-    def _receive_unforeseen(self, datagram: memoryview, address: tuple[str, int], receive_ns: int) -> None:
-        session = self.session
+    def _receive_all(self, size: int, address: Address, receive_ns: int) -> None:
+        """The datagram in the buffer and all that waits behind it; then one answer, to the newest message."""
         reason = self._stop_watch.poll(receive_ns)
         if reason is not None:
             self.motion.stop(reason)
+        self._ahead.forget()
+        newest: _Newest | None = None
+        taken = 0
+        while True:
+            taken += 1
+            newest = self._judge(bytes(self._view[:size]), address, receive_ns, newest)
+            if not self._channel.is_waiting() or taken >= _MOST_AT_ONCE:
+                break
+            waiting = self._channel.receive_waiting_into(self._buffer)
+            if waiting is None:
+                break
+            size, address = waiting
+            receive_ns = self._clock_ns()
+            self._received = size, receive_ns
+        if newest is None:
+            self._idle(receive_ns)
+        elif taken >= _MOST_AT_ONCE:
+            self._finish(newest, 0, None)
+        else:
+            self._answer(newest)
+        self._codec.catch_up()
+
+    def _judge(self, datagram: bytes, address: Address, receive_ns: int, before: _Newest | None) -> _Newest | None:
+        """The newest message that may be answered, after this datagram; `before` is the one before it."""
+        session = self.session
+        if address != self._robot and not self._may_be_robot(address):
+            self._foreign += 1
+            return before
         try:
             message = self._codec.decode_monitoring(datagram)
         except CodecError as error:
             self._undecodable(datagram, error, receive_ns)
-            return
+            return before
         if self._robot is None:
-            self._robot = address
+            session.clock.simulated = message.is_simulated_time
         disposition = session.judge(message, receive_ns)
         if disposition != _FRESH and not session.answer_due:
             self._not_fresh(disposition, message, datagram, receive_ns)
-            return
+            return before
+        if self._robot is None:  # whoever sends a whole message with seven positions that an arm can have
+            self._robot = address
+        if before is not None:
+            self._unanswered += before.due
+            self._finish(before, 0, None)
         self._journal.tick += 1
+        self._journal.note_session(session, receive_ns)
         if session.drop is not None and self.motion.phase < _LATCHED:
-            self._drop()
+            self._drop(receive_ns)
+        if not session.answer_due:
+            self.motion.skip()
+        due = session.answer_due or (before is not None and before.due)
+        return _Newest(message, datagram, disposition, receive_ns, due)
+
+    def _answer(self, newest: _Newest) -> None:
+        session, codec, message = self.session, self._codec, newest.message
         counter = message.header.sequence_counter
-        queued = session.answer_due and self._queue.holds_newer_than(counter, self._robot)
-        self._repeated += queued
+        answer: Answer = None
         command: bytes | None = None
         send_ns = 0
-        if session.answer_due:
-            position = session.answer_position(
-                message, self._pilot.decide(message, queued=queued, usable=disposition == _FRESH)
-            )
-            if position is not None:
-                command = self._codec.encode_position_command(session.own_counter, counter, position)
-            else:
+        if newest.due:
+            answer = self._pilot.decide(message, usable=newest.disposition == _FRESH)
+        if answer is not None:
+            position = answer.command if isinstance(answer, Judged) else answer.position
+            if position is None:
                 header = MessageHeader(COMMAND_IDENTIFIER, session.own_counter, counter)
-                command = self._codec.encode_command(CommandMessage(header))
-            send_ns = self._send(command, address)
-            if send_ns:
-                self._pilot.went_out(counter)
-        else:
-            self.motion.skip()
-        self._finish(message, datagram, receive_ns, send_ns, command, disposition, queued=queued)
-        if disposition == _FRESH:
-            self._first_sample = self._first_sample or bytes(datagram)
-            self._ahead.learn(datagram, message)
-        self._codec.catch_up()
+                command = codec.encode_command(CommandMessage(header))
+            else:
+                command = codec.encode_position_command(session.own_counter, counter, position)
+            send_ns = self._send(answer if isinstance(answer, Judged) else None, command, session.time_ns)
+        if send_ns:
+            self._pilot.went_out(answer, counter)
+        self._finish(newest, send_ns, command)
+        if newest.disposition == _FRESH:
+            self._first_sample = self._first_sample or newest.datagram
+            self._ahead.learn(memoryview(newest.datagram), message)
 
-    def _send(self, command: bytes, address: tuple[str, int]) -> int:
-        """When it was sent, ns; 0 where the network refused it: for robot and log alike it then never was."""
-        try:
-            self._channel.sendto(command, address)
-        except OSError:
-            return 0
-        self._last_answer_ns = time.monotonic_ns()
-        self.session.sent()
-        return self._last_answer_ns
+    def _send(self, judged: Judged | None, command: bytes, time_ns: int) -> int:
+        """When it left, ns; 0 where the gate or the network refused it: for robot and log alike it then never was."""
+        assert self._robot is not None
+        gate = self._gate
+        sent = (
+            gate.send_header(command, self._robot)
+            if judged is None
+            else gate.send(judged, command, self._robot, time_ns)
+        )
+        if sent:
+            self.session.sent()
+        return sent
 
-    def _finish(
-        self,
-        message: MonitoringMessage,
-        datagram: memoryview,
-        receive_ns: int,
-        send_ns: int,
-        command: bytes | None,
-        disposition: int,
-        *,
-        queued: bool,
-    ) -> None:
+    def _finish(self, newest: _Newest, send_ns: int, command: bytes | None) -> None:
         """The rest of a tick once the robot has its answer: book it, hand it over, and get ready for the next one."""
-        session, journal, motion = self.session, self._journal, self.motion
+        session, journal, motion, message = self.session, self._journal, self.motion, newest.message
+        receive_ns = newest.receive_ns
+        counter = message.header.sequence_counter
         phase, period, sample = motion.phase, motion.period, motion.sample_in_period
-        usable = disposition == _FRESH
-        if queued or not usable:
+        usable = newest.disposition == _FRESH
+        if not usable or not self._pilot.is_labelled(counter):
             period = sample = -1
         if not usable:
-            journal.event(EventCode.REFUSED, session.refusal_joint, session.refusal_value)
+            self._note_refusal()
             self._judge_silence(receive_ns)
         if session.counts.restarts != self._restarts:
             self._restarts = session.counts.restarts
             self.statistics.restart()
-        counter = message.header.sequence_counter
         self.statistics.observe(counter, receive_ns, send_ns, session.send_period_ms)
-        journal.note_session(session, receive_ns)
         journal.note_motion(motion, phase, period)
-        journal.record(receive_ns, send_ns, phase, period, sample, datagram, command if send_ns else None, disposition)
+        sent = command if send_ns else None
+        journal.record(receive_ns, send_ns, phase, period, sample, newest.datagram, sent, newest.disposition)
         if phase >= _HOLD and message.monitor_data is not None:
             motion.observe(message.monitor_data.measured_joint_position or ())
         self._publish(receive_ns)
-        if self._settings.simulated_time:
+        if session.clock.simulated:
             self._recorder_patience.wait()
         reason = self._stop_watch.poll(receive_ns)
         if reason is not None:
             motion.stop(reason)
-        if usable and self._pilot.is_on_time(counter):
+        if usable and send_ns:
             self._ahead.prepare(session, motion, counter)
 
     # Drops, faults, silence, and what is not fresh.
 
-    def _drop(self) -> None:
-        # A robot without answers holds the last command; one that has just had its answer is still moving.
+    def _drop(self, now: int) -> None:
         self._ahead.forget()
-        silent = time.monotonic_ns() - self._last_answer_ns > _HELD_S * 1e9
-        self.motion.latch(at_rest=silent or self._pilot.robot_stands(self.session.last_counter))
-        self._journal.dropped(self.session, time.monotonic_ns())
+        clock = self.session.clock
+        pace = self._gate.pace(self.session.time_ns if clock.simulated else now)
+        self.motion.latch(at_rest=pace == Pace.STANDS)
+        self._journal.dropped(self.session, now)
+
+    def _note_refusal(self) -> None:
+        session = self.session
+        self._journal.event(EventCode.REFUSED, session.refusal_joint, session.refusal_value, session.refusal or 0)
 
     def _survive(self, error: Exception) -> None:
         self._faults += 1
@@ -346,41 +404,41 @@ class FriLoop:
         if session.drop is None:
             self._robot = None  # before a motion the robot may come back from another port
         elif self.motion.phase < _LATCHED:
-            self._drop()
+            self._drop(now)
 
-    def _not_fresh(self, disposition: int, message: MonitoringMessage, datagram: memoryview, now: int) -> None:
+    def _not_fresh(self, disposition: int, message: MonitoringMessage, datagram: bytes, now: int) -> None:
         session = self.session
         if disposition == Disposition.REFUSED:
-            self._journal.event(EventCode.REFUSED, session.refusal_joint, session.refusal_value)
+            self._note_refusal()
         else:
             self.statistics.observe(message.header.sequence_counter, now, 0, session.send_period_ms)
         self._judge_silence(now)
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, disposition)
         self._publish(now)
 
-    def _undecodable(self, datagram: memoryview, error: CodecError, now: int) -> None:
+    def _undecodable(self, datagram: bytes, error: CodecError, now: int) -> None:
         self.statistics.observe_undecodable()
         if not self._undecodable_sample:
-            self._undecodable_sample = bytes(datagram[:MAXIMUM_DATAGRAM_BYTES])
+            self._undecodable_sample = datagram[:MAXIMUM_DATAGRAM_BYTES]
             self._undecodable_error = str(error)
         self._judge_silence(now)
         self._journal.event(EventCode.UNDECODABLE, 0, len(datagram))
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, _UNDECODABLE)
         self._publish(now)
 
-    def _may_be_robot(self, address: tuple[str, int]) -> bool:
+    def _may_be_robot(self, address: Address) -> bool:
         """Whether an address that is not the robot's may be it: none is known yet, and the host fits."""
         host = self._settings.robot_host
         return self._robot is None and (host is None or address[0] == host)
 
     def _publish(self, now: int) -> None:
-        late = self.statistics.late + self._repeated
+        late = self.statistics.late + self._unanswered
         self._journal.publish(now, self.session, self.motion, self.statistics, late, self._foreign)
 
     # The end.
 
     def _conclude(self, outcome: Outcome, started_ns: int) -> LoopResult:
-        now = time.monotonic_ns()
+        now = self._clock_ns()
         motion, session, journal = self.motion, self.session, self._journal
         standstill = motion.standstill
         if standstill.observed:
@@ -405,7 +463,7 @@ class FriLoop:
         result.sentence += version_doubt(self._first_sample, self._codec.version)
         result.standstill_confirmed = standstill.confirmed
         result.tick = journal.stop_tick
-        result.late = self.statistics.late + self._repeated
+        result.late = self.statistics.late + self._unanswered
         result.foreign = self._foreign
         result.undecodable = self.statistics.undecodable
         result.duration_s = (now - started_ns) / 1e9

@@ -39,7 +39,6 @@ class LoopSettings:
     command_timeout_s: from there to COMMANDING_ACTIVE. supervisor_timeout_s: age of the supervisor's heartbeat that
     stops the motion, 0: not watched. robot_host: the only address listened to; None: that of the first message.
     expected_period_s: command period the motion is prepared for before the robot has said its own.
-    simulated_time: the robot waits for each answer, so the loop may wait for a recorder that falls behind.
     """
 
     receive_timeout_s: float = 0.5
@@ -49,7 +48,6 @@ class LoopSettings:
     robot_host: str | None = None
     expected_period_s: float = 0.001
     maximum_ipo_distance_rad: float = 0.1
-    simulated_time: bool = False
 
 
 @dataclass(slots=True)
@@ -133,7 +131,8 @@ def explain(
     if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
         result.criterion = motion.stop_reason.criterion
     if outcome == "no_robot" and foreign:
-        result.sentence += f" {foreign} datagrams came from elsewhere: only {settings.robot_host} is listened to."
+        only = f": only {settings.robot_host} is listened to" if settings.robot_host else ""
+        result.sentence += f" {foreign} datagrams came from elsewhere{only}."
     result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
     result.overruled = motion.overruled
     return result

@@ -8,27 +8,28 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from fri_client.messages import ConnectionInfo, ConnectionQuality, DriveState, IpoData, MonitorData, RobotInfo
+from fri_client.refusal import Refusal
 
 __all__ = ["NamedArrays", "changed", "command_period", "is_good", "joint_not_driven", "positions", "torques"]
 
-NamedArrays: TypeAlias = tuple[tuple[str, tuple[float, ...] | None], ...]
+NamedArrays: TypeAlias = tuple[tuple[Refusal, tuple[float, ...] | None], ...]
 
 
 def positions(monitor: MonitorData, ipo: IpoData | None) -> NamedArrays:
-    """The positions of a message with the names an operator knows them by, rad."""
+    """The positions of a message each with what a wrong one is refused for, rad."""
     return (
-        ("measured joint position", monitor.measured_joint_position),
-        ("commanded joint position", monitor.commanded_joint_position),
-        ("IPO position", None if ipo is None else ipo.joint_position),
+        (Refusal.MEASURED_POSITION, monitor.measured_joint_position),
+        (Refusal.COMMANDED_POSITION, monitor.commanded_joint_position),
+        (Refusal.IPO_POSITION, None if ipo is None else ipo.joint_position),
     )
 
 
 def torques(monitor: MonitorData) -> NamedArrays:
-    """The torques of a message with their names, Nm."""
+    """The torques of a message, each with what a wrong one is refused for, Nm."""
     return (
-        ("measured torque", monitor.measured_torque),
-        ("external torque", monitor.external_torque),
-        ("commanded torque", monitor.commanded_torque),
+        (Refusal.MEASURED_TORQUE, monitor.measured_torque),
+        (Refusal.EXTERNAL_TORQUE, monitor.external_torque),
+        (Refusal.COMMANDED_TORQUE, monitor.commanded_torque),
     )
 
 

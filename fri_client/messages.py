@@ -188,6 +188,10 @@ class RedundancyStrategy(IntEnum):
     NONE = 4
 
 
+FAKE_ROBOT = "iiwa-ident fake robot"
+"""What the fake robot that comes with this program announces; in lockstep with `, lockstep` behind it."""
+
+
 class MessageHeader(msgspec.Struct, frozen=True, gc=False):
     """Identifier and the two uint32 counters every message carries."""
 
@@ -301,7 +305,8 @@ class IpoData(msgspec.Struct, frozen=True, gc=False):
 class MonitoringMessage(msgspec.Struct, frozen=True, gc=False):
     """One datagram from the robot.
 
-    requested_transformations: Transformation in 1.x, QuaternionTransformation in 2.x; at most 5.
+    requested_transformations: Transformation in 1.x, QuaternionTransformation in 2.x; at most 5. announcement: what a
+    fake robot says of itself; no cabinet sends the field.
     """
 
     header: MessageHeader
@@ -311,6 +316,17 @@ class MonitoringMessage(msgspec.Struct, frozen=True, gc=False):
     ipo_data: IpoData | None = None
     requested_transformations: tuple[Transformation | QuaternionTransformation, ...] = ()
     end_of_message_data: EndOfMessageData | None = None
+    announcement: str | None = None
+
+    @property
+    def is_of_fake_robot(self) -> bool:
+        """Whether no arm moves: the sender says so itself, its address says nothing."""
+        return (self.announcement or "").startswith(FAKE_ROBOT)
+
+    @property
+    def is_simulated_time(self) -> bool:
+        """Whether the robot waits for each answer and its time stamps are all the time there is."""
+        return (self.announcement or "") == f"{FAKE_ROBOT}, lockstep"
 
 
 class CommandData(msgspec.Struct, frozen=True, gc=False):

@@ -8,9 +8,10 @@ still. Not here: which stop it is (`motion_stop`), the shape of ramps and stops 
                    any stop reason at any tick ------------------> STOP_RAMP
                    a drop of the session at any tick ------------> LATCHED
 
-One call of `tick` is one command: the path advances by one step per answered fresh message and never by more, so a lost
-or late message delays the path and cannot make a step larger than planned. After a pause that the robot cannot bridge
-`resume_from_rest` takes the path up again from rest (`re_entry`); a stop that was under way has ended by itself then.
+`propose` names the next command and moves nothing; `commit` moves the path by that step once the command went out
+(`gate`). So a message that was lost, came late or could not be answered delays the path and cannot make a step larger
+than planned. After a pause that the robot cannot bridge `resume_from_rest` takes the path up again from rest
+(`re_entry`); a stop that was under way has ended by itself then.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from fri_client.motion_table import MotionError, checked_table, command_stride, 
 from fri_client.re_entry import ReEntry, plan_re_entry, re_entry_steps
 from fri_client.standstill import Standstill
 from fri_client.stop_reason import StopKind, StopReason, too_much_torque
-from safety.guard import CommandGuard, MotionState
+from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
 from safety.path_stop import PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
@@ -47,18 +48,18 @@ _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE
 
 
 class Foreseen(NamedTuple):
-    """The next command, 7 positions in rad, and what its sample has to lie within (limits included) to be answered so:
+    """The next command, and what its sample has to lie within (limits included) to be answered so:
 
     measured position in rad, 7, then external torque in Nm, 7.
     """
 
-    command: Sequence[float]
+    judged: Judged
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
 
 class MotionProgram:
-    """One acquisition's motion; call `prepare` while waiting, `begin` at COMMANDING_ACTIVE, then `tick` per command.
+    """One acquisition's motion: `prepare` while waiting, `begin` at COMMANDING_ACTIVE, then `propose` and `commit`.
 
     table: (N, 7) positions of one period in rad on the grid table_period_s (s), periodic: row N would be row 0 again.
     command_period_s: send period times receive multiplier, s; samples_per_command: the receive multiplier.
@@ -66,7 +67,7 @@ class MotionProgram:
     joint, None: not watched. Raises MotionError, and RampError when the motion could not be stopped at its end.
 
     phase, period (from 0, -1 outside EXCITATION) and sample_in_period (-1 outside; on the grid of the send period)
-    label the command last returned.
+    label the command last committed.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class MotionProgram:
         self.command_period_s = command_period_s
         self._samples_per_command = samples_per_command
         self._periods = periods
-        self._guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
+        self.guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
         self._external_torque_limit = None if external_torque_limit is None else tuple(external_torque_limit)
         # Tuples of floats: a tick then takes one out and makes nothing new.
         self._path: list[tuple[float, ...]] = list(map(tuple, table[::stride].tolist()))
@@ -98,7 +99,7 @@ class MotionProgram:
         self._stride = stride
         self._path_stops = PathStops(table, table_period_s, stride, limits)
         end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
-        self._stop = MotionStop(limits, self._guard, self._path_stops, end_ramp, command_period_s)
+        self._stop = MotionStop(limits, self.guard, self._path_stops, end_ramp, command_period_s)
         self._first = first // stride
         self._motion_path = MotionPath(self._path_stops, len(self._path), self._first, stride, command_period_s)
         self._step = 0  # steps done within the current phase
@@ -107,7 +108,6 @@ class MotionProgram:
         self._start_position: tuple[float, ...] = ()
         self._start_ticks = 0
         self._last: Sequence[float] = ()
-        self._foreseen_state: MotionState | None = None
         self._start_done = 0
         self._on_path = 0
         self._re_entry: ReEntry | None = None
@@ -131,7 +131,7 @@ class MotionProgram:
 
     @property
     def commanded(self) -> bool:
-        """True once a command of this motion was asked for."""
+        """True once a motion was begun."""
         return bool(self._last)
 
     @property
@@ -146,7 +146,7 @@ class MotionProgram:
 
     @property
     def stop_kind(self) -> StopKind | None:
-        """How the arm was brought to rest, None where no stop was planned."""
+        """How the arm was brought to rest, None where no command of a stop went out."""
         return self._stop.kind
 
     @property
@@ -186,7 +186,7 @@ class MotionProgram:
         if self.phase != _WAITING:
             raise ValueError("a motion begins once")
         self.prepare(ipo_position)
-        self._guard.anchor(ipo_position)
+        self.guard.anchor(ipo_position)
         self._last = ipo_position
         self.phase = _START_RAMP
         self._step = 0
@@ -198,15 +198,14 @@ class MotionProgram:
             if self.phase == _WAITING:
                 self.phase = _DONE
 
-    def tick(
+    def propose(
         self, measured_position: Sequence[float], external_torque: Sequence[float] | None = None
-    ) -> Sequence[float]:
-        """The next command, seven positions in rad, in answer to one fresh sample in COMMANDING_ACTIVE.
+    ) -> Judged | None:
+        """The next command, in answer to one fresh sample in COMMANDING_ACTIVE; None where none may go out.
 
-        Never returns a command of the path that the guard refused: the stop ramp from the last accepted one follows.
+        Never a command of the path that the guard refused: the stop from the last accepted one is planned instead.
         """
-        phase = self.phase
-        if phase < _STOP_RAMP:
+        if self.phase < _STOP_RAMP:
             limits = self._external_torque_limit
             if limits is not None and external_torque is not None and self._stop.asked is None:
                 for joint, value in enumerate(external_torque):
@@ -214,44 +213,52 @@ class MotionProgram:
                         self.stop(too_much_torque(joint + 1, value, limits[joint]))
                         break
             if self._stop.asked is None:
-                command = self._next_on_path()
+                command = self._upcoming()
                 if command is not None:
-                    verdict = self._guard.judge(command, measured_position)
-                    if verdict is None:
-                        self._last = command
-                        return command
-                    self._step_back()
-                    self.stop(StopReason.from_verdict(verdict))
+                    outcome = self.guard.examine(command, measured_position)
+                    if isinstance(outcome, Judged):
+                        return outcome
+                    self.stop(StopReason.from_verdict(outcome))
             self._begin_stop()
-        return self._next_of_stop(measured_position)
+        return self._propose_stop(measured_position)
+
+    def commit(self, judged: Judged) -> None:
+        """The command last proposed or foreseen went out."""
+        self._last = judged.command
+        if self.phase < _STOP_RAMP:
+            self._advance()
+        else:
+            self._stop.commit()
+
+    def tick(
+        self, measured_position: Sequence[float], external_torque: Sequence[float] | None = None
+    ) -> Sequence[float]:
+        """Propose and commit in one, for a motion without a robot; the last command where none is due."""
+        judged = self.propose(measured_position, external_torque)
+        if judged is not None:
+            self.guard.accept(judged)
+            self.commit(judged)
+        return self._last
 
     def foresee(self) -> Foreseen | None:
-        """The command that `tick` will return, if the next sample lies within the bounds; judged in all other respects.
+        """What `propose` will return, if the next sample lies within the bounds; judged in all other respects.
 
         None: nothing moves along a path, a stop was asked for, or the guard would refuse. Nothing is changed by it.
         """
         if self._stop.asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
             return None
         command = self._upcoming()
-        state = None if command is None else self._guard.foresee(command)
-        if command is None or state is None:
+        judged = None if command is None else self.guard.examine(command, None)
+        if not isinstance(judged, Judged):
             return None
-        self._foreseen_state = state
         # Narrower than the guard's by more than the round-off of a difference, so that the guard would agree.
-        gaps = [distance - 1e-9 for distance in self._guard.distances]
+        gaps = [distance - 1e-9 for distance in self.guard.distances]
         torque = self._external_torque_limit or (math.inf,) * len(gaps)
         return Foreseen(
-            command,
-            (*map(operator.sub, command, gaps), *map(operator.neg, torque)),
-            (*map(operator.add, command, gaps), *torque),
+            judged,
+            (*map(operator.sub, judged.command, gaps), *map(operator.neg, torque)),
+            (*map(operator.add, judged.command, gaps), *torque),
         )
-
-    def take(self, foreseen: Foreseen) -> None:
-        """The same as the `tick` that returns what was just foreseen, for a sample within the bounds."""
-        assert self._foreseen_state is not None
-        self._guard.accept(foreseen.command, self._foreseen_state)
-        self._next_on_path()
-        self._last = foreseen.command
 
     def resume_from_rest(self) -> None:
         """The robot had no command for longer than it bridges: it stands on the last one, and the path begins there.
@@ -259,7 +266,8 @@ class MotionProgram:
         A motion goes on along its path; where no re-entry fits into the limits it is stopped, where it stands. A stop
         under way is over.
         """
-        if self.phase in (_STOP_RAMP, _LATCHED):
+        if self.phase >= _STOP_RAMP:
+            self.guard.come_to_rest()
             self._stop.abandon()
         if not _START_RAMP <= self.phase < _STOP_RAMP or not self._start_done:
             return
@@ -268,7 +276,7 @@ class MotionProgram:
             ticks = len(self._re_entry.positions)
             start = float(re_entry_steps(self._re_entry.start, ticks)[self._re_entry_step - 1])
             self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))
-        self._guard.anchor(self._last)
+        self.guard.come_to_rest()
         self._re_entry_step = 0
         self._re_entry = plan_re_entry(
             start, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
@@ -292,7 +300,7 @@ class MotionProgram:
             self.phase = _DONE
 
     def latch(self, *, at_rest: bool = False) -> None:
-        """The session was lost: no further motion, ever. `tick_latched` may still bring the arm to rest.
+        """The session was lost: no further motion, ever. `propose` may still bring the arm to rest.
 
         at_rest: the robot has held the last command for so long (silence) that its velocity is gone.
         """
@@ -304,12 +312,6 @@ class MotionProgram:
         self.phase = _LATCHED
         self.period = self.sample_in_period = -1
         self.standstill.reset()
-
-    def tick_latched(self, measured_position: Sequence[float]) -> Sequence[float]:
-        """The command after a drop, while the robot still takes commands: the stop ramp to its end, then its last
-        position.
-        """
-        return self._next_of_stop(measured_position)
 
     def commanded_paths(self) -> list[FloatArray]:
         """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored; see `MotionPath`."""
@@ -323,28 +325,24 @@ class MotionProgram:
 
     # The path.
 
-    def _next_on_path(self) -> Sequence[float] | None:
-        """The next command of ramp, lead-in or table; None when the table is done. Moves the labels."""
-        command = self._upcoming()
+    def _advance(self) -> None:
+        """One step along ramp, lead-in, table or re-entry; moves the labels."""
         if self._re_entry is not None:
             self._next_of_re_entry(self._re_entry)
-            return command
+            return
         if self.phase == _START_RAMP:
             if self._step < self._start_ticks:
                 self._step += 1
                 self._start_done = self._step
-                return command
+                return
             self.phase = _LEAD_IN
             self._step = 0
-        if command is None:
-            return None
         place = self._on_path - self._lead_in
         self._on_path += 1
         if place >= 0:
             self.phase = _EXCITATION
             self.period, sample = divmod(place, len(self._path))
             self.sample_in_period = sample * self._samples_per_command
-        return command
 
     def _upcoming(self) -> Sequence[float] | None:
         """The next command of ramp, lead-in, table or re-entry; None when the table is done. Nothing moves."""
@@ -369,15 +367,6 @@ class MotionProgram:
         if self._on_path and self.phase == _START_RAMP:
             self.phase = _LEAD_IN
 
-    def _step_back(self) -> None:
-        """The command last taken from the path was refused, so it does not count as driven."""
-        if self._re_entry is not None:
-            self._re_entry_step -= 1
-        elif self.phase == _START_RAMP:
-            self._start_done -= 1
-        else:
-            self._on_path -= 1
-
     # The stop.
 
     def _begin_stop(self) -> None:
@@ -395,11 +384,14 @@ class MotionProgram:
             table_is_done=self.phase == _EXCITATION and self._on_path == self._lead_in + self._total,
         )
 
-    def _next_of_stop(self, measured_position: Sequence[float]) -> Sequence[float]:
-        command = self._stop.advance(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None
-        if command is not None:
-            self._last = command
-        elif self.phase == _STOP_RAMP:
+    def _propose_stop(self, measured_position: Sequence[float] | None) -> Judged | None:
+        judged = self._stop.propose(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None
+        if judged is not None:
+            return judged
+        if self._stop.is_refused:
+            return None
+        if self.phase == _STOP_RAMP:
             self.phase = _HOLD
             self.standstill.reset()
-        return self._last
+        held = self.guard.examine(self._last, None, stopping=True)
+        return None if isinstance(held, GuardVerdict) else held

@@ -15,18 +15,18 @@ from collections.abc import Sequence
 from fri_client.handover import EventCode
 from fri_client.stop_reason import StopKind, StopReason
 from safety.errors import RampError
-from safety.guard import CommandGuard
+from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
 from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_stop_ramp
 
 
 class MotionStop:
-    """`ask`, then `plan` at the last command that moved along the path, then `advance` once per command.
+    """`ask`, then `plan` at the last command that moved along the path, then `propose` and `commit` per command.
 
     asked: the reason the stop was asked for, None where the motion is to go on or came to its end. reason: the same,
-    or why no stop inside the limits was found. kind: how the arm stops, None before `plan`. overruled: commands of the
-    stop that the guard objected to.
+    or why no stop inside the limits was found. overruled: commands of the stop that went out although the arm does not
+    follow. is_refused: the guard does not let the next command of the stop go out.
     """
 
     def __init__(
@@ -47,15 +47,22 @@ class MotionStop:
         self._path_tried = False
         self._steps = 0
         self._is_over = False
+        self._planned: StopKind | None = None
+        self._objected = False
+        self.is_refused = False
         self.asked: StopReason | None = None
         self.reason: StopReason | None = None
-        self.kind: StopKind | None = None
         self.overruled = 0
+
+    @property
+    def kind(self) -> StopKind | None:
+        """How the arm stops; None before the first command of the stop went out."""
+        return self._planned if self._steps else None
 
     @property
     def duration_s(self) -> float:
         """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
-        return 0.0 if self._ramp is None else self._ramp.duration_s
+        return 0.0 if self._ramp is None or not self._steps else self._ramp.duration_s
 
     @property
     def rows(self) -> float:
@@ -75,7 +82,7 @@ class MotionStop:
         """
         self._steps = 0
         self._ramp = None if row is None else self._on_path(row)
-        self.kind = "joint_space" if self._ramp is None else "path"
+        self._planned = "joint_space" if self._ramp is None else "path"
         if self._ramp is not None:
             return
         if self.asked is None and table_is_done:
@@ -94,20 +101,35 @@ class MotionStop:
         """The arm stands already: nothing of the stop follows."""
         self._is_over = True
 
-    def advance(self, measured_position: Sequence[float]) -> Sequence[float] | None:
-        """The next command of the stop, 7 positions in rad; None where there is none (any more)."""
+    def propose(self, measured_position: Sequence[float] | None) -> Judged | None:
+        """The next command of the stop; None where there is none (any more), or where `is_refused`.
+
+        The stop was checked against every limit when it was planned. What the guard can still say against it is that
+        the arm does not follow, and stopping remains the best answer to that; or that it was planned from a state that
+        is no longer the last one that went out, and then nothing goes out.
+        """
         ramp = self._ramp
+        self.is_refused = self._objected = False
         if ramp is None or self._is_over:
             return None
+        command = ramp.position_at((self._steps + 1) * self._command_period_s)
+        outcome = self._guard.examine(command, measured_position, stopping=True)
+        if isinstance(outcome, GuardVerdict) and outcome.criterion == "distance_to_measured":
+            self._objected = True
+            outcome = self._guard.examine(command, None, stopping=True)
+        if isinstance(outcome, GuardVerdict):
+            self.is_refused = True
+            return None
+        return outcome
+
+    def commit(self) -> None:
+        """The command last proposed went out."""
+        ramp = self._ramp
+        if ramp is None or self._is_over:
+            return
         self._steps += 1
-        time = self._steps * self._command_period_s
-        command = ramp.position_at(time)
-        # The ramp was checked against every limit when it was planned. What the guard can still say against it is
-        # that the arm does not follow; stopping remains the best answer to that, so it is counted and overruled.
-        if self._guard.judge(command, measured_position, stopping=True) is not None:
-            self.overruled += 1
-        self._is_over = time >= ramp.duration_s
-        return command
+        self.overruled += self._objected
+        self._is_over = self._steps * self._command_period_s >= ramp.duration_s
 
     def commands(self) -> list[Sequence[float]]:
         """All commands of the stop so far, rebuilt from the plan, not stored."""

@@ -1,33 +1,70 @@
-"""Which position goes into an answer: what the motion wants, the last one again, or none, so that the session mirrors.
+"""What goes into an answer: a position of the motion, the robot's own one again, a bare header, or no answer at all.
 
-Here: when a motion is prepared, when it may begin, and how many of the robot's cycles have passed since the last step.
-Not here: bytes, sockets and time (`loop`), what a session state is answered with (`session`), the path (`motion`). The
-loop asks for each message that it did not foresee, and tells what went out.
+Here: what each session state is answered with, when a motion is prepared and begins, what may still be sent after a
+drop. Not here: bytes and sockets (`loop`), whether it may go out in this cycle of the robot (`gate`), the path
+(`motion`).
+
+Answers by state (PROTOCOL section 8). COMMANDING_WAIT, and COMMANDING_ACTIVE before the motion begins: the IPO
+position, judged by the guard like every other position. MONITORING_*: 1.x: the commanded joint position that the robot
+just sent, as the vendor's client does, as long as the robot never commanded; afterwards, and in 2.x, a bare header, for
+a position in a forged message must not reach an arm that moves. IDLE: nothing.
+
+After a drop of the motion's session nothing resumes. What may still be sent is decided anew for each message:
+- COMMANDING_ACTIVE at the same IPO position, with no longer pause since our last command than the robot bridges: the
+  motion's stop, then its last position. Also after a message that claimed another state in between.
+- After a longer pause the robot stands on our last command, or has left and come back somewhere else. No position is
+  ever sent again in this run, not even the IPO position: it is where the motion began, perhaps radians away.
+- A monitoring state gets a bare header, once such a pause is over. Before it, and in COMMANDING_WAIT: no answer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 from fri_client.errors import FriError
+from fri_client.gate import CommandGate, Pace
+from fri_client.ipo_watch import STILL_RAD, IpoWatch
 from fri_client.loop_result import LoopSettings
-from fri_client.messages import MonitoringMessage, SessionState
+from fri_client.messages import FriVersion, MonitoringMessage, SessionState
 from fri_client.motion import Foreseen, MotionProgram
-from fri_client.motion_phase import MotionPhase
-from fri_client.re_entry import BRIDGED_S
 from fri_client.session import Session
 from fri_client.start_gate import StartGate
 from safety.errors import SafetyError
+from safety.guard import Judged
 
-__all__ = ["Pilot"]
+__all__ = ["HEADER", "Answer", "Echo", "Pilot", "monitoring_echo"]
 
+_IDLE, _COMMANDING_WAIT, _ACTIVE = (
+    int(state) for state in (SessionState.IDLE, SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE)
+)
 _WRAP = 0xFFFFFFFF
-_WAITING, _LATCHED, _DONE = int(MotionPhase.WAITING), int(MotionPhase.LATCHED), int(MotionPhase.DONE)
-_COMMANDING_WAIT, _ACTIVE = int(SessionState.COMMANDING_WAIT), int(SessionState.COMMANDING_ACTIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class Echo:
+    """The answer to a monitoring state, which moves nothing: the robot's commanded position, rad, or a bare header."""
+
+    position: tuple[float, ...] | None = None
+
+
+HEADER: Final = Echo()
+
+Answer = Judged | Echo | None
+"""A position that the guard judged; an answer that moves nothing; no answer."""
+
+
+def monitoring_echo(message: MonitoringMessage, version: FriVersion) -> Echo:
+    """What the vendor's client answers in MONITORING_WAIT and MONITORING_READY (PROTOCOL section 8)."""
+    monitor = message.monitor_data
+    if version.major != 1 or monitor is None or monitor.commanded_joint_position is None:
+        return HEADER
+    return Echo(monitor.commanded_joint_position)
 
 
 class Pilot:
-    """`decide` for a message, then `went_out` where the answer was sent; `take` does both for a foreseen one.
+    """`decide` for a message; where that is a position that went out, `went_out`. `take` for a foreseen one.
 
     motion: built for the period expected, anew for the one the robot states. hindrance: why no motion began in
     COMMANDING_ACTIVE. refused: the error that made the motion impossible.
@@ -36,101 +73,142 @@ class Pilot:
     def __init__(
         self,
         make_motion: Callable[[float, int], MotionProgram],
+        version: FriVersion,
         session: Session,
-        gate: StartGate,
+        gate: CommandGate,
+        start_gate: StartGate,
         settings: LoopSettings,
     ) -> None:
         self._make_motion = make_motion
+        self._version = version
         self._session = session
         self._gate = gate
+        self._start_gate = start_gate
         self._maximum_ipo_distance_rad = settings.maximum_ipo_distance_rad
-        self.motion = make_motion(settings.expected_period_s, 1)
         self._prepared_for = (settings.expected_period_s, 1)
-        self._last_position: Sequence[float] | None = None
-        self._advances = False
+        self.motion = make_motion(*self._prepared_for)
+        gate.use(self.motion.guard, settings.expected_period_s)
+        self._ipo = IpoWatch()
+        self._ipo_at_begin: tuple[float, ...] = ()
+        self._commanded = False  # the robot was seen in COMMANDING_ACTIVE
+        self._never_again = False
+        self._is_step = False
         self._advanced_at: int | None = None
         self.hindrance = ""
         self.refused: FriError | SafetyError | None = None
 
-    def take(self, foreseen: Foreseen, counter: int, *, went_out: bool) -> None:
-        """The foreseen command was the answer to the message of that counter."""
-        self.motion.take(foreseen)
-        self._last_position = foreseen.command
-        if went_out:
-            self._advanced_at = counter
+    def take(self, foreseen: Foreseen, counter: int) -> None:
+        """The foreseen command went out in answer to the message of that counter."""
+        self.motion.commit(foreseen.judged)
+        self._advanced_at = counter
 
-    def went_out(self, counter: int) -> None:
+    def went_out(self, answer: Answer, counter: int) -> None:
         """What was decided last was sent in answer to the message of that counter."""
-        if self._advances:
+        if self._is_step and isinstance(answer, Judged):
+            self.motion.commit(answer)
             self._advanced_at = counter
 
-    def is_on_time(self, counter: int) -> bool:
-        """Whether the robot has a new command for the message of that counter, so that the next step may follow."""
-        return counter == self._advanced_at
+    def is_labelled(self, counter: int) -> bool:
+        """Whether the message of that counter belongs to the last command of the motion that went out."""
+        return self._advanced_at is not None and counter - self._advanced_at & _WRAP < self._prepared_for[1]
 
-    def robot_stands(self, counter: int) -> bool:
-        """Whether more of the robot's cycles went by without a new command than it bridges, counted by its messages."""
-        period_ms, command_ms = self._session.send_period_ms, self._session.command_period_ms
-        if self._advanced_at is None or not period_ms or not command_ms:
-            return False
-        messages = counter - self._advanced_at & _WRAP
-        return messages * period_ms - command_ms > BRIDGED_S * 1e3 and messages < 1 << 31
-
-    def decide(self, message: MonitoringMessage, *, queued: bool, usable: bool) -> Sequence[float] | None:
-        """The position the motion wants to send; None: what the session mirrors."""
+    def decide(self, message: MonitoringMessage, *, usable: bool) -> Answer:
+        """The answer to the newest message, which the session has just judged; usable: as a sample, too."""
         session, monitor = self._session, message.monitor_data
-        if monitor is None or monitor.measured_joint_position is None:
+        self._is_step = False
+        if session.state == _IDLE or monitor is None or monitor.measured_joint_position is None:
+            return None
+        if not session.begun and not self._adapt():
+            return None
+        pace = self._gate.pace(session.time_ns)
+        if pace == Pace.STANDS and session.drop is not None:
+            self._never_again = True
+        if session.state < _COMMANDING_WAIT:
+            return self._in_monitoring(message, pace)
+        ipo = message.ipo_data
+        if ipo is None or ipo.joint_position is None:
             return None
         measured = monitor.measured_joint_position
-        phase = self.motion.phase
-        self._advances = False
-        if phase == _WAITING:
-            if not self._begin(message, measured, may_move=usable and not queued):
-                return None
-        elif session.state != _ACTIVE:
-            return None
-        elif queued or phase == _DONE:
-            return self._last_position  # of a lost session too: its stop moves one step per cycle of the robot
-        elif self.robot_stands(message.header.sequence_counter):
+        self._commanded = self._commanded or session.state == _ACTIVE
+        if session.drop is not None:
+            return self._after_drop(measured, ipo.joint_position, pace)
+        if not session.begun:
+            self._ipo.observe(ipo.joint_position, (session.send_period_ms or 0) * 1e-3 * (session.gap + 1))
+            if not self._begin(message, measured, ipo.joint_position, may_move=usable):
+                return self._mirror(ipo.joint_position, pace)
+        elif pace == Pace.STANDS:
             self.motion.resume_from_rest()
-        self._advances = True
-        if phase == _LATCHED:
-            self._last_position = self.motion.tick_latched(measured) if session.may_ramp_down else None
-            return self._last_position
-        self._last_position = self.motion.tick(measured, monitor.external_torque if usable else None)
-        return self._last_position
+        if pace == Pace.TOO_EARLY or pace == Pace.UNCLEAR:
+            return None
+        self._is_step = True
+        return self.motion.propose(measured, monitor.external_torque if usable else None)
 
-    def _begin(self, message: MonitoringMessage, measured: Sequence[float], *, may_move: bool) -> bool:
+    def _in_monitoring(self, message: MonitoringMessage, pace: Pace) -> Answer:
+        if self._session.begun:
+            return HEADER if pace == Pace.STANDS or self._never_again else None
+        self._gate.forget()
+        self._ipo.reset()
+        return HEADER if self._commanded else monitoring_echo(message, self._version)
+
+    def _after_drop(self, measured: Sequence[float], ipo: tuple[float, ...], pace: Pace) -> Answer:
+        """The stop of a motion whose session was lost, for as long as it is sure where the robot is."""
+        session = self._session
+        if self._never_again or session.state != _ACTIVE or ipo != self._ipo_at_begin or pace != Pace.NEXT:
+            return None
+        self._is_step = True
+        return self.motion.propose(measured)
+
+    def _mirror(self, ipo: tuple[float, ...], pace: Pace) -> Answer:
+        """The IPO position, if it follows from what was mirrored before."""
+        guard = self.motion.guard
+        if not guard.anchored or pace == Pace.FIRST or (pace == Pace.STANDS and not self._commanded):
+            guard.anchor(ipo)
+        elif pace == Pace.STANDS:
+            guard.come_to_rest()
+        judged = guard.examine(ipo, None, stopping=True)
+        return judged if isinstance(judged, Judged) else None
+
+    def _begin(
+        self, message: MonitoringMessage, measured: Sequence[float], ipo: tuple[float, ...], *, may_move: bool
+    ) -> bool:
         """Prepare the motion in COMMANDING_WAIT and begin it in COMMANDING_ACTIVE; True where it has begun."""
-        session, ipo = self._session, message.ipo_data
+        session, guard = self._session, self.motion.guard
         try:
-            self._adapt()
-            if session.state < _COMMANDING_WAIT or ipo is None or ipo.joint_position is None:
-                return False
-            self.motion.prepare(ipo.joint_position)
-            cleared = self._gate.passes(ipo.joint_position, *self._prepared_for)
+            self.motion.prepare(ipo)
+            cleared = self._start_gate.passes(ipo, *self._prepared_for)
             if session.state != _ACTIVE or not may_move:
                 return False
-            self.hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo.joint_position)
+            self.hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo) or self._ipo.clause()
+            if not self.hindrance and not (
+                guard.anchored and all(abs(a - b) <= STILL_RAD for a, b in zip(guard.position, ipo, strict=True))
+            ):
+                self.hindrance = "the robot's own position (IPO) was not mirrored yet"
             if not cleared and not self.hindrance:
                 self.hindrance = "nobody has said yet that the start ramp is clear"
             if self.hindrance:
                 return False
             session.begin_motion(message)
-            self.motion.begin(ipo.joint_position)
+            self._ipo_at_begin = ipo
+            self.motion.begin(ipo)
         except (FriError, SafetyError) as error:
             self.refused = error
             return False
         return True
 
-    def _adapt(self) -> None:
-        """Build the motion for the command period the robot states, where it is not the one expected."""
+    def _adapt(self) -> bool:
+        """Build the motion for the command period the robot states, where it is another; False where there is none."""
         session = self._session
         if session.command_period_ms and session.send_period_ms:
             wanted = (session.command_period_ms / 1000.0, session.command_period_ms // session.send_period_ms)
             if wanted != self._prepared_for:
-                self.motion = self._make_motion(*wanted)
+                try:
+                    self.motion = self._make_motion(*wanted)
+                except (FriError, SafetyError) as error:
+                    self.refused = error
+                    return False
+                self._gate.use(self.motion.guard, wanted[0])
                 self._prepared_for = wanted
+        return True
 
     def _far_from_ipo(self, measured: Sequence[float], ipo: Sequence[float]) -> str:
         """An arm that another client has led away from the IPO position would jump back to it."""

@@ -39,15 +39,19 @@ class Order(IntEnum):
 
 
 class RobotCounter:
-    """`judge` each counter; `last` is the newest, `gap` what is missing before it."""
+    """`judge` each counter, or `refuse` it; `last` is the newest, `gap` what is missing before it.
 
-    __slots__ = ("_probe", "_probe_run", "_seen", "_synchronised", "expected_before_restart", "gap", "last")
+    A refused message does not use up its counter: the good one with the same counter comes next.
+    """
+
+    __slots__ = ("_probe", "_probe_run", "_refused", "_seen", "_synchronised", "expected_before_restart", "gap", "last")
 
     def __init__(self) -> None:
         self.last = 0
         self.gap = 0
         self.expected_before_restart = 0
         self._seen = 0  # bit k: the counter last - k was seen
+        self._refused = 0  # bit k: a message with the counter last + k came and was refused
         self._synchronised = False
         self._probe = -1
         self._probe_run = 0
@@ -56,13 +60,26 @@ class RobotCounter:
         """Take the next counter as it comes."""
         self._synchronised = False
 
-    def judge(self, counter: int) -> Order:
-        """The order of one message."""
+    def steps(self, counter: int) -> int:
+        """How far a counter is ahead of the newest; 0 where that means nothing."""
+        step = (counter - self.last) & _WRAP
+        return step if self._synchronised and step <= COUNTER_WINDOW else 0
+
+    def refuse(self, counter: int) -> None:
+        """A message with this counter came, and nothing in it can be used."""
+        step = self.steps(counter)
+        if 0 < step < _HISTORY:
+            self._refused |= 1 << step
+
+    def judge(self, counter: int, *, in_time: bool = True) -> Order:
+        """The order of one message; in_time: whether the robot can have counted so far by now (`robot_clock`)."""
         step = (counter - self.last) & _WRAP
         if not self._synchronised:
             return self._start(counter, Order.NEXT)
-        if 0 < step <= COUNTER_WINDOW:
-            self.gap = step - 1
+        if 0 < step <= COUNTER_WINDOW and in_time:
+            passed = self._refused & ((1 << step) - 1)
+            self.gap = step - 1 - passed.bit_count()
+            self._refused >>= step
             self.last = counter
             self._seen = (self._seen << step | 1) & _HISTORY_MASK if step < _HISTORY else 1
             self._probe_run = 0
@@ -73,6 +90,8 @@ class RobotCounter:
         if self._probe_run >= RESTART_RUN:
             self.expected_before_restart = (self.last + 1) & _WRAP
             return self._start(counter, Order.RESTARTED)
+        if 0 < step <= COUNTER_WINDOW:
+            return Order.DOUBTFUL
         back = -step & _WRAP
         if back > COUNTER_WINDOW:
             return Order.DOUBTFUL
@@ -87,6 +106,7 @@ class RobotCounter:
         self._synchronised = True
         self.last = counter
         self.gap = 0
+        self._refused = 0
         self._seen = _HISTORY_MASK  # what came before the first was never missing
         self._probe_run = 0
         return order

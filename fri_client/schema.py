@@ -150,6 +150,7 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _part(5, "ipoData", IpoData),
             *_transformations(6, "requestedTransformations"),
             _part(15, "endOfMessageData", EndOfMessageData, _WITH_ENDING),
+            _number(2047, "announcement", Kind.TEXT),  # ours: no cabinet sends it
         ),
     ),
     CommandMessage: (

@@ -1,30 +1,29 @@
-"""The client's side of one FRI session: what a monitoring message is worth, what is answered, and when it is over.
+"""The client's side of one FRI session: what a monitoring message is worth, and when the session is over.
 
-Here: judging each decoded message (fresh, duplicate, stale, refused), the counters of both sides, what each session
-state is answered with, and the latch that falls when a motion's session is lost. Not here: sockets and clocks
-(`loop`), which position the motion wants (`motion`). The loop calls `judge` for each message and `answer` when one
-is due.
+Here: judging each decoded message (fresh, duplicate, stale, refused), the counters of both sides, and the latch that
+falls when a motion's session is lost. Not here: sockets (`loop`), what is answered (`pilot`), whether an answer may go
+out (`gate`).
 
-Which messages are answered. Every fresh message of a living session is (at a receive multiplier of N every N-th,
-PROTOCOL section 7). Duplicates and stale messages are not: the robot has the answer to the duplicate, and an answer
+Which messages may be answered. A fresh message of a living session may (at a receive multiplier of N every N-th,
+PROTOCOL section 7). Duplicates and stale messages may not: the robot has the answer to the duplicate, and an answer
 to an old message would reach it after the answer to a newer one. The vendor's client answers both and lets old
 values overwrite new ones (PROTOCOL section 6); a motion that advances one step per answer must not. A message
 that is refused for a torque that is no number is answered, since positions, state and quality are sound and an arm in
 motion should not feel a sensor's hiccup; its sample is refused all the same. Any other refused message is not
-answered, because nothing in it can be trusted. If refusals go on for the time-out, that is silence.
+answered, because nothing in it can be trusted; its counter is not used up, so that the good message with the same
+counter is taken. If refusals go on for the time-out, that is silence.
 
-The latch. Once a motion was begun, anything but an undisturbed COMMANDING_ACTIVE drops the session for good. From
-then on the only position that `answer` puts into a command is the mirrored IPO position, with one exception: as
-long as the robot has not left COMMANDING_ACTIVE (its safety stop or a fall of the quality is seen before the state
-changes), the IPO position may be far from where the arm is, and mirroring it would be the very jump the latch is
-there to prevent. In that unbroken stint the motion's stop ramp and hold may still go out; see `may_ramp_down`.
+A counter is believed only if the robot can have counted so far by now (`robot_clock`).
+
+The latch. Once a motion was begun, anything but an undisturbed COMMANDING_ACTIVE drops the session for good. What may
+still be sent then is decided in `pilot`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from sys import float_info
 
 from fri_client.handover import Disposition
 from fri_client.message_checks import (
@@ -37,22 +36,20 @@ from fri_client.message_checks import (
     torques,
 )
 from fri_client.messages import (
-    COMMAND_IDENTIFIER,
     JOINT_COUNT,
     ClientCommandMode,
-    CommandData,
-    CommandMessage,
     ConnectionInfo,
     ConnectionQuality,
     DriveState,
-    FriVersion,
     IpoData,
-    MessageHeader,
+    MonitorData,
     MonitoringMessage,
     RobotInfo,
     SafetyState,
     SessionState,
 )
+from fri_client.refusal import Refusal
+from fri_client.robot_clock import RobotClock
 from fri_client.robot_counter import Order, RobotCounter
 from fri_client.session_drop import DropReason, SessionDrop, name_of
 
@@ -65,6 +62,9 @@ _COMMANDING_ACTIVE = int(SessionState.COMMANDING_ACTIVE)
 _FRESH = int(Disposition.FRESH)
 _NO_IPO = IpoData()
 _NO_ROBOT_INFO = RobotInfo()
+
+FARTHEST_RAD = 7.0
+"""A joint position beyond this, more than a whole turn, is a number that no joint of an arm can report."""
 
 
 @dataclass(slots=True)
@@ -86,13 +86,12 @@ class SessionCounts:
 
 
 class Session:
-    """One client session: `judge` each message; where it is FRESH and `answer_due`, send what `answer` returns,
-    then `sent`.
+    """One client session: `judge` each message; where `answer_due`, an answer may be sent; then `sent`.
 
     After `judge` returned FRESH the attributes describe that message: state (a value out of range counts as IDLE),
-    quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it). After
-    REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value. left: how the robot went back
-    before a motion began, as a clause; empty where it did not.
+    quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it), time_ns
+    (by `clock`). After REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value. left: how
+    the robot went back before a motion began, as a clause; empty where it did not.
     """
 
     __slots__ = (
@@ -103,9 +102,8 @@ class Session:
         "_counter",
         "_robot_info_at_begin",
         "_since_answer",
-        "_stint_broken",
-        "_version_1",
         "answer_due",
+        "clock",
         "command_period_ms",
         "counts",
         "drop",
@@ -124,16 +122,17 @@ class Session:
         "send_period_ms",
         "state",
         "state_changed",
+        "time_ns",
     )
 
-    def __init__(self, version: FriVersion) -> None:
-        self._version_1 = version.major == 1
+    def __init__(self) -> None:
+        self.clock = RobotClock()
+        self.time_ns = 0
         self.own_counter = 0
         self._counter = RobotCounter()
         self._since_answer = 0
         self._begun = False
         self._begun_ns = 0
-        self._stint_broken = False
         self._command_mode: int | None = None
         self._connection_at_begin: ConnectionInfo | None = None
         self._robot_info_at_begin = _NO_ROBOT_INFO
@@ -149,7 +148,7 @@ class Session:
         self.send_period_ms: int | None = None
         self.command_period_ms: int | None = None
         self.drop: SessionDrop | None = None
-        self.refusal = ""
+        self.refusal: Refusal | None = None
         self.refusal_joint = 0
         self.refusal_value = 0.0
 
@@ -158,28 +157,34 @@ class Session:
         counts = self.counts
         counts.received += 1
         self.answer_due = False
-        disposition = self._judge_counter(message.header.sequence_counter)
-        if disposition != _FRESH:
-            return disposition
         monitor, info, ipo = message.monitor_data, message.connection_info, message.ipo_data
         if monitor is None or info is None or monitor.measured_joint_position is None:
-            missing = "monitor data" if monitor is None else "connection info" if info is None else "measured position"
-            return self._refuse(f"the message lacks its {missing}")
+            self._counter.refuse(message.header.sequence_counter)
+            return self._refuse_for_lack_of(monitor, info)
         raw_state = info.session_state
         state = raw_state if 0 <= raw_state <= _COMMANDING_ACTIVE else _IDLE
-        total = sum(monitor.measured_joint_position)
+        angles = monitor.measured_joint_position
         if monitor.commanded_joint_position is not None:
-            total += sum(monitor.commanded_joint_position)
+            angles += monitor.commanded_joint_position
         if ipo is not None and ipo.joint_position is not None:
-            total += sum(ipo.joint_position)
+            angles += ipo.joint_position
         elif state >= _COMMANDING_WAIT:
-            return self._refuse(f"the message lacks the IPO position in {name_of(SessionState, state)}")
-        # A sum of finite numbers may overflow, so the sum only raises the suspicion.
-        if not isfinite(total) and self._find_not_finite(positions(monitor, ipo)):
+            self._counter.refuse(message.header.sequence_counter)
+            return self._refuse(Refusal.NO_IPO_POSITION)
+        # A NaN may hide from min and max, but not from the sum; only then each number is looked at.
+        if not (isfinite(sum(angles)) and min(angles) >= -FARTHEST_RAD and max(angles) <= FARTHEST_RAD):
+            self._counter.refuse(message.header.sequence_counter)
+            self._find_wrong(positions(monitor, ipo), FARTHEST_RAD)
             return int(Disposition.REFUSED)
         robot = message.robot_info
         if robot is not None and robot.number_of_joints is not None and robot.number_of_joints != JOINT_COUNT:
-            return self._refuse(f"the robot reports {robot.number_of_joints} joints instead of 7")
+            self._counter.refuse(message.header.sequence_counter)
+            return self._refuse(Refusal.NUMBER_OF_JOINTS, 0, robot.number_of_joints)
+        # What a message of a motion states of another period is a reason to drop, not another clock.
+        begin = self._connection_at_begin
+        disposition = self._judge_counter(message, receive_ns, (begin or info).send_period)
+        if disposition != _FRESH:
+            return disposition
         total = 0.0
         if monitor.measured_torque is not None:
             total = sum(monitor.measured_torque)
@@ -187,7 +192,8 @@ class Session:
             total += sum(monitor.external_torque)
         if monitor.commanded_torque is not None:
             total += sum(monitor.commanded_torque)
-        if not isfinite(total) and self._find_not_finite(torques(monitor)):
+        # A sum of finite numbers may overflow, so the sum only raises the suspicion.
+        if not isfinite(total) and self._find_wrong(torques(monitor), float_info.max):
             disposition = int(Disposition.REFUSED)
         else:
             counts.fresh += 1
@@ -206,10 +212,6 @@ class Session:
         multiplier = info.receive_multiplier or 1
         self.send_period_ms = info.send_period
         self.command_period_ms = None if info.send_period is None else info.send_period * multiplier
-        if state != _COMMANDING_ACTIVE:
-            self._stint_broken = True
-        elif self.drop is None and not self._begun:
-            self._stint_broken = False
         if self._begun and self.drop is None:
             self._watch(message, info, robot)
         if state == _IDLE:
@@ -230,7 +232,6 @@ class Session:
             raise ValueError(hindrance or "the session is latched")
         self._begun = True
         self._begun_ns = self.last_fresh_ns
-        self._stint_broken = False
         self._connection_at_begin = message.connection_info
         self._robot_info_at_begin = message.robot_info or _NO_ROBOT_INFO
         self._command_mode = (message.ipo_data or _NO_IPO).client_command_mode
@@ -247,49 +248,17 @@ class Session:
         robot = message.robot_info or _NO_ROBOT_INFO
         if robot.safety_state not in (None, SafetyState.NORMAL_OPERATION):
             return f"the safety state is {name_of(SafetyState, robot.safety_state)}"
+        if robot.drive_state and len(robot.drive_state) != JOINT_COUNT:
+            return f"the robot reports the drives of {len(robot.drive_state)} joints instead of 7"
         joint = joint_not_driven(robot)
         if joint:
             return f"the drive of joint {joint} is {name_of(DriveState, robot.drive_state[joint - 1])}"
         return None
 
     @property
-    def may_ramp_down(self) -> bool:
-        """True after a drop for as long as the robot has stayed in the COMMANDING_ACTIVE in which the motion began."""
-        return self.drop is not None and self._begun and not self._stint_broken
-
-    def answer(self, message: MonitoringMessage, position: Sequence[float] | None = None) -> CommandMessage | None:
-        """The command that answers the message just judged FRESH, or None in IDLE (PROTOCOL section 8)."""
-        if self.state == _IDLE:
-            return None
-        header = MessageHeader(COMMAND_IDENTIFIER, self.own_counter, message.header.sequence_counter)
-        chosen = self.answer_position(message, position)
-        return CommandMessage(header, None if chosen is None else CommandData(tuple(chosen)))
-
-    def answer_position(
-        self, message: MonitoringMessage, position: Sequence[float] | None = None
-    ) -> Sequence[float] | None:
-        """The joint positions (rad) of the answer; None where it is a bare header, or nothing at all in IDLE.
-
-        position: the seven joint positions the motion wants. They are used in COMMANDING_ACTIVE only, and there
-        only in a session that was begun and whose latch did not fall (or that may still ramp down). Otherwise:
-        COMMANDING_*: the IPO position; MONITORING_*: in 1.x the commanded joint position (a bare header where the
-        robot sent none), in 2.x a bare header.
-        """
-        state = self.state
-        if state >= _COMMANDING_WAIT:
-            if (
-                position is not None
-                and state == _COMMANDING_ACTIVE
-                and self._begun
-                and (self.drop is None or not self._stint_broken)
-            ):
-                return position
-            ipo = message.ipo_data
-            return None if ipo is None else ipo.joint_position
-        monitor = message.monitor_data
-        if state != _IDLE and self._version_1 and monitor is not None:
-            return monitor.commanded_joint_position
-        return None
+    def begun(self) -> bool:
+        """Whether a motion was begun in this session, dropped since or not."""
+        return self._begun
 
     def sent(self) -> None:
         """The answer went out: the own counter moves on."""
@@ -304,15 +273,33 @@ class Session:
     def note_silence(self, silence_s: float, timeout_s: float) -> None:
         """No usable message came for the time-out. After it any counter is taken as the robot's new one."""
         self._counter.resynchronise()
+        self.clock.reset()
         self._latch(DropReason.SILENCE, self.state, silence_s, timeout_s)
 
-    def _judge_counter(self, counter: int) -> int:
-        order, robot, counts = self._counter.judge(counter), self._counter, self.counts
+    def take_foreseen(self, message: MonitoringMessage, receive_ns: int) -> None:
+        """`judge` for a message that was answered before it was looked at as a whole.
+
+        Raises RuntimeError where it turns out not to be the fresh one that the answer was for.
+        """
+        disposition = self.judge(message, receive_ns)
+        if disposition != _FRESH or not self.answer_due or self.drop is not None:
+            raise RuntimeError(f"the message {message.header.sequence_counter} was not what it looked like")
+
+    def _judge_counter(self, message: MonitoringMessage, receive_ns: int, period_ms: int | None) -> int:
+        counter, clock, robot, counts = message.header.sequence_counter, self.clock, self._counter, self.counts
+        time_ns = clock.time_of(message, receive_ns)
+        steps = robot.steps(counter)
+        order = robot.judge(counter, in_time=clock.admits(steps, time_ns))
         self.gap = robot.gap
         if order == Order.NEXT:
+            clock.note(steps, time_ns, period_ms)
+            self.time_ns = time_ns
             counts.missing += robot.gap
             return _FRESH
         if order == Order.RESTARTED:
+            clock.reset()
+            clock.note(0, time_ns, period_ms)
+            self.time_ns = time_ns
             counts.restarts += 1
             self._latch(DropReason.COUNTER_RESTART, self.state, counter, robot.expected_before_restart)
             return _FRESH
@@ -320,7 +307,7 @@ class Session:
             counts.duplicates += 1
             return int(Disposition.DUPLICATE)
         if order == Order.DOUBTFUL:
-            return self._refuse(f"its sequence counter {counter} is far from the last one, {robot.last}")
+            return self._refuse(Refusal.COUNTER, 0, counter)
         counts.stale += 1
         if order == Order.BELATED:
             counts.missing = max(0, counts.missing - 1)
@@ -339,16 +326,21 @@ class Session:
 
     # What is refused.
 
-    def _refuse(self, why: str, joint: int = 0, value: float = 0.0) -> int:
+    def _refuse(self, why: Refusal, joint: int = 0, value: float = 0.0) -> int:
         self.counts.refused += 1
         self.refusal, self.refusal_joint, self.refusal_value = why, joint, value
         return int(Disposition.REFUSED)
 
-    def _find_not_finite(self, arrays: NamedArrays) -> bool:
-        for name, values in arrays:
+    def _refuse_for_lack_of(self, monitor: MonitorData | None, info: ConnectionInfo | None) -> int:
+        if monitor is None:
+            return self._refuse(Refusal.NO_MONITOR_DATA)
+        return self._refuse(Refusal.NO_CONNECTION_INFO if info is None else Refusal.NO_MEASURED_POSITION)
+
+    def _find_wrong(self, arrays: NamedArrays, largest: float) -> bool:
+        for reason, values in arrays:
             for joint, value in enumerate(values or (), start=1):
-                if not isfinite(value):
-                    self._refuse(f"the {name} of joint {joint} is {value}", joint, value)
+                if not -largest <= value <= largest:
+                    self._refuse(reason, joint, value)
                     return True
         return False
 

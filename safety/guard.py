@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,8 +30,17 @@ ACCELERATION_TOLERANCE = 1e-3
 """Relative slack on accelerations: a second difference at 1 ms turns a planner's 1e-9 rad into 1e-3 rad/s²."""
 
 
-MotionState = tuple[list[float], list[float]]
-"""Velocity, rad/s, and acceleration, rad/s², of every joint."""
+class Judged(NamedTuple):
+    """A command, (n,) rad, that a guard found good after the last one it accepted: the only thing it will accept.
+
+    velocity, acceleration: rad/s and rad/s², what the guard remembers once the command went out. generation: of the
+    guard's state it was judged against; after any other command or anchor it is worth nothing.
+    """
+
+    command: Sequence[float]
+    velocity: list[float]
+    acceleration: list[float]
+    generation: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +87,11 @@ class CommandGuard:
     maximum_distance_to_measured: rad, one number or one per joint. The arm follows its command with a lag of some 10 ms
     (15 to 25 mrad at full velocity), so 0.1 rad is generous and still stops an arm that is held or does not follow.
 
-    An accepted command becomes the reference of the next one; a refused one leaves no trace. Between the first
-    acceptance and the last the guard keeps this promise: from `position`, `velocity`, `acceleration` the stop of
-    `plan_stop_ramp` under the same limits stays inside every limit.
+    `examine` a command; once it went out, `accept` it, and it becomes the reference of the next one. What was refused,
+    or never went out, leaves no trace. Between the first acceptance and the last the guard keeps this promise: from
+    `position`, `velocity`, `acceleration` the stop of `plan_stop_ramp` under the same limits stays inside every limit.
+
+    generation: counts what changed the guard's state.
     """
 
     def __init__(
@@ -133,8 +145,9 @@ class CommandGuard:
                 strict=True,
             )
         )
+        self.generation = 0
         self._anchored = False
-        self._position = [0.0] * n
+        self._position: Sequence[float] = [0.0] * n
         self._velocity = [0.0] * n  # (q_k - q_{k-1}) / T, the velocity half a period before the tick
         self._acceleration = [0.0] * n  # (q_k - 2 q_{k-1} + q_{k-2}) / T²
         self.distances = tuple(distances)
@@ -166,8 +179,13 @@ class CommandGuard:
             for v, a, row in zip(self._velocity, self._acceleration, self._rows, strict=True)
         ]
 
+    @property
+    def anchored(self) -> bool:
+        """Whether the guard knows where the arm was commanded to."""
+        return self._anchored
+
     def anchor(self, position: Sequence[float] | FloatArray) -> None:
-        """Take `position`, (n,) rad, as commanded and at rest: the IPO position when COMMANDING_ACTIVE begins.
+        """Take `position`, (n,) rad, as commanded and at rest: the IPO position when the robot begins to command.
 
         Raises TrajectoryShapeError for a wrong number of joints or a value that is not finite.
         """
@@ -181,24 +199,35 @@ class CommandGuard:
         self._velocity = [0.0] * self._n
         self._acceleration = [0.0] * self._n
         self._anchored = True
+        self.generation += 1
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the commands stand still: no velocity and no acceleration are left."""
+        return not (any(self._velocity) or any(self._acceleration))
+
+    def repeats(self, command: Sequence[float]) -> bool:
+        """Whether a command is the last accepted one, to the bit."""
+        return tuple(command) == tuple(self._position)
+
+    def come_to_rest(self) -> None:
+        """The robot stands on the last accepted command: velocity and acceleration are gone."""
+        self.anchor(self._position)
 
     def release(self) -> None:
         """Forget where the arm is: every command is refused until the next anchor."""
         self._anchored = False
+        self.generation += 1
 
-    def foresee(self, command: Sequence[float]) -> MotionState | None:
-        """Judge a command before the sample it will answer is there: everything but the distance to that.
+    def accept(self, judged: Judged) -> None:
+        """The command went out: it is the reference of the next one.
 
-        Returns what `accept` needs once the sample is there and lies within `distances` of the command; None where
-        `judge` would refuse. Nothing is remembered.
+        Raises ValueError for one that was judged against another state than the present one.
         """
-        outcome = self._outcome(command, command, stopping=False) if self._anchored else None
-        return None if isinstance(outcome, GuardVerdict) else outcome
-
-    def accept(self, command: Sequence[float], state: MotionState) -> None:
-        """Remember a command as the last accepted one, in the state that `foresee` gave for it."""
-        self._position = list(command)
-        self._velocity, self._acceleration = state
+        if judged.generation != self.generation:
+            raise ValueError("a command was accepted that had been judged after another one")
+        self.generation += 1
+        self._position, self._velocity, self._acceleration = judged.command, judged.velocity, judged.acceleration
 
     def judge(
         self,
@@ -207,36 +236,43 @@ class CommandGuard:
         *,
         stopping: bool = False,
     ) -> GuardVerdict | None:
+        """`examine` and, where nothing speaks against it, `accept`: for commands that are sure to go out."""
+        outcome = self.examine(command, measured_position, stopping=stopping)
+        if isinstance(outcome, GuardVerdict):
+            return outcome
+        self.accept(outcome)
+        return None
+
+    def examine(
+        self,
+        command: Sequence[float] | FloatArray,
+        measured_position: Sequence[float] | FloatArray | None,
+        *,
+        stopping: bool = False,
+    ) -> Judged | GuardVerdict:
         """Judge one command, (n,) rad, against the last accepted one and the measured position, (n,) rad.
 
-        Returns None and remembers the command when it is accepted; otherwise the first criterion it fails, and the
-        state stays as it was. stopping: the command belongs to a stop that was planned from an accepted state; such a
-        stop is itself the proof that the arm can be stopped, so the two stopping criteria are not asked again (near a
-        limit their finite differences lag one period behind a stop at full jerk, and would refuse the very stop they
-        demand).
+        Returns what `accept` takes, or the first criterion the command fails; the guard's state stays as it is.
+        measured_position: None where the distance to it is judged elsewhere. stopping: the command belongs to a stop
+        that was planned from an accepted state, or repeats the last one. Such a stop is itself the proof that the arm
+        can be stopped, so the two stopping criteria are not asked again (near a limit their finite differences lag one
+        period behind a stop at full jerk, and would refuse the very stop they demand); nor is the position limit,
+        since an arm beyond it has to stop as well.
         """
         if not self._anchored:
             return GuardVerdict("anchor", 0, math.nan, math.nan, "")
         # float64 arrays are turned into lists once: indexing them element by element is five times slower.
         wanted = command.tolist() if isinstance(command, np.ndarray) else command
         measured = measured_position.tolist() if isinstance(measured_position, np.ndarray) else measured_position
+        if measured is None:
+            measured = wanted
         if len(wanted) != self._n or len(measured) != self._n:
             wrong = len(wanted) if len(wanted) != self._n else len(measured)
             return GuardVerdict("shape", 0, float(wrong), float(self._n), "")
-        outcome = self._outcome(wanted, measured, stopping=stopping)
-        if isinstance(outcome, GuardVerdict):
-            return outcome
-        self.accept(wanted, outcome)
-        return None
-
-    def _outcome(
-        self, wanted: Sequence[float], measured: Sequence[float], *, stopping: bool
-    ) -> GuardVerdict | MotionState:
-        """The first criterion that fails, or what the guard has to remember of the command."""
         rate = self._rate
         period = self._period
-        velocities = []
-        accelerations = []
+        velocities: list[float] = []
+        accelerations: list[float] = []
         for joint, (q, last, last_v, actual, row) in enumerate(
             zip(wanted, self._position, self._velocity, measured, self._rows, strict=True), start=1
         ):
@@ -245,8 +281,9 @@ class CommandGuard:
             if not (lower <= q <= upper):
                 if not math.isfinite(q):
                     return GuardVerdict("finite", joint, float(q), math.nan, "rad")
-                side = self._limits.position_lower if q < lower else self._limits.position_upper
-                return GuardVerdict("position", joint, float(q), float(side[joint - 1]), "rad")
+                if not stopping:
+                    side = self._limits.position_lower if q < lower else self._limits.position_upper
+                    return GuardVerdict("position", joint, float(q), float(side[joint - 1]), "rad")
             if not (-gap <= q - actual <= gap):
                 return GuardVerdict("distance_to_measured", joint, float(q - actual), gap, "rad")
             v = (q - last) * rate
@@ -267,7 +304,7 @@ class CommandGuard:
                         return verdict
             velocities.append(v)
             accelerations.append(a)
-        return velocities, accelerations
+        return Judged(wanted, velocities, accelerations, self.generation)
 
     def _stopping_position(self, joint: int, q: float, velocity: float, acceleration: float) -> GuardVerdict | None:
         row = self._rows[joint - 1]

@@ -100,9 +100,9 @@ def _one_motion(generator: np.random.Generator, figures: Figures, stops: int, mo
 def _stopped(running: MotionProgram, reason: str, last: tuple[float, ...]) -> tuple[str, list[tuple[float, ...]]]:
     """How a copy of the motion stops, and its commands until some after the end."""
     program = copy.copy(running)
-    program._guard = copy.copy(running._guard)  # accepting replaces its lists, so the running guard is not touched
+    program.guard = copy.copy(running.guard)  # accepting replaces its lists, so the running guard is not touched
     program._stop = copy.copy(running._stop)
-    program._stop._guard = program._guard
+    program._stop._guard = program.guard
     program.standstill = copy.copy(running.standstill)
     program._external_torque_limit = (60.0,) * 7
     commands: list[tuple[float, ...]] = []
@@ -119,7 +119,7 @@ def _stopped(running: MotionProgram, reason: str, last: tuple[float, ...]) -> tu
         program.stop(StopReason(EventCode[reason], reason, path_is_good=reason != "FAULT"))
     while True:
         if program.phase == MotionPhase.LATCHED:
-            commands.append(tuple(program.tick_latched(last)))
+            commands.append(tuple(program.tick(last)))
         else:
             commands.append(tuple(program.tick(measured, torque)))
         if len(commands) > _HISTORY and len(set(commands[-_HISTORY:])) == 1:

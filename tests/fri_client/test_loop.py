@@ -1,4 +1,7 @@
-"""The loop against a robot written out in this file: a UDP socket that follows a script, message by message."""
+"""The loop against a robot written out in this file: a UDP socket that follows a script, message by message.
+
+Its time is simulated, and it says so: one send period passes from message to message.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from fri_client.channel import open_channel
 from fri_client.codec import Codec
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
-from fri_client.loop import FriLoop, open_socket
+from fri_client.loop import FriLoop
 from fri_client.loop_result import LoopResult, LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
@@ -29,6 +33,7 @@ from fri_client.messages import (
     MonitoringMessage,
     QuaternionTransformation,
     RobotInfo,
+    TimeStamp,
 )
 from fri_client.motion import MotionProgram
 from fri_client.motion_phase import MotionPhase
@@ -51,6 +56,7 @@ class Robot:
     client: tuple[str, int]
     version: FriVersion = FriVersion.V1_15
     counter: int = 100
+    time_ms: int = 0
     position: tuple[float, ...] = REST
     received: list[CommandMessage] = field(default_factory=list)
 
@@ -66,6 +72,7 @@ class Robot:
             measured_torque=changes.get("torque", (0.0,) * 7),
             commanded_joint_position=self.position if self.version.major == 1 else None,
             external_torque=changes.get("external", (0.0,) * 7),
+            timestamp=TimeStamp(1_700_000_000 + self.time_ms // 1000, self.time_ms % 1000 * 1_000_000),
         )
         return MonitoringMessage(
             MessageHeader(MONITORING_IDENTIFIER, self.counter, 0),
@@ -82,11 +89,13 @@ class Robot:
                 joint_position=changes.get("ipo", REST) if state >= COMMANDING_WAIT else None,
                 client_command_mode=changes.get("mode", 1),
             ),
+            announcement="iiwa-ident fake robot, lockstep",
         )
 
     def send(self, state: int, **changes: Any) -> None:
         """Send the next message."""
         self.counter += 1
+        self.time_ms += changes.get("elapsed_ms", changes.get("period", 1))
         self.channel.sendto(self.codec.encode_monitoring(self.message(state, **changes)), self.client)
 
     def take(self) -> CommandMessage:
@@ -110,11 +119,20 @@ class Robot:
         self.exchange(READY, 3)
         self.exchange(COMMANDING_WAIT, 5)
 
-    def assert_gentle(self) -> None:
-        """Every position that reached this robot in command lies one small step after the one before."""
-        path = np.array([c.command_data.joint_position for c in self.received if c.command_data is not None])
-        assert np.abs(np.diff(path, axis=0)).max() <= 1e-3
-        assert np.abs(np.diff(path, n=2, axis=0)).max() <= 1e-5 * 1.5
+    def assert_gentle(self, after_pause: int | None = None) -> None:
+        """Every position that reached this robot in command lies one small step after the one before.
+
+        after_pause: counter of the command after which the robot paused and stood, so that the next begins at rest.
+        """
+        commands = [c for c in self.received if c.command_data is not None]
+        stretches = [[c for c in commands if after_pause is None or c.header.sequence_counter <= after_pause]]
+        if after_pause is not None:
+            stretches.append(commands[len(stretches[0]) - 1 :])
+            stretches[1][:0] = [stretches[1][0]] * 2
+        for stretch in stretches:
+            path = np.array([c.command_data.joint_position for c in stretch if c.command_data is not None])
+            assert np.abs(np.diff(path, axis=0)).max() <= 1e-3
+            assert np.abs(np.diff(path, n=2, axis=0)).max() <= 1e-5 * 1.5
 
     def until_done(self, client: Client, limit: int = 20000, **changes: Any) -> None:
         """COMMANDING_ACTIVE, one message after each answer, until the loop has ended."""
@@ -146,8 +164,8 @@ class Client:
 
     def __init__(self, version: FriVersion, settings: LoopSettings, slots: int, **motion: Any) -> None:
         self.ring = HandoverRing.create(slots)
-        channel = open_socket("127.0.0.1", 0)
-        self.address = channel.getsockname()
+        channel = open_channel("127.0.0.1", 0)
+        self.address = channel.address
 
         def make(command_period_s: float, samples_per_command: int) -> MotionProgram:
             options = {"periods": 2, "lead_in_s": 0.1, **motion}
@@ -284,8 +302,10 @@ def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
         robot.exchange(ACTIVE, 300)
         robot.exchange(ACTIVE, 40, quality=2)
         robot.counter += 9
+        robot.time_ms += 9
         robot.exchange(ACTIVE, 1, quality=1)
-        robot.exchange(READY, 5, quality=1)
+        for _ in range(5):
+            robot.send(READY, quality=1)
         robot.until_done(client)
         result = client.finish()
         records = client.records()
@@ -305,29 +325,48 @@ def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
 
 
 @pytest.mark.parametrize("left", [IDLE, WAIT, READY, COMMANDING_WAIT])
-def test_a_session_that_left_is_over_even_if_the_robot_commands_again(left: int) -> None:
+@pytest.mark.parametrize("back_at", [REST, None])
+def test_a_session_that_left_gets_no_position_any_more_even_if_the_robot_commands_again(
+    left: int, back_at: tuple[float, ...] | None
+) -> None:
     with running() as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
-        if left == IDLE:
-            robot.send(IDLE)
-        else:
+        positions = len([command for command in robot.received if command.command_data is not None])
+        for _ in range(14):  # longer than a robot bridges, so it stands
+            robot.send(left)
+        if left in (WAIT, READY):
             robot.exchange(left, 3)
-        robot.position = REST
-        robot.exchange(COMMANDING_WAIT, 5)
-        again = len(robot.received)
-        robot.exchange(ACTIVE, 50)
-        mirrored = [command.command_data for command in robot.received[again:]]
-        robot.until_done(client)
+        if back_at is not None:
+            robot.position = back_at
+        for state in (COMMANDING_WAIT, ACTIVE):
+            for _ in range(50):
+                robot.send(state, ipo=robot.position)
+        robot.until_done(client, ipo=robot.position)
         result = client.finish()
         records = client.records()
     assert result.outcome == "dropped", result.sentence
     assert result.reason == ("SESSION_CLOSED" if left == IDLE else "LEFT_COMMANDING_ACTIVE")
     assert EventCode.SESSION_DROP in events(records)
-    assert [data.joint_position for data in mirrored if data is not None] == [REST] * 50  # the IPO position
+    assert len([command for command in robot.received if command.command_data is not None]) == positions
+    bare = [command for command in robot.received if command.command_data is None]
+    assert bool(bare) == (left in (WAIT, READY))  # a monitoring state is answered on, by a header alone
     after = [record for record in records if record.phase == MotionPhase.LATCHED]
     assert after
     assert all((record.period, record.sample_in_period) == (-1, -1) for record in after)
+
+
+@pytest.mark.parametrize("claimed", [IDLE, WAIT, READY, COMMANDING_WAIT, 9])
+def test_one_message_that_claims_another_state_ends_the_motion_by_its_ramp(claimed: int) -> None:
+    """Before, the next message in COMMANDING_ACTIVE was answered with the raw IPO position: 0.5 rad in 1 ms."""
+    with running() as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.send(claimed)
+        robot.until_done(client)
+        result = client.finish()
+    assert (result.outcome, result.standstill_confirmed, result.stop_kind) == ("dropped", True, "path")
+    robot.assert_gentle()
 
 
 def test_a_safety_stop_seen_before_the_state_changes_is_followed_by_a_ramp_not_by_a_jump() -> None:
@@ -382,7 +421,8 @@ def test_a_new_run_begins_at_the_ipo_position_of_its_own_session() -> None:
     with running() as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
-        robot.exchange(READY, 3)
+        for _ in range(20):
+            robot.send(READY)
         robot.until_done(client)
         assert client.finish().outcome == "dropped"
         counter, moved = robot.counter, tuple(value + 0.05 for value in REST)
@@ -415,9 +455,9 @@ def test_duplicates_stale_ones_garbage_and_numbers_that_are_none_do_not_move_the
         for round_ in range(700):
             robot.exchange(ACTIVE)
             robot.counter -= 1
-            robot.send(ACTIVE)  # a duplicate
+            robot.send(ACTIVE, elapsed_ms=0)  # a duplicate
             robot.counter -= 3
-            robot.send(ACTIVE)  # an old one, seen before
+            robot.send(ACTIVE, elapsed_ms=0)  # an old one, seen before
             robot.counter += 2
             robot.channel.sendto(b"\x00garbage" * (round_ % 30), robot.client)
             robot.send(ACTIVE, measured=(math.nan,) * 7)
@@ -504,11 +544,14 @@ def test_only_the_configured_robot_is_listened_to() -> None:
     assert (result.outcome, result.foreign) == ("no_robot", 1)
 
 
-def test_a_backlog_after_a_stall_is_answered_message_by_message_but_moves_the_path_by_one_step() -> None:
+@pytest.mark.parametrize("extra", ["nothing", "stray", "garbage", "duplicate"])
+@pytest.mark.parametrize("waiting", [9, 20])
+def test_of_a_backlog_after_a_stall_the_newest_message_alone_is_answered_by_one_step(waiting: int, extra: str) -> None:
+    """Before, a datagram that was no newer message behind each made every answer an advance: 31 steps in one cycle."""
     with running() as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
-        # What a stalled client finds in its socket: twenty messages at once. The loop is held in its first step by a
+        # What a stalled client finds in its socket: many messages at once. The loop is held in its first step by a
         # ring whose push waits, which is as good as a process that does not get the processor.
         pause()
         released, held = threading.Event(), threading.Event()
@@ -523,26 +566,30 @@ def test_a_backlog_after_a_stall_is_answered_message_by_message_but_moves_the_pa
         robot.send(ACTIVE)
         before = robot.take()
         held.wait(10.0)
-        for _ in range(20):
+        stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        for _ in range(waiting):
             robot.send(ACTIVE)
+            if extra == "stray":
+                stranger.sendto(b"whatever", robot.client)
+            elif extra == "garbage":
+                robot.channel.sendto(b"\x00garbage", robot.client)
+            elif extra == "duplicate":
+                robot.counter -= 1
+                robot.send(ACTIVE, elapsed_ms=0)
         client.loop._journal.record = push  # type: ignore[method-assign]
-        pause()
         released.set()
-        burst = [robot.take() for _ in range(20)]
+        answer = robot.take()
+        newest = robot.counter
         robot.until_done(client)
         result = client.finish()
-    positions = [command.command_data.joint_position for command in burst if command.command_data]
-    held_position = before.command_data.joint_position if before.command_data else None
-    assert positions[:-1] == [held_position] * 19
-    assert positions[-1] != held_position
-    assert [command.header.reflected_sequence_counter for command in burst] == list(
-        range(before.header.reflected_sequence_counter + 1, before.header.reflected_sequence_counter + 21)
-    )
-    assert result.late >= 19
+        stranger.close()
+    assert before.command_data is not None
+    assert answer.command_data is not None
+    assert answer.header.reflected_sequence_counter == newest
+    assert answer.header.sequence_counter == before.header.sequence_counter + 1
+    assert result.late >= waiting - 1
     assert result.outcome == "completed"
-    largest = np.abs(np.diff(short_table(), axis=0)).max()
-    path = np.array([c.command_data.joint_position for c in robot.received[10:] if c.command_data is not None])
-    assert np.abs(np.diff(path, axis=0)).max() <= largest * 1.0001
+    robot.assert_gentle(after_pause=before.header.sequence_counter if waiting > 10 else None)
 
 
 def test_an_internal_error_stops_the_arm_by_ramp_and_is_reported_as_a_fault() -> None:
@@ -606,6 +653,7 @@ def test_a_robot_of_the_other_major_version_is_noticed_by_what_it_sends(robots: 
         robot = Robot(client.address, robots)
         for _ in range(20):
             robot.counter += 1
+            robot.time_ms += 1
             message = robot.message(READY)
             if robots == FriVersion.V2_5:
                 assert message.monitor_data is not None
@@ -635,7 +683,7 @@ def test_a_table_that_does_not_fit_the_robots_period_ends_before_anything_moves(
     with running() as (client, robot):
         robot.send(WAIT, multiplier=3)
         robot.send(WAIT, multiplier=3)
-        robot.exchange(WAIT, multiplier=3)
+        robot.send(WAIT, multiplier=3)
         result = client.finish()
     assert result.outcome == "refused"
     assert "no whole number of command periods of 3 ms" in result.sentence

@@ -237,7 +237,7 @@ def test_after_a_drop_the_arm_is_brought_to_rest_and_no_phase_of_motion_returns(
     motion = drive.motion
     motion.latch()
     for _ in range(1500):
-        drive.commands.append(tuple(motion.tick_latched(drive.commands[-1])))
+        drive.commands.append(tuple(motion.tick(drive.commands[-1])))
         motion.observe(drive.commands[-1])
         assert motion.phase == MotionPhase.LATCHED
     drive.assert_inside_limits()
@@ -251,7 +251,7 @@ def test_after_silence_the_last_command_is_held_because_the_arm_has_come_to_rest
     drive = Drive(program())
     drive.tick(2500)
     drive.motion.latch(at_rest=True)
-    assert tuple(drive.motion.tick_latched(drive.commands[-1])) == drive.commands[-1]
+    assert tuple(drive.motion.tick(drive.commands[-1])) == drive.commands[-1]
 
 
 def test_the_rebuilt_path_is_what_was_commanded() -> None:

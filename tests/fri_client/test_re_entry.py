@@ -90,7 +90,7 @@ def test_a_stop_or_a_drop_after_a_pause_begins_where_the_arm_stands(into: int) -
         for _ in range(1500):
             latched = drive.motion.phase == MotionPhase.LATCHED
             command = (
-                drive.motion.tick_latched(drive.commands[-1]) if latched else drive.motion.tick(drive.commands[-1])
+                drive.motion.tick(drive.commands[-1]) if latched else drive.motion.tick(drive.commands[-1])
             )
             drive.commands.append(tuple(command))
         path = np.array([drive.commands[begin - 1]] * 3 + drive.commands[begin:])

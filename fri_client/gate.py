@@ -1,0 +1,145 @@
+"""The gate: the one place from which anything goes out to the robot.
+
+Here: which of the robot's cycles a command would reach, whether a position may go out in it, and the bookkeeping of
+what really went out. Nothing else holds the channel's `send`. Not here: which position is wanted (`pilot`, `motion`).
+
+A position goes out only as a `Judged` of the guard: judged against the last position that went out, and against no
+other. So velocity and acceleration are always those between commands that went out, whatever was planned, refused by
+the network, or lost to a stall in between. The gate adds the robot's time (`Pace`):
+
+- Too early: the robot may still be in the cycle of the last command. A second one would replace it, and both steps
+  would reach the arm as one. Nothing goes out; the robot bridges a cycle without a command.
+- Next: one step follows the last one. Up to 10 ms without a command the robot bridges (`re_entry`).
+- Unclear: on the edge of that time. Nothing goes out until it is over for sure.
+- Stands: the robot has had no command for longer, and stands on the last one. The next begins from rest.
+
+A command that only repeats the last one of an arm at rest is good at any time.
+
+What is decided for a message is worth nothing once its cycle is over: an answer that a stall made late does not go out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from enum import IntEnum
+
+from fri_client.channel import Address, Channel
+from fri_client.re_entry import BRIDGED_S
+from fri_client.robot_clock import RobotClock
+from safety.guard import CommandGuard, Judged
+
+__all__ = ["CommandGate", "Pace"]
+
+_LANDED = 0.2
+"""Share of a command period between a command's leaving and the arrival of the next message, if the command reached
+the robot before that message left it: twice the way through the network, 0.1 ms each on a plain cable."""
+
+_IN_CYCLE = 0.8
+"""Share of a command period within which an answer still reaches the cycle of its message."""
+
+_EDGE_NS = 600_000
+"""What may be wrong in a time between two commands: how unevenly messages arrive."""
+
+
+class Pace(IntEnum):
+    """Where in the robot's time a command would arrive, seen from the last one."""
+
+    FIRST = 0
+    TOO_EARLY = 1
+    NEXT = 2
+    UNCLEAR = 3
+    STANDS = 4
+
+
+class CommandGate:
+    """`pace` for a message, then `send` for a position that the guard judged, or `send_header`.
+
+    guard: judges positions; another one once the robot has said its period. clock_ns: CLOCK_MONOTONIC. last_send_ns:
+    when anything went out last, 0: never.
+    """
+
+    __slots__ = (
+        "_at_ns",
+        "_bridged_ns",
+        "_channel",
+        "_clock",
+        "_clock_ns",
+        "_edge_ns",
+        "_left_ns",
+        "_period_ns",
+        "_undisturbed",
+        "guard",
+        "last_send_ns",
+    )
+
+    def __init__(self, channel: Channel, clock: RobotClock, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._channel = channel
+        self._clock = clock
+        self._clock_ns = clock_ns
+        self._at_ns: int | None = None  # time of the message that the last position answered
+        self._left_ns = 0  # when that position left
+        self._undisturbed = True
+        self._period_ns = self._bridged_ns = self._edge_ns = 0
+        self.guard: CommandGuard | None = None
+        self.last_send_ns = 0
+
+    def use(self, guard: CommandGuard, command_period_s: float) -> None:
+        """Judge by this guard from now on, at this command period; nothing is known of where the arm is."""
+        self.guard = guard
+        self._period_ns = round(command_period_s * 1e9)
+        self._bridged_ns = round(BRIDGED_S * 1e9) + 3 * self._period_ns // 2
+        self._edge_ns = min(4 * self._period_ns // 10, _EDGE_NS)
+        self._at_ns = None
+
+    def forget(self) -> None:
+        """The robot does not command any more: the next position is the first one."""
+        self._at_ns = None
+        if self.guard is not None:
+            self.guard.release()
+
+    def pace(self, time_ns: int) -> Pace:
+        """The pace at which an answer to the message of that time (`RobotClock.time_of`) would arrive."""
+        if self._at_ns is None:
+            return Pace.FIRST
+        elapsed = time_ns - self._at_ns
+        edge = self._edge_ns
+        if self._clock.simulated:
+            if elapsed < self._period_ns // 2:
+                return Pace.TOO_EARLY
+            edge = 0
+        elif not self._undisturbed or time_ns - self._left_ns < _LANDED * self._period_ns:
+            return Pace.TOO_EARLY
+        if elapsed < self._bridged_ns - edge:
+            return Pace.NEXT
+        return Pace.STANDS if elapsed > self._bridged_ns + edge else Pace.UNCLEAR
+
+    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int) -> int:
+        """Send the position that was judged, as that datagram; when it left, ns, 0 where it did not.
+
+        time_ns: of the message that it answers. Nothing goes out that was judged after another command than the last
+        one, at a pace that does not allow it, or for a cycle that is over.
+        """
+        guard = self.guard
+        if guard is None or judged.generation != guard.generation:
+            return 0
+        if not (guard.at_rest and guard.repeats(judged.command)):
+            pace = self.pace(time_ns)
+            if pace == Pace.TOO_EARLY or pace == Pace.UNCLEAR or (pace == Pace.STANDS and not guard.at_rest):
+                return 0
+            if not self._clock.simulated and self._clock_ns() - time_ns > _IN_CYCLE * self._period_ns:
+                return 0
+        if not self._channel.send(datagram, address):
+            return 0
+        left_ns = self.last_send_ns = self._left_ns = self._clock_ns()
+        self._undisturbed = not self._channel.is_waiting()
+        self._at_ns = time_ns
+        guard.accept(judged)
+        return left_ns
+
+    def send_header(self, datagram: bytes, address: Address) -> int:
+        """Send an answer without a position, which moves nothing; when it left, ns, 0 where it did not."""
+        if not self._channel.send(datagram, address):
+            return 0
+        self.last_send_ns = self._clock_ns()
+        return self.last_send_ns

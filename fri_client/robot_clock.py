@@ -1,0 +1,75 @@
+"""The robot's own time, as far as the client can know it: when a message can have been sent at the earliest.
+
+The robot sends one message per send period and counts them, so its sequence counter is a clock; messages arrive late,
+never early. A counter that runs ahead of time is a jump, a forgery or a damaged datagram, whatever else the message
+says. Called by `session` for each message that comes next.
+
+Time is when the message was received, ns of CLOCK_MONOTONIC. A robot whose time is simulated (`simulated`) says it
+itself in each message's time stamp, and then that stamp is the time: such a robot waits for answers, and how long its
+milliseconds take means nothing.
+"""
+
+from __future__ import annotations
+
+from fri_client.messages import MonitoringMessage
+
+__all__ = ["RobotClock"]
+
+_WINDOW = 512
+"""Messages over which the earliest arrival is looked for: the clocks of two machines drift apart by some 50 µs in so
+many milliseconds, and a robot that paused goes on later for good."""
+
+_EARLY = 0.25
+"""Share of a period by which a message may be earlier than the earliest one seen: clocks are not perfectly even."""
+
+
+class RobotClock:
+    """`time_of` a message, whether the clock `admits` its counter, and `note` it once it is believed."""
+
+    __slots__ = ("_due_ns", "_least_late_ns", "_noted", "_period_ns", "simulated")
+
+    def __init__(self) -> None:
+        self.simulated = False
+        self._period_ns = 0
+        self._due_ns: int | None = None  # earliest time of the newest message
+        self._least_late_ns = 0
+        self._noted = 0
+
+    def time_of(self, message: MonitoringMessage, receive_ns: int) -> int:
+        """Time of a message, ns; only differences mean something."""
+        if not self.simulated:
+            return receive_ns
+        monitor = message.monitor_data
+        stamp = None if monitor is None else monitor.timestamp
+        return receive_ns if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
+
+    def reset(self) -> None:
+        """Take the next message as it comes."""
+        self._due_ns = None
+
+    def admits(self, steps: int, time_ns: int) -> bool:
+        """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
+        due = self._due_ns
+        return due is None or time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
+
+    def note(self, steps: int, time_ns: int, period_ms: int | None) -> None:
+        """The message `steps` after the newest one came at that time; period_ms: the send period that it states."""
+        period_ns = (period_ms or 0) * 1_000_000
+        if self._due_ns is None or period_ns != self._period_ns:
+            self._period_ns = period_ns
+            self._due_ns = time_ns
+            self._noted = 0
+            self._least_late_ns = self._period_ns * _WINDOW
+            return
+        due = self._due_ns + steps * self._period_ns
+        late = time_ns - due
+        if late < 0:
+            due, late = time_ns, 0
+        if late < self._least_late_ns:
+            self._least_late_ns = late
+        self._noted += 1
+        if self._noted == _WINDOW:
+            due += self._least_late_ns
+            self._noted = 0
+            self._least_late_ns = self._period_ns * _WINDOW
+        self._due_ns = due
