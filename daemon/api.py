@@ -81,6 +81,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     workspace_file: YAML with floor, walls, boxes, tool and margins; None = a floor at the mounting face alone.
     ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
     tell arms apart; skip_ladder: an amplitude may be skipped, which the log then says.
+    simulation: only a robot that says it is the fake one is moved; nobody is asked, and there is no ladder.
     diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
     """
 

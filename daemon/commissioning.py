@@ -11,7 +11,6 @@ FRI does not say which arm it is: an arm is known by the serial number the opera
 from __future__ import annotations
 
 import hashlib
-import ipaddress
 import json
 import os
 from pathlib import Path
@@ -48,8 +47,8 @@ class Rung(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def needs_ladder(request: RunRequest) -> bool:
-    """Whether a real arm may hear this run: every address but loopback."""
-    return not ipaddress.ip_address(request.bind_host).is_loopback
+    """Whether a real arm may move in this run; where not, only a robot that says it is the fake one is moved."""
+    return not request.simulation
 
 
 def rung_of(request: RunRequest) -> Rung:
@@ -125,7 +124,7 @@ def ladder_file(request: RunRequest) -> Path:
 
 def tags(request: RunRequest) -> dict[str, str]:
     """What a log and run.json say: the amplitude, and whether the ladder was kept."""
-    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed on loopback"
+    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed for the fake robot"
     return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
 
 

@@ -56,13 +56,15 @@ class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class FriSettings(_Section, frozen=True, kw_only=True):
     """The link. bind_host, bind_port: where we listen; robot_host: the only sender accepted (none: the first).
 
-    version: "auto" listens to the robot before each run. Timeouts in s, as in RunRequest.
+    version: "auto" listens to the robot before each run. real_robot: a cabinet is relayed to a loopback address.
+    Timeouts in s, as in RunRequest.
     """
 
     version: str = "1.15"
     bind_host: str = "127.0.0.1"
     bind_port: int = 30200
     robot_host: str | None = None
+    real_robot: bool = False
     receive_timeout_s: float = 0.5
     start_timeout_s: float = 30.0
     command_timeout_s: float = 60.0
@@ -119,8 +121,8 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
 
     @property
     def is_simulation(self) -> bool:
-        """Whether the link is bound to a loopback address, which no cabinet can reach."""
-        return ipaddress.ip_address(self.fri.bind_host).is_loopback
+        """Whether only the fake robot is moved: on a loopback address, unless a cabinet is relayed to it."""
+        return ipaddress.ip_address(self.fri.bind_host).is_loopback and not self.fri.real_robot
 
     def request_fields(self) -> dict[str, Any]:
         """The fields of RunRequest that this configuration decides."""

@@ -201,6 +201,7 @@ def _make_loop(
         robot_host=request.robot_host,
         expected_period_s=request.table_period_s,
         maximum_ipo_distance_rad=request.maximum_distance_to_measured,
+        fake_robot_only=request.simulation,
     )
     return FriLoop(channel, version, make_motion, ring, settings)
 

@@ -20,6 +20,7 @@
     │   ├── TextTooLong                 a name of more than 63 bytes
     │   └── MessageTooLong              more than the 1500 bytes the vendor's buffers hold
     ├── JsonFormError               65  a JSON object that is no message
+    ├── RealRobot                    1  a robot that does not say that it is the fake one, where nobody was asked
     ├── MotionError                 65  a table that cannot be driven as asked (in motion_table.py)
     ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover.py)
     └── SessionError                76  the exchange with the robot
@@ -57,6 +58,7 @@ __all__ = [
     "RobotSilent",
     "SessionDropped",
     "SessionError",
+    "RealRobot",
     "TextTooLong",
     "TruncatedMessage",
     "UnknownFriVersion",
@@ -83,6 +85,18 @@ class UnknownFriVersion(FriError, ValueError):
         super().__init__(f"FRI version {version!r} is not known; choose one of {', '.join(known)}.")
         self.version = version
         self.known = known
+
+
+class RealRobot(FriError):
+    """The run was meant for the fake robot, and the robot that answers does not say that it is one."""
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The robot does not say that it is the fake robot, so an arm may move, and nobody was asked: nothing was "
+            "moved. If a cabinet is relayed to this loopback address, say --real-robot (service: fri.real_robot: true)."
+        )
 
 
 class CodecError(FriError):

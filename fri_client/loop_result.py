@@ -38,7 +38,8 @@ class LoopSettings:
     receive_timeout_s: silence that drops a moving session. start_timeout_s: wait for the first message.
     command_timeout_s: from there to COMMANDING_ACTIVE. supervisor_timeout_s: age of the supervisor's heartbeat that
     stops the motion, 0: not watched. robot_host: the only address listened to; None: that of the first message.
-    expected_period_s: command period the motion is prepared for before the robot has said its own.
+    expected_period_s: command period the motion is prepared for before the robot has said its own. fake_robot_only: no
+    motion begins unless the robot says of itself that it is the fake one; nobody was asked whether an arm may move.
     """
 
     receive_timeout_s: float = 0.5
@@ -48,6 +49,7 @@ class LoopSettings:
     robot_host: str | None = None
     expected_period_s: float = 0.001
     maximum_ipo_distance_rad: float = 0.1
+    fake_robot_only: bool = False
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from fri_client.errors import FriError
+from fri_client.errors import FriError, RealRobot
 from fri_client.gate import CommandGate, Pace
 from fri_client.ipo_watch import STILL_RAD, IpoWatch
 from fri_client.loop_result import LoopSettings
@@ -84,7 +84,7 @@ class Pilot:
         self._session = session
         self._gate = gate
         self._start_gate = start_gate
-        self._maximum_ipo_distance_rad = settings.maximum_ipo_distance_rad
+        self._settings = settings
         self._prepared_for = (settings.expected_period_s, 1)
         self.motion = make_motion(*self._prepared_for)
         gate.use(self.motion.guard, settings.expected_period_s)
@@ -174,6 +174,8 @@ class Pilot:
         """Prepare the motion in COMMANDING_WAIT and begin it in COMMANDING_ACTIVE; True where it has begun."""
         session, guard = self._session, self.motion.guard
         try:
+            if self._settings.fake_robot_only and not message.is_of_fake_robot:
+                raise RealRobot
             self.motion.prepare(ipo)
             cleared = self._start_gate.passes(ipo, *self._prepared_for)
             if session.state != _ACTIVE or not may_move:
@@ -212,7 +214,7 @@ class Pilot:
 
     def _far_from_ipo(self, measured: Sequence[float], ipo: Sequence[float]) -> str:
         """An arm that another client has led away from the IPO position would jump back to it."""
-        limit = self._maximum_ipo_distance_rad
+        limit = self._settings.maximum_ipo_distance_rad
         for joint, (here, there) in enumerate(zip(measured, ipo, strict=True), start=1):
             if abs(here - there) > limit:
                 return f"joint {joint} is {abs(here - there):.3f} rad from its IPO position ({limit:g} rad are allowed)"

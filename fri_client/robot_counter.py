@@ -77,7 +77,7 @@ class RobotCounter:
         if not self._synchronised:
             return self._start(counter, Order.NEXT)
         if 0 < step <= COUNTER_WINDOW and in_time:
-            passed = self._refused & ((1 << step) - 1)
+            passed = self._refused & ((1 << step) - 2)
             self.gap = step - 1 - passed.bit_count()
             self._refused >>= step
             self.last = counter

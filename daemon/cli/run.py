@@ -46,10 +46,8 @@ def _version(text: str | None) -> str | None:
         raise typer.BadParameter(str(error)) from error
 
 
-def confirm_motion(motion: PreparedMotion, host: str, periods: int) -> None:
-    """Ask before a real arm may move. No cabinet can reach a loopback address, so there nothing is asked."""
-    if ipaddress.ip_address(host).is_loopback:
-        return
+def confirm_motion(motion: PreparedMotion, periods: int) -> None:
+    """Ask before a real arm may move."""
     if not sys.stdin.isatty():
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
     seconds = motion.trajectory.period_s * periods
@@ -100,6 +98,9 @@ def run(
         list[Path] | None,
         typer.Option("--heldout", help="Recording of another motion that checks the names; may be given repeatedly."),
     ] = None,
+    real_robot: Annotated[
+        bool, typer.Option("--real-robot", help="A cabinet is relayed to this loopback address: ask, keep the ladder.")
+    ] = False,
     no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Do not ask before a real arm moves.")] = False,
     start_timeout: Annotated[
         float | None, typer.Option("--start-timeout", help="Seconds to wait for the robot; default: 30.")
@@ -133,6 +134,8 @@ def run(
 
     lab = DaemonConfig() if config is None else load_config(config)
     host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
+    # Nothing is asked on a loopback address, so only a robot is moved there that says it is the fake one.
+    simulation = ipaddress.ip_address(host).is_loopback and not (real_robot or lab.fri.real_robot)
     if diagnose and (no_fit or not lab.run.fit):
         raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
     for file in heldout or ():
@@ -176,7 +179,7 @@ def run(
         diagnose=diagnose,
         heldout=tuple(str(file.absolute()) for file in heldout or ()),
         seed=seed,
-        simulation=ipaddress.ip_address(host).is_loopback,
+        simulation=simulation,
         ladder_file=None if ladder is None else str(ladder.absolute()),
         skip_ladder=skip_ladder,
     )
@@ -185,8 +188,8 @@ def run(
     # Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made.
     with tempfile.TemporaryDirectory() as scratch:
         admit(write_run_request(motion, Path(scratch), **settings))
-    if not no_confirm:
-        confirm_motion(motion, host, settings["periods"])
+    if not no_confirm and not simulation:
+        confirm_motion(motion, settings["periods"])
     request = write_run_request(motion, out, **settings)
     with run_shown() as view:
         outcome = run_acquisition(request, observe=view.observe)

@@ -78,12 +78,18 @@ def test_the_layout_of_the_files_does_not_matter(tmp_path: Path) -> None:
     assert admit(request(tmp_path, 0.25, workspace_file=str(other)))
 
 
-def test_loopback_needs_no_ladder_and_the_log_says_so(tmp_path: Path) -> None:
-    simulated = request(tmp_path, 1.0, bind_host="127.0.0.1")
+def test_an_address_says_nothing_of_whether_an_arm_may_move(tmp_path: Path) -> None:
+    relayed = request(tmp_path, 1.0, bind_host="127.0.0.1")
+    with pytest.raises(LadderError):
+        admit(relayed)
+
+
+def test_the_fake_robot_needs_no_ladder_and_the_log_says_so(tmp_path: Path) -> None:
+    simulated = request(tmp_path, 1.0, bind_host="127.0.0.1", simulation=True)
     assert admit(simulated) == ""
     assert remember(simulated, outcome()) == ""
     assert not ladder_file(simulated).exists()
-    assert tags(simulated) == {"commissioning": "1", "commissioning_ladder": "not needed on loopback"}
+    assert tags(simulated) == {"commissioning": "1", "commissioning_ladder": "not needed for the fake robot"}
 
 
 def test_skipping_is_allowed_only_when_asked_for_and_is_written_down(tmp_path: Path) -> None:
