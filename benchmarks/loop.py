@@ -30,9 +30,11 @@ from numpy.typing import NDArray
 
 from fixtures.fake_robot.link import claim_real_time, sharpen_timers
 from fixtures.fake_robot.wire import COMMAND_IDENTIFIER, Datagrams
+from fri_client.answer_ahead import AnswerAhead
+from fri_client.channel import UdpChannel, open_channel
 from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
-from fri_client.loop import FriLoop, open_socket
+from fri_client.loop import FriLoop
 from fri_client.loop_result import LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
@@ -49,7 +51,7 @@ from fri_client.motion import MotionProgram
 from fri_client.realtime import RealtimeSettings, realtime
 from safety.limits import IIWA14_R820
 
-CONTENDERS = ("echo", "protobuf", "codec", "loop")
+CONTENDERS = ("echo", "protobuf", "codec", "plain", "loop")
 PERIOD_NS = 1_000_000
 REST = np.array([0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05])
 PREFACE = ((1, 50), (2, 50), (3, 400))
@@ -144,11 +146,11 @@ def _play(channel: socket.socket, address: tuple[str, int], datagrams: list[byte
 
 def client_side(pipe: Connection, contender: str, version: FriVersion, block_s: float) -> None:
     """Process: one contender for one block; sends its address, then its turn-arounds (ns) and what realtime refused."""
-    channel = open_socket("127.0.0.1", 0)
+    channel = open_channel("127.0.0.1", 0)
     total = SETTLING + round(block_s * 1000) + sum(count for _, count in PREFACE)
     run: Callable[[], NDArray[np.int64]]
-    if contender == "loop":
-        run = _prepare_loop(channel, version, total)
+    if contender in ("loop", "plain"):
+        run = _prepare_loop(channel, version, total, answer_ahead=contender == "loop")
     else:
         respond = {"echo": _echo, "protobuf": _protobuf, "codec": _codec}[contender](version)
 
@@ -156,13 +158,13 @@ def client_side(pipe: Connection, contender: str, version: FriVersion, block_s: 
             return _serve(channel, respond, total)
 
     with channel, realtime(RealtimeSettings(priority=80, cpus=_cpus(1))) as obtained:
-        pipe.send(channel.getsockname())
+        pipe.send(channel.address)
         turn_around = run()
     refused = [f"{item.name}: {item.detail}" for item in obtained.items if item.wanted and not item.obtained]
     pipe.send((turn_around[-round(block_s * 1000) :], refused))
 
 
-def _serve(channel: socket.socket, respond: Callable[[memoryview], Any], total: int) -> NDArray[np.int64]:
+def _serve(channel: UdpChannel, respond: Callable[[memoryview], Any], total: int) -> NDArray[np.int64]:
     """The same blocking receive as the loop's, the answer, and nothing else."""
     buffer, clock = bytearray(2048), time.monotonic_ns
     view = memoryview(buffer)
@@ -170,12 +172,12 @@ def _serve(channel: socket.socket, respond: Callable[[memoryview], Any], total: 
     index = silent = 0
     while index < total and silent < 40:
         try:
-            size, address = channel.recvfrom_into(buffer)
+            size, address = channel.receive_into(buffer)
         except BlockingIOError:
             silent += index > 0
             continue
         received = clock()
-        channel.sendto(respond(view[:size]), address)
+        channel.send(respond(view[:size]), address)
         turn_around[index] = clock() - received
         index += 1
         silent = 0
@@ -237,7 +239,16 @@ def _codec(version: FriVersion) -> Callable[[memoryview], Any]:
     return respond
 
 
-def _prepare_loop(channel: socket.socket, version: FriVersion, total: int) -> Callable[[], NDArray[np.int64]]:
+class _NothingReady(AnswerAhead):
+    """No answer is made ready: every message goes the whole way before it is answered."""
+
+    def prepare(self, *_: object) -> None:
+        """Nothing."""
+
+
+def _prepare_loop(
+    channel: UdpChannel, version: FriVersion, total: int, *, answer_ahead: bool
+) -> Callable[[], NDArray[np.int64]]:
     ring = HandoverRing.create(2 * total)
     angle = 2 * np.pi * np.arange(3000) / 3000.0
     table = REST + 0.01 * np.sin(angle)[:, None]
@@ -254,6 +265,8 @@ def _prepare_loop(channel: socket.socket, version: FriVersion, total: int) -> Ca
         )
 
     loop = FriLoop(channel, version, make, ring, LoopSettings(receive_timeout_s=0.3))
+    if not answer_ahead:
+        loop._ahead = _NothingReady(loop._codec)
 
     def run() -> NDArray[np.int64]:
         result = loop.run()  # ends by the robot's silence

@@ -124,7 +124,7 @@ def ladder_file(request: RunRequest) -> Path:
 
 def tags(request: RunRequest) -> dict[str, str]:
     """What a log and run.json say: the amplitude, and whether the ladder was kept."""
-    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed for the fake robot"
+    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed: fake robot"
     return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
 
 

@@ -65,6 +65,7 @@ class CommandGate:
         "_channel",
         "_clock",
         "_clock_ns",
+        "_cycle_ns",
         "_edge_ns",
         "_left_ns",
         "_period_ns",
@@ -80,7 +81,7 @@ class CommandGate:
         self._at_ns: int | None = None  # time of the message that the last position answered
         self._left_ns = 0  # when that position left
         self._undisturbed = True
-        self._period_ns = self._bridged_ns = self._edge_ns = 0
+        self._period_ns = self._bridged_ns = self._edge_ns = self._cycle_ns = 0
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
 
@@ -89,6 +90,7 @@ class CommandGate:
         self.guard = guard
         self._period_ns = round(command_period_s * 1e9)
         self._bridged_ns = round(BRIDGED_S * 1e9) + 3 * self._period_ns // 2
+        self._cycle_ns = int(_IN_CYCLE * self._period_ns)
         self._edge_ns = min(4 * self._period_ns // 10, _EDGE_NS)
         self._at_ns = None
 
@@ -114,21 +116,20 @@ class CommandGate:
             return Pace.NEXT
         return Pace.STANDS if elapsed > self._bridged_ns + edge else Pace.UNCLEAR
 
-    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int) -> int:
-        """Send the position that was judged, as that datagram; when it left, ns, 0 where it did not.
+    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int) -> int | None:
+        """Send the position that was judged, as that datagram. When it left, ns; 0: the network refused it; None: the
+        gate did.
 
         time_ns: of the message that it answers. Nothing goes out that was judged after another command than the last
         one, at a pace that does not allow it, or for a cycle that is over.
         """
         guard = self.guard
         if guard is None or judged.generation != guard.generation:
-            return 0
-        if not (guard.at_rest and guard.repeats(judged.command)):
-            pace = self.pace(time_ns)
-            if pace == Pace.TOO_EARLY or pace == Pace.UNCLEAR or (pace == Pace.STANDS and not guard.at_rest):
-                return 0
-            if not self._clock.simulated and self._clock_ns() - time_ns > _IN_CYCLE * self._period_ns:
-                return 0
+            return None
+        pace = self.pace(time_ns)
+        is_late = not self._clock.simulated and self._clock_ns() - time_ns > self._cycle_ns
+        if (pace != Pace.NEXT or is_late) and not self._is_harmless(judged, pace, is_late=is_late):
+            return None
         if not self._channel.send(datagram, address):
             return 0
         left_ns = self.last_send_ns = self._left_ns = self._clock_ns()
@@ -136,6 +137,14 @@ class CommandGate:
         self._at_ns = time_ns
         guard.accept(judged)
         return left_ns
+
+    def _is_harmless(self, judged: Judged, pace: Pace, *, is_late: bool) -> bool:
+        """Whether a position may go out at another pace than the next one, or late."""
+        guard = self.guard
+        assert guard is not None
+        if not guard.at_rest:
+            return False
+        return guard.repeats(judged.command) or (not is_late and pace in (Pace.FIRST, Pace.STANDS))
 
     def send_header(self, datagram: bytes, address: Address) -> int:
         """Send an answer without a position, which moves nothing; when it left, ns, 0 where it did not."""

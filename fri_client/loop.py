@@ -62,13 +62,14 @@ _FRESH, _UNDECODABLE = int(Disposition.FRESH), int(Disposition.UNDECODABLE)
 
 
 class _Newest(NamedTuple):
-    """The newest message that may be answered, with its bytes, its Disposition and when it was received, ns.
+    """The newest message that may be answered: its bytes, its sender, its Disposition, when it was received, ns.
 
     due: an answer belongs to it, or to one before it that it stands for.
     """
 
     message: MonitoringMessage
     datagram: bytes
+    address: Address
     disposition: int
     receive_ns: int
     due: bool
@@ -204,12 +205,12 @@ class FriLoop:
                 command is not None
                 and not self._stop_watch.is_asked
                 and not self._channel.is_waiting()
-                and self._answer_ahead(datagram, command, receive_ns)
+                and self._answer_ahead(datagram, command, address, receive_ns)
             ):
                 return
         self._receive_all(size, address, receive_ns)
 
-    def _answer_ahead(self, datagram: bytes, command: bytes, receive_ns: int) -> bool:
+    def _answer_ahead(self, datagram: bytes, command: bytes, address: Address, receive_ns: int) -> bool:
         """Send the answer that was made ready; False where this message has to go the whole way."""
         session, foreseen = self.session, self._ahead.foreseen
         if foreseen is None:
@@ -219,18 +220,20 @@ class FriLoop:
         if session.clock.simulated:
             message = self._codec.decode_monitoring(datagram)
             time_ns = session.clock.time_of(message, receive_ns)
-        if not session.clock.admits(1, time_ns) or self._gate.pace(time_ns) != Pace.NEXT:
+        if not session.clock.admits(1, time_ns):
             return False
-        send_ns = self._send(foreseen.judged, command, time_ns)
-        if not send_ns:
+        send_ns = self._gate.send(foreseen.judged, command, address, time_ns)
+        if send_ns is None:
             return False
         # All that the answer did not have to wait for, and the proof that it was the right one.
-        self._pilot.take(foreseen, self._ahead.counter)
+        if send_ns:
+            session.sent()
+            self._pilot.take(foreseen, self._ahead.counter)
         message = message or self._codec.decode_monitoring(datagram)
         session.take_foreseen(message, receive_ns)
         self._journal.tick += 1
         self._journal.note_session(session, receive_ns)
-        self._finish(_Newest(message, datagram, _FRESH, receive_ns, due=True), send_ns, command)
+        self._finish(_Newest(message, datagram, address, _FRESH, receive_ns, due=True), send_ns, command)
         return True
 
     def _receive_all(self, size: int, address: Address, receive_ns: int) -> None:
@@ -289,7 +292,7 @@ class FriLoop:
         if not session.answer_due:
             self.motion.skip()
         due = session.answer_due or (before is not None and before.due)
-        return _Newest(message, datagram, disposition, receive_ns, due)
+        return _Newest(message, datagram, address, disposition, receive_ns, due)
 
     def _answer(self, newest: _Newest) -> None:
         session, codec, message = self.session, self._codec, newest.message
@@ -306,26 +309,17 @@ class FriLoop:
                 command = codec.encode_command(CommandMessage(header))
             else:
                 command = codec.encode_position_command(session.own_counter, counter, position)
-            send_ns = self._send(answer if isinstance(answer, Judged) else None, command, session.time_ns)
+            if isinstance(answer, Judged):
+                send_ns = self._gate.send(answer, command, newest.address, session.time_ns) or 0
+            else:
+                send_ns = self._gate.send_header(command, newest.address)
         if send_ns:
+            session.sent()
             self._pilot.went_out(answer, counter)
         self._finish(newest, send_ns, command)
         if newest.disposition == _FRESH:
             self._first_sample = self._first_sample or newest.datagram
             self._ahead.learn(memoryview(newest.datagram), message)
-
-    def _send(self, judged: Judged | None, command: bytes, time_ns: int) -> int:
-        """When it left, ns; 0 where the gate or the network refused it: for robot and log alike it then never was."""
-        assert self._robot is not None
-        gate = self._gate
-        sent = (
-            gate.send_header(command, self._robot)
-            if judged is None
-            else gate.send(judged, command, self._robot, time_ns)
-        )
-        if sent:
-            self.session.sent()
-        return sent
 
     def _finish(self, newest: _Newest, send_ns: int, command: bytes | None) -> None:
         """The rest of a tick once the robot has its answer: book it, hand it over, and get ready for the next one."""

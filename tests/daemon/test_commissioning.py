@@ -89,7 +89,7 @@ def test_the_fake_robot_needs_no_ladder_and_the_log_says_so(tmp_path: Path) -> N
     assert admit(simulated) == ""
     assert remember(simulated, outcome()) == ""
     assert not ladder_file(simulated).exists()
-    assert tags(simulated) == {"commissioning": "1", "commissioning_ladder": "not needed for the fake robot"}
+    assert tags(simulated) == {"commissioning": "1", "commissioning_ladder": "not needed: fake robot"}
 
 
 def test_skipping_is_allowed_only_when_asked_for_and_is_written_down(tmp_path: Path) -> None:

@@ -52,27 +52,28 @@ COMMON = {
     "End": "o1:int32 o2:Checksum",
 }
 MONITORING = "q1:Header o2:RobotInfo o3:Data o4:ConnectionInfo o5:Ipo r6:Frame"
+ANNOUNCEMENT = "o2047:bytes"  # ours, of the fake robot
 COMMAND = "q1:Header o2:Command"
 BY_VERSION = {
     "1.15": {
         "Data": "o1:Joints o2:Joints o3:Joints o4:Joints o5:Joints r8:Io o15:TimeStamp",
         "Ipo": "o1:Joints o10:int32 o11:int32 o12:double",
         "Command": "o1:Joints o2:Vector o3:Joints r4:Frame r5:Io",
-        "monitoring": f"{MONITORING} o15:End",
+        "monitoring": f"{MONITORING} o15:End {ANNOUNCEMENT}",
         "command": f"{COMMAND} o15:End",
     },
     "2.5": {
         "Data": "o1:Joints o2:Joints o4:Joints o5:Joints r8:Io o9:Frame o10:Redundancy o15:TimeStamp",
         "Ipo": "o1:Joints o2:Frame o3:Redundancy o10:int32 o11:int32 o12:double",
         "Command": "o1:Joints o2:Vector o3:Joints r4:Frame r5:Io o6:Frame o7:Redundancy",
-        "monitoring": f"{MONITORING} o15:End",
+        "monitoring": f"{MONITORING} o15:End {ANNOUNCEMENT}",
         "command": f"{COMMAND} o15:End",
     },
     "2.7": {
         "Data": "o1:Joints o2:Joints o4:Joints o5:Joints o6:Vector r8:Io o9:Frame o10:Redundancy o15:TimeStamp",
         "Ipo": "o1:Joints o2:Frame o3:Redundancy o10:int32 o11:int32 o12:double",
         "Command": "o1:Joints o2:Vector o3:Joints r4:Frame r5:Io o6:Frame o7:Redundancy",
-        "monitoring": MONITORING,
+        "monitoring": f"{MONITORING} {ANNOUNCEMENT}",
         "command": COMMAND,
     },
 }

@@ -15,7 +15,7 @@ from fri_client.motion import MotionProgram, StopReason
 from fri_client.motion_phase import MotionPhase
 from fri_client.re_entry import re_entry_steps
 from safety.limits import IIWA14_R820
-from tests.fri_client.test_answer_ahead import Bench
+from tests.fri_client.test_answer_ahead import PERIOD_NS, Bench
 from tests.fri_client.test_motion import OPERATOR, Drive, program, sine_table
 
 LIMITS = IIWA14_R820
@@ -88,11 +88,7 @@ def test_a_stop_or_a_drop_after_a_pause_begins_where_the_arm_stands(into: int) -
         drive.tick(into)
         end(drive.motion)
         for _ in range(1500):
-            latched = drive.motion.phase == MotionPhase.LATCHED
-            command = (
-                drive.motion.tick(drive.commands[-1]) if latched else drive.motion.tick(drive.commands[-1])
-            )
-            drive.commands.append(tuple(command))
+            drive.commands.append(tuple(drive.motion.tick(drive.commands[-1])))
         path = np.array([drive.commands[begin - 1]] * 3 + drive.commands[begin:])
         assert np.all(shares(path) <= (1.0001, 1.002, 1.02))
         assert drive.commands[-1] == drive.commands[-2]
@@ -135,18 +131,18 @@ def test_at_the_robots_side_a_long_pause_is_left_without_a_jump(missing: int, ho
     bench.drive(700)
     # What the robot's set-point does: a command is taken at once, a cycle without one stays on the last.
     before = bench.position
+    bench.clock.now += missing * PERIOD_NS
+    held = [before] * missing
     if how == "gap":
         bench.counter += missing
-        held = [before] * missing
     else:
         waiting = [bench.next_datagram() for _ in range(missing)]
         if how == "stalled and stopped":
             bench.both(lambda loop: loop._ring.request_stop())
         if how == "stalled and lost":
             bench.quality = 1
-        # They come all at once, in one cycle, of which the robot keeps the last; then one more.
+        # They come all at once, in one cycle; then one more.
         bench.deliver(*waiting, bench.next_datagram())
-        held = [before] * missing
         held.append(bench.position)
     for _ in range(400):
         bench.deliver(bench.next_datagram())

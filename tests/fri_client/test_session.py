@@ -98,7 +98,8 @@ def test_a_multiplier_of_n_answers_every_nth_message_and_none_of_them_in_idle() 
 
 def test_gaps_duplicates_and_late_arrivals_are_told_apart() -> None:
     session = Session()
-    judged = [session.judge(message(counter, READY), later(counter)) for counter in (10, 11, 11, 14, 12, 12, 15, 13, 10)]
+    counters = (10, 11, 11, 14, 12, 12, 15, 13, 10)
+    judged = [session.judge(message(counter, READY), later(counter)) for counter in counters]
     assert judged == [FRESH, FRESH, DUPLICATE, FRESH, STALE, DUPLICATE, FRESH, STALE, DUPLICATE]
     counts = session.counts
     assert (counts.received, counts.fresh, counts.duplicates, counts.stale, counts.missing) == (9, 4, 3, 2, 0)
