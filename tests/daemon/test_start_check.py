@@ -168,10 +168,10 @@ def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
 
 
 def real_request(tmp_path: Path, port: int, **changes: Any) -> RunRequest:
-    """0.0.0.0 is no loopback address, so whoever sends to it counts as a real robot."""
+    """Nobody said that only the fake robot may be moved, so whoever sends counts as a real one."""
     values = {"out_dir": str(tmp_path / "run"), "bind_host": "0.0.0.0", "bind_port": port, "lead_in_s": 0.2}
     request = make_request(
-        tmp_path, **{**values, "start_timeout_s": 60.0, "fit": False, "simulation": True, "periods": 1, **changes}
+        tmp_path, **{**values, "start_timeout_s": 60.0, "fit": False, "periods": 1, **changes}
     )
     gentle_table(tmp_path)
     return request
