@@ -17,7 +17,7 @@ from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log_inputs import DESCRIPTION_NAME
 from daemon.loop_process import bind
-from fri_client.channel import unbound_socket
+from fri_client.channel import UdpChannel
 from identification.export import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 
@@ -59,7 +59,7 @@ def prepare_folder(request: RunRequest) -> RunRequest:
     except OSError as error:
         raise LogIOError(str(folder), error) from error
     # Whether the port is free is said before any process is started.
-    with unbound_socket() as probe:
+    with UdpChannel() as probe:
         bind(probe, request.bind_host, request.bind_port)
     return resolved
 

@@ -13,12 +13,11 @@ from daemon.errors import ProtocolMismatchError, RobotUnreachableError
 from daemon.fri_guess import VersionGuess, guess_version
 from daemon.loop_process import bind
 from daemon.stop_handle import StopHandle
-from fri_client.channel import unbound_socket
+from fri_client.channel import UdpChannel
 from fri_client.messages import FriVersion
 
 __all__ = ["hear_version"]
 
-_SLICE_S = 0.1
 _UNDECIDED_S = 1.0
 """So long messages that 1.x and 2.5 would both send are listened to; then they are taken as 1.15, which reads them."""
 _MAXIMUM_DATAGRAM_BYTES = 2048
@@ -33,17 +32,17 @@ def hear_version(request: RunRequest, stop: StopHandle) -> tuple[FriVersion, str
     garbage = 0
     best: VersionGuess | None = None
     until = time.monotonic() + request.start_timeout_s
-    with unbound_socket() as channel:
+    buffer = bytearray(_MAXIMUM_DATAGRAM_BYTES)
+    with UdpChannel() as channel:
         bind(channel, request.bind_host, request.bind_port)
-        channel.settimeout(_SLICE_S)
         while not stop.requested and time.monotonic() < until:
             try:
-                datagram, sender = channel.recvfrom(_MAXIMUM_DATAGRAM_BYTES)
-            except (TimeoutError, BlockingIOError):
+                size, sender = channel.receive_into(buffer)
+            except BlockingIOError:
                 continue
             if request.robot_host not in (None, sender[0]):
                 continue
-            guess = guess_version(datagram)
+            guess = guess_version(bytes(buffer[:size]))
             if len(guess.candidates) == 1:
                 return FriVersion.parse(guess.candidates[0]), f"The robot speaks FRI {guess.candidates[0]}."
             if not guess.candidates:

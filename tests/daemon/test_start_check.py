@@ -170,9 +170,7 @@ def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
 def real_request(tmp_path: Path, port: int, **changes: Any) -> RunRequest:
     """Nobody said that only the fake robot may be moved, so whoever sends counts as a real one."""
     values = {"out_dir": str(tmp_path / "run"), "bind_host": "0.0.0.0", "bind_port": port, "lead_in_s": 0.2}
-    request = make_request(
-        tmp_path, **{**values, "start_timeout_s": 60.0, "fit": False, "periods": 1, **changes}
-    )
+    request = make_request(tmp_path, **{**values, "start_timeout_s": 60.0, "fit": False, "periods": 1, **changes})
     gentle_table(tmp_path)
     return request
 
@@ -190,7 +188,7 @@ def test_an_arm_that_stands_inside_a_forbidden_box_never_moves(
     tip = load_geometry("iiwa14").tip_path(np.array([monitor.measured_joint_position]))[0].round(3).tolist()
     cell = tmp_path / "cell.yaml"
     cell.write_text(f"boxes:\n- {{name: crate, center_m: {tip}, size_m: [0.1, 0.1, 0.1]}}\n")
-    request = real_request(tmp_path, port, bind_host="127.0.0.1", workspace_file=str(cell))
+    request = real_request(tmp_path, port, simulation=True, workspace_file=str(cell))
     outcome = run_acquisition(request, observe=[].append)
     assert (outcome.outcome, outcome.exit_code) == ("refused", 1)
     assert "crate" in outcome.sentences[0]
