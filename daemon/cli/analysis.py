@@ -120,7 +120,8 @@ def fit(
     if not wants_json_on_stdout(json_file):
         show_fit(result)
         if left_out is not None:
-            show_rms(left_out, f"RMS on recordings that the fit had not seen, {folds} folds")
+            title = f"RMS on recordings that the fit had not seen, {folds} folds"
+            show_rms(left_out, title, unit=robot_model.torque_unit)
         data(f"Model written to {target}" + ("" if report is None else f", report to {report}"))
 
 
@@ -144,7 +145,7 @@ def show_fit(result: FitResult) -> None:
         f"σ: of the estimator {result.estimator}, with the noise as measured, coloured; beside it the paper's eq. (15) "
         "of the unweighted fit, which takes all residuals as white and alike."
     )
-    show_rms(result.rms, "RMS of measured minus modelled torque per joint")
+    show_rms(result.rms, "RMS of measured minus modelled torque per joint", unit=result.robot.torque_unit)
     if result.constrained is not None:
         show_certificate(result.to_model_json()["certificate"])
     if result.feasibility is not None:
@@ -201,12 +202,13 @@ def validate(
     from identification.recordings.independence import recording_names
 
     model = read_model(model_file)
-    recordings = load_inputs(logs, robot, joints=joints, model_robot=model.load_robot()).recordings
+    arm = model.load_robot()
+    recordings = load_inputs(logs, robot, joints=joints, model_robot=arm).recordings
     table = validate_with_effects(model, recordings)
     if json_file is not None:
         write_json(json_file, table.to_json())
     if not wants_json_on_stdout(json_file):
-        show_rms(table, "RMS of measured minus modelled torque per joint")
+        show_rms(table, "RMS of measured minus modelled torque per joint", unit=arm.torque_unit)
     for recording, name in zip(recordings, recording_names(recordings), strict=True):
         if recording.source.sha256 in model.fitted_digests:
             message(f"{name}: the model was fitted to this very recording, so its RMS is no check; give another run.")

@@ -14,16 +14,17 @@ if TYPE_CHECKING:
 __all__ = ["show_rms"]
 
 
-def show_rms(rms: RmsTable, title: str, *, percent: bool = True) -> None:
-    """The table in Nm with the sum over the joints, and in percent of the RMS torque, on stdout."""
+def show_rms(rms: RmsTable, title: str, *, unit: str = "Nm", percent: bool = True) -> None:
+    """The table in `unit` with the sum over the joints, and in percent of the RMS torque, on stdout."""
     joints = len(rms.rows[0].rms_nm) if rms.rows else 0
     heads = [str(joint) for joint in range(1, joints + 1)]
     absolute, relative = Table("joint", *heads, "sum"), Table("joint", *heads)
     for row in rms.rows:
         absolute.add_row(row.label, *(f"{value:.3f}" for value in row.rms_nm), f"{row.total_nm:.3f}")
         relative.add_row(row.label, *(f"{value:.1f}" for value in row.percent))
-    data(f"{title}, Nm:")
+    torque = "force" if unit == "N" else "torque"
+    data(f"{title.replace('torque', torque)}, {unit}:")
     show_table(absolute)
     if percent:
-        data("The same in % of the RMS torque:")
+        data(f"The same in % of the RMS {torque}:")
         show_table(relative)

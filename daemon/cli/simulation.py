@@ -162,7 +162,7 @@ def simulate(
     show_table(table)
     if float(positions["simulated minus commanded"].max()) > _BADLY_FOLLOWED:
         message("The simulated arm follows badly: the controller neglects friction. Raise --bandwidth or --stiffness.")
-    show_rms(comparison.torque_rms(), "RMS of torque differences per joint", percent=False)
+    show_rms(comparison.torque_rms(), "RMS of torque differences per joint", unit=robot.torque_unit, percent=False)
     for name, file in (("Figure", figure), ("Series", out)):
         if file is not None:
             data(f"{name} written to {file}")
@@ -222,9 +222,8 @@ def _write_figure(comparison: Any, file: Path, robot: Any) -> None:
     rows = comparison.torque_rms().rows
     subject = "measured minus simulated" if len(rows) > 1 else rows[0].label
     total = next(row.total_nm for row in rows if row.label == subject)
-    units = tuple("Nm" if revolute else "N" for revolute in robot.kinematics.revolute)
-    title = f"{robot.name}: {subject} torque, sum of the joints' RMS {total:.2f} Nm"
-    save_figure(draw_comparison(comparison, title, units), file)
+    title = f"{robot.name}: {subject} torque, sum of the joints' RMS {total:.2f} {robot.torque_unit}"
+    save_figure(draw_comparison(comparison, title, robot.units), file)
 
 
 def _check_suffix(file: Path | None, option: str, suffixes: tuple[str, ...]) -> None:

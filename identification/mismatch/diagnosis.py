@@ -29,6 +29,7 @@ from identification.mismatch.friction_transition import transition_sentence, tra
 from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.prepared import Prepared, prepare
+from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact, misfit_elsewhere
 from identification.mismatch.search import SearchResult, search
@@ -156,7 +157,7 @@ def diagnose(
         sentences = tuple(item.sentence for item in encoders)
         diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *sentences))
     report("done", 1.0)
-    return diagnosis
+    return in_units_of_joints(diagnosis, robot)
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:

@@ -121,6 +121,12 @@ class RobotModel:
         x, y, z = (float(value) for value in self.gravity)
         return Installation((x, y, z), self.locked_joints)
 
+    @property
+    def torque_unit(self) -> str:
+        """What a column of torques of all joints is in: "Nm", "N", or both."""
+        kinds = set(self.units)
+        return kinds.pop() if len(kinds) == 1 else "Nm (N of prismatic joints)"
+
     def to_json(self) -> dict[str, Any]:
         """Which robot it is, for model.json: `robot`, and `installation` where it is not free on a floor."""
         stand = self.installation

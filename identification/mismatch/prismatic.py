@@ -1,0 +1,53 @@
+"""A diagnosis in the units of its joints: findings on prismatic joints speak of N, m and N s/m.
+
+Effects are written in the words of revolute joints, which most robots have; this turns the words once, at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from identification.mismatch.findings import Curve, Diagnosis, Finding
+from identification.robots import RobotModel
+from identification.robots.joint_units import for_prismatic
+
+__all__ = ["in_units_of_joints"]
+
+
+def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
+    """The same diagnosis; what is said of a prismatic joint, or of a robot that has no other, in its units."""
+    prismatic = [not revolute for revolute in robot.kinematics.revolute]
+    if not any(prismatic):
+        return diagnosis
+
+    def slides(joint: int | None) -> bool:
+        return all(prismatic) if joint is None else prismatic[joint - 1]
+
+    whole = for_prismatic if all(prismatic) else str
+    return replace(
+        diagnosis,
+        findings=tuple(_finding(item) if slides(item.place.joint) else item for item in diagnosis.findings),
+        minimum_detectable=tuple(
+            replace(item, unit=for_prismatic(item.unit)) if slides(item.place.joint) else item
+            for item in diagnosis.minimum_detectable
+        ),
+        data_faults=tuple(replace(item, sentence=whole(item.sentence)) for item in diagnosis.data_faults),
+        curves=tuple(_curve(item) if slides(item.joint) else item for item in diagnosis.curves),
+        remaining=whole(diagnosis.remaining),
+        notes=tuple(whole(note) for note in diagnosis.notes),
+    )
+
+
+def _finding(finding: Finding) -> Finding:
+    experiment = finding.separating_experiment
+    return replace(
+        finding,
+        parameters=tuple(replace(item, unit=for_prismatic(item.unit)) for item in finding.parameters),
+        sentence=for_prismatic(finding.sentence),
+        separating_experiment=None if experiment is None else for_prismatic(experiment),
+        curve=None if finding.curve is None else _curve(finding.curve),
+    )
+
+
+def _curve(curve: Curve) -> Curve:
+    return replace(curve, unit=for_prismatic(curve.unit))
