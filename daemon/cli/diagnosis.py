@@ -162,7 +162,8 @@ def _in_numbers(parameter: Parameter) -> str:
 
 def joint_table(diagnosis: Diagnosis) -> Table:
     """RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
-    table = Table("RMS, Nm", *(f"joint {joint + 1}" for joint in range(diagnosis.baseline.rms_nm.size)))
+    units = diagnosis.torque_units or ("Nm",) * diagnosis.baseline.rms_nm.size
+    table = Table("RMS", *(f"joint {joint}, {unit}" for joint, unit in enumerate(units, start=1)))
     rows = [
         ("fitted, nominal model", diagnosis.baseline.rms_nm),
         ("fitted, with findings", diagnosis.rms_after_nm),

@@ -252,7 +252,7 @@ class Diagnosis:
     spectra, series: one per fitted stretch, for figures; heldout_series: one per held-out stretch. curves: residual
     curves of what is not explained. notes: sentences on how the data were handled.
     model_comparison: of the model that the diagnosis was asked to start from, if any. encoders: motor against link
-    encoder, where there are two.
+    encoder, where there are two. torque_units: of each joint, where one is prismatic ("Nm", "N"); empty: all Nm.
     """
 
     robot: str
@@ -273,6 +273,7 @@ class Diagnosis:
     rms_after_nm: FloatArray = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    torque_units: tuple[str, ...] = ()
     model_comparison: ModelComparison | None = None
     encoders: tuple[EncoderDifference, ...] = ()
 

@@ -13,6 +13,10 @@ from identification.robots.joint_units import for_prismatic
 
 __all__ = ["in_units_of_joints"]
 
+ANGLES = ("phase",)
+"""Parameters in rad whatever moves: of a wave, not of a joint."""
+OF_THE_BASE = ("base_tilt",)
+
 
 def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
     """The same diagnosis; what is said of a prismatic joint, or of a robot that has no other, in its units."""
@@ -28,10 +32,13 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
         diagnosis,
         findings=tuple(_finding(item) if slides(item.place.joint) else item for item in diagnosis.findings),
         minimum_detectable=tuple(
-            replace(item, unit=for_prismatic(item.unit)) if slides(item.place.joint) else item
+            replace(item, unit=for_prismatic(item.unit))
+            if slides(item.place.joint) and item.effect not in OF_THE_BASE
+            else item
             for item in diagnosis.minimum_detectable
         ),
         data_faults=tuple(replace(item, sentence=whole(item.sentence)) for item in diagnosis.data_faults),
+        torque_units=robot.units,
         curves=tuple(_curve(item) if slides(item.joint) else item for item in diagnosis.curves),
         remaining=whole(diagnosis.remaining),
         notes=tuple(whole(note) for note in diagnosis.notes),
@@ -39,10 +46,14 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
 
 
 def _finding(finding: Finding) -> Finding:
+    if finding.effect in OF_THE_BASE:
+        return finding
     experiment = finding.separating_experiment
     return replace(
         finding,
-        parameters=tuple(replace(item, unit=for_prismatic(item.unit)) for item in finding.parameters),
+        parameters=tuple(
+            item if item.name in ANGLES else replace(item, unit=for_prismatic(item.unit)) for item in finding.parameters
+        ),
         sentence=for_prismatic(finding.sentence),
         separating_experiment=None if experiment is None else for_prismatic(experiment),
         curve=None if finding.curve is None else _curve(finding.curve),

@@ -17,8 +17,8 @@ _WORDS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
         (rf"\b{_PREFIX}Nm/rad", r"\g<prefix>N/m"),
         (rf"\b{_PREFIX}rad/Nm", r"\g<prefix>m/N"),
         (rf"\b{_PREFIX}Nm\b", r"\g<prefix>N"),
-        (rf"\b{_PREFIX}rad\b", r"\g<prefix>m"),
-        (r"\bs/rad\b", "s/m"),
+        (rf"\b{_PREFIX}rad(?![A-Za-z_])", r"\g<prefix>m"),
+        (r"\bs/rad(?![A-Za-z_])", "s/m"),
         (r"\btorque(?!_)", "force"),
         (r"\bTorque", "Force"),
     )
