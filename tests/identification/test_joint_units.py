@@ -28,7 +28,8 @@ REVOLUTE_WORDS = re.compile(r"\b[mk]?Nm\b|\bm?rad\b|torque\b")
     ("revolute", "prismatic"),
     [
         ("Nm", "N"), ("mNm", "mN"), ("Nm s/rad", "N s/m"), ("Nm/rad", "N/m"),
-        ("rad/Nm", "m/N"), ("rad/s", "m/s"), ("mrad", "mm"), ("1/rad²", "1/m²"), ("Nm/h", "N/h"), ("kg", "kg"), ("radius", "radius"),
+        ("rad/Nm", "m/N"), ("rad/s", "m/s"), ("mrad", "mm"), ("1/rad²", "1/m²"),
+        ("Nm/h", "N/h"), ("kg", "kg"), ("radius", "radius"),
         ("0.3 Nm at 1 rad/s", "0.3 N at 1 m/s"),
         ("a torque_offset, a torque sensor", "a torque_offset, a force sensor"),
     ],
