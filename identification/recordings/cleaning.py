@@ -33,6 +33,10 @@ JITTER_SHARE = 0.05
 # ordinary step of its channel (99th percentile of the change of that median) and of its ordinary scatter.
 SPIKE_STEPS = 10.0
 SPIKE_SCATTER = 15.0
+_ZERO_IS_ABSENT = {
+    "link_position": ("no_second_encoder", "q_link", "second encoder"),
+    "velocity": ("no_velocity", "dq", "measured velocity"),
+}
 
 
 def build_recording(table: RawTable, *, sha256: str) -> Recording:
@@ -87,9 +91,11 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     sampling_period_s = float(np.median(np.diff(time)))
     _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s)
 
+    moves = np.ptp(table.position[keep], axis=0) > 0.0
+    _refuse_dead_torque(table, table.torque[keep], moves, findings)
     arrays: dict[str, Any] = {}
     for name, values in table.optional.items():
-        arrays[name] = _optional_array(name, values[keep], findings, rows_read)
+        arrays[name] = _optional_array(name, values[keep], moves, findings, rows_read)
     if table.period_index is not None and table.sample_in_period is not None:
         arrays["period_index"] = table.period_index[keep]
         arrays["sample_in_period"] = table.sample_in_period[keep]
@@ -275,25 +281,36 @@ def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: Int
         )
 
 
-def _optional_array(name: str, values: FloatArray, findings: list[Finding], rows: int) -> FloatArray:
-    """An optional array; columns of zeros in the second encoder mean that the joint has none, and become nan."""
+def _optional_array(name: str, values: FloatArray, moves: BoolArray, findings: list[Finding], rows: int) -> FloatArray:
+    """An optional array; zeros in the second encoder, or in the velocity of a joint that moves, are no measurement and
+    become nan. moves: (n,) whether the joint's position changes.
+    """
     values = np.array(values, dtype=np.float64)
-    if name != "link_position":
+    if name not in _ZERO_IS_ABSENT:
         return values
+    kind, field, what = _ZERO_IS_ABSENT[name]
     for joint in range(values.shape[1]):
-        if not np.any(values[:, joint] != 0.0):
+        if (name == "link_position" or moves[joint]) and not np.any(values[:, joint] != 0.0):
             values[:, joint] = np.nan
-            findings.append(
-                Finding(
-                    "no_second_encoder",
-                    1,
-                    rows,
-                    rows,
-                    f"joint {joint + 1}: q_link holds zeros only; taken as having no second encoder",
-                    joint + 1,
-                )
-            )
+            sentence = f"joint {joint + 1}: {field} holds zeros only; taken as having no {what}"
+            findings.append(Finding(kind, 1, rows, rows, sentence, joint + 1))
     return values
+
+
+def _refuse_dead_torque(table: RawTable, torque: FloatArray, moves: BoolArray, findings: list[Finding]) -> None:
+    """A torque that never changes while its joint moves is no measurement; where all are so there is nothing to fit."""
+    dead = moves & (np.ptp(torque, axis=0) == 0.0)
+    if dead.any() and dead[moves].all():
+        raise RecordingError(
+            f"{table.path.name}: tau stays at {torque[0, np.argmax(dead)]:g} in every joint that moves; the torque was "
+            "not measured (some drivers and simulators send zeros)",
+            file=str(table.path),
+            field="tau",
+        )
+    for joint in np.flatnonzero(dead):
+        rows = table.time.shape[0]
+        sentence = f"joint {joint + 1}: tau stays at {torque[0, joint]:g} although the joint moves; is it measured?"
+        findings.append(Finding("dead_torque", 1, rows, rows, sentence, int(joint) + 1))
 
 
 def _labels(

@@ -92,6 +92,16 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
                 "no_header_stamp", 1, count, count, f"{topic.name} carries no time stamps; the log's times are used"
             )
         )
+    # A bag holds messages as they came in; which was measured first is for their stamps to say.
+    order = np.argsort(stamps, kind="stable")
+    late = int((np.diff(stamps) < 0).sum())
+    if late:
+        sentence = (
+            f"{late} messages on {topic.name} stand after ones with later stamps; rows are in the order of stamps"
+        )
+        findings.append(Finding("late_messages", 1, count, late, sentence))
+    stamps, named = stamps[order], named[order]
+    arrays = {name: values[order] for name, values in arrays.items()}
     return RawTable(
         path=path,
         kind="ros2",

@@ -85,7 +85,7 @@ def read_npz(path: Path) -> list[RawTable]:
         optional={ours: _numbers(path, fields, theirs) for theirs, ours in OPTIONAL_FIELDS.items() if theirs in fields},
         period_s=period if period else None,
         robot=resolve_robot(path, _text(fields.get("robot"), "")),
-        joint_names=None if names is None else tuple(str(name) for name in np.ravel(names)),
+        joint_names=None if names is None else tuple(_text(name, "") for name in np.ravel(names)),
         units={quantity: _text(fields[name], "") for name, quantity in UNIT_FIELDS.items() if name in fields},
     )
     return [table]

@@ -103,9 +103,10 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
         suspicions.append(("t", *time))
     if "tau" not in stated and (torque := _torque(recording, robot)):
         suspicions.append(("tau", *torque))
-    ratio = _velocity_ratio(recording, revolute)
-    if not suspicions and ratio is not None:
-        suspicions += _by_ratio(ratio, stated)
+    ratios = _velocity_ratios(recording)
+    typical = float(np.nanmedian(ratios[revolute])) if np.isfinite(ratios[revolute]).any() else math.nan
+    if not suspicions and math.isfinite(typical):
+        suspicions += _by_ratio(typical, stated)
     if suspicions:
         name = Path(recording.source.path).name
         said = "; ".join(sentence for _, _, sentence in suspicions if sentence)
@@ -117,8 +118,10 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
             field=suspicions[0][0],
         )
     notes = _outside_limits(recording, robot)
-    if ratio is not None and abs(ratio - 1.0) > RATIO_TOLERANCE:
-        notes.append(f"the recorded velocity is {ratio:.3g} times the derivative of the position")
+    notes += [
+        f"joint {joint + 1}: the recorded velocity is {ratios[joint]:.3g} times the derivative of the position"
+        for joint in np.flatnonzero(np.abs(ratios - 1.0) > RATIO_TOLERANCE)
+    ]
     if not notes:
         return recording
     report, rows = recording.report, recording.report.rows_read
@@ -202,20 +205,21 @@ def _speed(recording: Recording) -> FloatArray:
     return np.asarray(np.percentile(rate, 99.0, axis=0), dtype=np.float64)
 
 
-def _velocity_ratio(recording: Recording, revolute: BoolArray) -> float | None:
-    """Recorded velocity over the derivative of the position; None where there is none, or the two are unlike."""
-    if recording.velocity is None or not revolute.any():
-        return None
-    recorded = recording.velocity[1:-1][:, revolute]
-    derived = (
-        (recording.position[2:] - recording.position[:-2]) / (recording.time[2:] - recording.time[:-2])[:, None]
-    )[:, revolute]
-    rows = np.isfinite(recorded).all(axis=1)
-    a, b = recorded[rows].ravel(), derived[rows].ravel()
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    if size == 0.0 or abs(float(a @ b)) < LEAST_CORRELATION * size:
-        return None
-    return float(np.linalg.norm(a) / np.linalg.norm(b)) * float(np.sign(a @ b))
+def _velocity_ratios(recording: Recording) -> FloatArray:
+    """(n,) recorded velocity over the derivative of the position; nan where there is none, or the two are unlike."""
+    ratios = np.full(recording.n, np.nan)
+    if recording.velocity is None:
+        return ratios
+    span = (recording.time[2:] - recording.time[:-2])[:, None]
+    derived = (recording.position[2:] - recording.position[:-2]) / span
+    for joint in range(recording.n):
+        given = recording.velocity[1:-1, joint]
+        rows = np.isfinite(given)
+        a, b = given[rows], derived[rows, joint]
+        size = float(np.linalg.norm(a) * np.linalg.norm(b))
+        if size > 0.0 and abs(float(a @ b)) >= LEAST_CORRELATION * size:
+            ratios[joint] = float(np.linalg.norm(a) / np.linalg.norm(b)) * float(np.sign(a @ b))
+    return ratios
 
 
 def _by_ratio(ratio: float, stated: dict[str, str]) -> list[tuple[str, str, str]]:

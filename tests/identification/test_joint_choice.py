@@ -219,6 +219,16 @@ def test_ever_new_names_cost_no_memory(tmp_path: Path) -> None:
     assert "no robot" in refusal(write_mcap(tmp_path / "bag.mcap", messages))
 
 
+def test_messages_are_ordered_by_when_they_were_measured(tmp_path: Path) -> None:
+    messages = arm_messages(IIWA)
+    swapped = [messages[row ^ 1] for row in range(ROWS)]
+    recording = read_recording(write_mcap(tmp_path / "bag.mcap", swapped), robot="iiwa14")
+    assert_is_the_arm(recording)
+    assert recording.report.of_kind("late_messages")[0].count == ROWS // 2
+    half = [replace(item, stamped=row % 2 == 0) for row, item in enumerate(messages)]
+    refusal(write_mcap(tmp_path / "half.mcap", half), robot="iiwa14")
+
+
 # --- topics ------------------------------------------------------------------------------------------------------
 
 
@@ -261,6 +271,11 @@ def test_npz_and_csv_name_their_joints_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.velocity, POSITION)
     columns = ["t", *(f"q{j}" for j in range(1, 8)), *(f"tau{j}" for j in range(1, 8))]
     rows = np.column_stack([TIME, POSITION[:, ORDER], TORQUE[:, ORDER]])
+    np.savez(
+        tmp_path / "b.npz", t=TIME, q=POSITION[:, ORDER], tau=TORQUE[:, ORDER], joint_names=np.array(names, dtype="S"),
+        robot="iiwa14",
+    )  # fmt: skip
+    assert_is_the_arm(read_recording(tmp_path / "b.npz"))
     text = "\n".join(",".join(map(repr, map(float, row))) for row in rows)
     file = tmp_path / "a.csv"
     file.write_text(f"# robot: iiwa14\n# joint_names={','.join(names)}\n{','.join(columns)}\n{text}\n")

@@ -93,8 +93,23 @@ def test_a_small_motion_in_degrees_shows_beside_its_velocity(tmp_path: Path, rob
 
 def test_a_velocity_that_is_no_derivative_is_said(tmp_path: Path) -> None:
     for factor, word in ((2.0, "2 times"), (-1.0, "-1 times")):
-        (finding,) = read(tmp_path, dq=factor * VELOCITY).report.findings
-        assert word in finding.sentence
+        findings = read(tmp_path, dq=factor * VELOCITY).report.findings
+        assert [word in finding.sentence for finding in findings] == [True] * 7
+    (finding,) = read(tmp_path, dq=VELOCITY * np.where(np.arange(7) == 6, 1.0 / DEGREE, 1.0)).report.findings
+    assert finding.sentence.startswith("joint 7: the recorded velocity is 57.3 times")
+
+
+def test_zeros_are_no_velocity(tmp_path: Path) -> None:
+    recording = read(tmp_path, dq=VELOCITY * (np.arange(7) != 2))
+    assert recording.velocity is not None
+    assert np.isnan(recording.velocity).any(axis=0).tolist() == [joint == 2 for joint in range(7)]
+    assert recording.report.of_kind("no_velocity")[0].joint == 3
+
+
+def test_a_torque_that_was_not_measured_is_not_fitted(tmp_path: Path) -> None:
+    assert "was not measured" in refusal(tmp_path, tau=0.0 * TORQUE)
+    recording = read(tmp_path, tau=TORQUE * (np.arange(7) != 4))
+    assert recording.report.of_kind("dead_torque")[0].joint == 5
 
 
 def test_millinewtonmetres_are_refused(tmp_path: Path) -> None:
