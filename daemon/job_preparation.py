@@ -18,7 +18,7 @@ from typing import Any
 
 from daemon.api import Message, RunRequest
 from daemon.children import child_environment
-from daemon.errors import DaemonError
+from daemon.errors import DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
 
 __all__ = ["Preparation", "PreparationJob", "Verdict", "main"]
@@ -147,7 +147,7 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
         return Verdict(safe=False, sentence="The motion needs more memory than is allowed.", exit_code=65), None
     except Exception as error:
         code = getattr(error, "exit_code", 74 if isinstance(error, OSError) else 65)
-        return Verdict(safe=False, sentence=(str(error) or type(error).__name__)[:1000], exit_code=int(code)), None
+        return Verdict(safe=False, sentence=sentence_of(error)[:1000], exit_code=int(code)), None
 
 
 def main(arguments: list[str] | None = None) -> int:

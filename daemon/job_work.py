@@ -17,7 +17,7 @@ from typing import TypeAlias
 import psutil
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
-from daemon.errors import DaemonError
+from daemon.errors import DaemonError, sentence_of
 from daemon.job_preparation import Preparation, PreparationJob, Verdict
 from daemon.job_store import Job, JobStore
 from daemon.json_files import read_json
@@ -159,7 +159,7 @@ def start_run(
             outcome = run_acquisition(request, observe=post, stop=stop, port_is_locked=True)
             post(RunEnded(job_id, outcome, " ".join(outcome.sentences), outcome.exit_code))
         except Exception as error:
-            text = str(error) or type(error).__name__
+            text = sentence_of(error)
             post(RunEnded(job_id, None, text, int(getattr(error, "exit_code", DaemonError.exit_code))))
 
     # No daemon thread: an arm may be moving.
@@ -179,7 +179,7 @@ def start_fit(job: Job, post: Post) -> None:
                 post(FitStarted(job.job_id, pid))
             post(_wait_for_fit(job.job_id, Path(job.folder), pid))
         except Exception as error:
-            text = str(error) or type(error).__name__
+            text = sentence_of(error)
             post(FitEnded(job.job_id, text, int(getattr(error, "exit_code", DaemonError.exit_code))))
 
     threading.Thread(target=work, name="fit", daemon=True).start()

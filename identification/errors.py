@@ -44,6 +44,11 @@ __all__ = [
 ]
 
 
+def reason_of(error: Exception) -> str:
+    """Why something could not be read, in words: one of the operating system without its number and path."""
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+
+
 class IdentificationError(Exception):
     """Root of the tree. `exit_code` is the exit status of a command that ends with this error."""
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import ModelFileError, ModelFileNotFoundError
+from identification.errors import ModelFileError, ModelFileNotFoundError, reason_of
 from identification.estimators.physical import PhysicalParameters
 from identification.fitting.result import MODEL_FORMAT
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
@@ -146,7 +146,7 @@ def read_model(path: str | Path) -> Model:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
-        raise ModelFileError(f"{path.name}: cannot be read as JSON ({error})", file=path) from error
+        raise ModelFileError(f"{path.name}: cannot be read as JSON ({reason_of(error)})", file=path) from error
     if not isinstance(data, dict) or data.get("format") != MODEL_FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise ModelFileError(f"{path.name}: is no {MODEL_FORMAT} (format: {found})", file=path, field="format")

@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
 from daemon.cli.catalogue import COMMANDS, GROUPS
-from daemon.cli.output import data, prepare_streams, set_verbosity
+from daemon.cli.output import complaint, data, prepare_streams, set_verbosity
 from daemon.errors import sentence_of
 
 EXIT_INTERNAL = 70
@@ -112,5 +112,5 @@ def main(arguments: list[str] | None = None) -> None:
         text = sentence_of(error)
         if exit_code_of(error) == EXIT_INTERNAL:
             text = f"internal error ({type(error).__name__}): {text}; run again with -vv for the traceback"
-        print(f"iiwa-ident: {text}", file=sys.stderr)
+        complaint(f"iiwa-ident: {text}")
         sys.exit(exit_code_of(error))

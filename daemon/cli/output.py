@@ -98,6 +98,11 @@ def message(text: str) -> None:
         _print(sys.stderr, text)
 
 
+def complaint(text: str) -> None:
+    """One error on stderr, also with -q."""
+    _print(sys.stderr, text)
+
+
 def data(text: str) -> bool:
     """One piece of the result on stdout; False when nobody reads it any more."""
     return _print(sys.stdout, text)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.errors import RecordingError
+from identification.errors import RecordingError, reason_of
 from identification.recordings.npz_reader import OPTIONAL_FIELDS, UNIT_FIELDS, resolve_robot
 from identification.recordings.recording import Finding, FloatArray
 from identification.recordings.table import RawTable
@@ -28,7 +28,7 @@ def read_csv(path: Path) -> list[RawTable]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (UnicodeDecodeError, OSError) as error:
-        raise RecordingError(f"{path.name}: cannot be read as text ({error})", file=path) from error
+        raise RecordingError(f"{path.name}: cannot be read as text ({reason_of(error)})", file=path) from error
     settings, start = _settings(lines)
     if start >= len(lines):
         raise RecordingError(f"{path.name}: holds no header and no rows", file=path)

@@ -11,7 +11,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from identification.errors import RecordingError
+from identification.errors import RecordingError, reason_of
 from identification.recordings.recording import FloatArray
 from identification.recordings.table import RawTable
 from identification.recordings.unpacking import Allowance
@@ -65,7 +65,7 @@ def read_npz(path: Path) -> list[RawTable]:
         KeyError,
         NotImplementedError,
     ) as error:
-        raise RecordingError(f"{path.name}: cannot be read as .npz ({error})", file=path) from error
+        raise RecordingError(f"{path.name}: cannot be read as .npz ({reason_of(error)})", file=path) from error
     for name in ("t", "q", "tau"):
         if name not in fields:
             raise RecordingError(

@@ -14,8 +14,13 @@ __all__ = ["recording_section"]
 
 _METADATA = (
     ("run_id", "Run"),
+    ("date", "Recorded"),
+    ("serial", "Arm, serial number"),
     ("fri_version", "FRI version"),
     ("tool", "Tool"),
+    ("tool_mass_kg", "Tool's mass in kg"),
+    ("tool_center_of_mass_m", "Tool's centre of mass in m"),
+    ("tool_inertia_kg_m2", "Tool's inertia in kg m²"),
     ("amplitude", "Amplitude"),
     ("seed", "Seed"),
     ("software_version", "Recorded with version"),

@@ -10,7 +10,7 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
-from identification.errors import RobotError, RobotNotFoundError
+from identification.errors import RobotError, RobotNotFoundError, reason_of
 from identification.robots.installation import STANDARD_GRAVITY, Installation
 from identification.robots.locking import lock_joints
 from identification.robots.model import BUILT_IN, Kinematics, RobotModel
@@ -55,7 +55,7 @@ def _described(spec: str | Path, gravity: tuple[float, float, float]) -> RobotMo
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path} cannot be read as text: {error}.", file=path) from error
+        raise RobotError(f"{path} cannot be read as text: {reason_of(error)}.", file=path) from error
     suffix = path.suffix.lower()
     if suffix == ".csv":
         return robot_from_table(text, name=path.stem, source=str(path), gravity=gravity)

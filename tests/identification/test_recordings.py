@@ -5,6 +5,7 @@ Truth: files written here with numpy and as plain text.
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -344,3 +345,13 @@ def test_an_import_keeps_finding_its_robot_beside_it(tmp_path: Path) -> None:
     again = read_recording(write_recording(recording, tmp_path / "logs" / "a.mcap"))
     assert again.robot is not None
     assert Path(again.robot).resolve() == (tmp_path / "data" / "arm.urdf").resolve()
+
+
+def test_a_file_that_may_not_be_read_says_so_without_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", "log.csv")
+
+    (tmp_path / "log.csv").write_text("t,q1,tau1\n")
+    monkeypatch.setattr(Path, "read_text", refuse)
+    with pytest.raises(RecordingError, match=r"cannot be read as text \(Permission denied\)"):
+        read_recording(tmp_path / "log.csv")
