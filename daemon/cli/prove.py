@@ -14,7 +14,6 @@ from rich.table import Table
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
-from daemon.prove_page import proof_page, proof_tables
 from daemon.prove_score import CaseScore
 from daemon.prove_table import Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
 
@@ -81,6 +80,7 @@ def prove(
     if json_file is not None:
         write_json(json_file, result)
     if out is not None:
+        from daemon.prove_page import proof_page
         from identification.report.page import render
 
         names = {case.index: page_name(case.index) for case in proven}
@@ -101,6 +101,8 @@ def prove(
 
 def show_proof(scores: list[CaseScore], figures: dict[str, Any]) -> None:
     """Families, confusion, negatives, the other figures, and what was to be reached, on stdout."""
+    from daemon.prove_page import proof_tables
+
     for table in proof_tables(scores, figures):
         shown = Table(*table.head)
         for row in table.rows:
