@@ -41,6 +41,13 @@ VERDICTS = {
 }
 
 
+NOT_MEASURED = (
+    "The noise was not measured, for which a recording needs two periods or more: how much of the misfit is noise "
+    "cannot be told."
+)
+DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
+
+
 @app.command()
 def diagnose(
     logs: LogsArgument,
@@ -87,7 +94,7 @@ def diagnose(
         model_robot=None if model is None else robot_of_model(model),
     )
     recordings, unseen = inputs.recordings[: len(logs)], inputs.recordings[len(logs) :]
-    periodic = [recording.is_periodic for recording in (*recordings, *unseen)]
+    periodic = [recording.repeats for recording in (*recordings, *unseen)]
     if split is not None and (unseen or any(periodic)):
         raise typer.BadParameter("--split is for recordings without periods, where no --heldout is given.")
     if low_pass_hz is not None and all(periodic):
@@ -119,7 +126,8 @@ def robot_of_model(file: Path) -> RobotModel | None:
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
-    data(VERDICTS[diagnosis.verdict])
+    for sentence in verdict_lines(diagnosis):
+        data(sentence)
     remaining = diagnosis.remaining
     for fault in diagnosis.data_faults:
         data(f"Data: {fault.sentence}")
@@ -132,6 +140,19 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     show_table(joint_table(diagnosis))
     for note in diagnosis.notes:
         data(f"note: {note}")
+
+
+def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
+    """What is said first: whether noise was measured at all, then the verdict."""
+    baseline, heldout = diagnosis.baseline, diagnosis.heldout
+    if not baseline.noise_is_measured and diagnosis.verdict == "no_mismatch":
+        return [f"{NOT_MEASURED} No mismatch is shown, and none is ruled out."]
+    sentence = VERDICTS[diagnosis.verdict]
+    if diagnosis.verdict == "unexplained" and not baseline.detected.any():
+        sentence = DISAGREE
+    elif heldout is not None and any(item.differs for item in heldout.misfits):
+        sentence += " The held-out recordings disagree with the fitted ones."
+    return [sentence] if baseline.noise_is_measured else [NOT_MEASURED, sentence]
 
 
 def finding_lines(finding: Finding) -> Sequence[str]:
@@ -167,14 +188,17 @@ def joint_table(diagnosis: Diagnosis) -> Table:
     rows = [
         ("fitted, nominal model", diagnosis.baseline.rms_nm),
         ("fitted, with findings", diagnosis.rms_after_nm),
-        ("fitted, noise", diagnosis.baseline.noise_floor_nm),
     ]
+    measured = diagnosis.baseline.noise_is_measured
+    if measured:
+        rows.append(("fitted, noise", diagnosis.baseline.noise_floor_nm))
     if diagnosis.heldout is not None:
         rows += [
             ("held out, nominal model", diagnosis.heldout.rms_before_nm),
             ("held out, with findings", diagnosis.heldout.rms_after_nm),
-            ("held out, noise", diagnosis.heldout.noise_floor_nm),
         ]
+        if measured:
+            rows.append(("held out, noise", diagnosis.heldout.noise_floor_nm))
     for name, values in rows:
         table.add_row(name, *(f"{value:.4f}" for value in values))
     return table

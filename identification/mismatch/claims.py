@@ -43,6 +43,8 @@ FloatArray = npt.NDArray[np.float64]
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
+    heldout_searched: with all that the search found, also what may not be named.
+
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     """
 
@@ -53,6 +55,7 @@ class Claims:
     after: Residuals
     heldout_before: Residuals | None
     heldout_after: Residuals | None
+    heldout_searched: Residuals | None
     remarks: tuple[str, ...]
 
 
@@ -84,7 +87,7 @@ def build_findings(
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
-        tuple(remarks),
+        exam.check(result.trial.members).heldout_after if physics else None, tuple(remarks),
     )  # fmt: skip
 
 

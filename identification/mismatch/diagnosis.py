@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import f as fisher
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
@@ -45,6 +46,7 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 
 MOST_TRANSITIONS = 3
@@ -93,7 +95,7 @@ def diagnose(
     recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = None
-    if not heldout and not any(recording.is_periodic for recording in recordings):
+    if not heldout and not any(recording.repeats for recording in recordings):
         split = default_split(recordings) if settings.split is None else Split.parse(settings.split)
     regressor = choose_regressor(recordings, robot, settings, split)
     given = None if model is None else baseline_values(model, regressor)
@@ -130,7 +132,8 @@ def diagnose(
     report("findings", 0.9)
     nominal = extend(build_problem(fitted.evidences), ())
     plain = residuals(nominal, fitted.evidences, now.library)
-    baseline = _baseline(plain, result.before.power.probability, claims)
+    chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
+    baseline = _baseline(plain, chance < settings.consistency_probability, claims, problem.noise_is_measured)
     diagnosis = summarise(
         problem,
         result.library,
@@ -217,14 +220,27 @@ def _with_drift(now: Explained, settings: DiagnosisSettings) -> Explained:
     return replace(now, fitted=fitted, problem=problem, result=search(problem, now.library, renewed, settings))
 
 
-def _baseline(nominal: Residuals, probability: FloatArray, claims: Claims) -> Baseline:
+def _predicted_by_chance(claims: Claims) -> FloatArray:
+    """(n,) chance that what the search found lowers held-out misfit so much; 1 where nothing was held out.
+
+    Where no noise is measured, a misfit is one that something predicts on rows that were not fitted, named or not.
+    """
+    before, after = claims.heldout_before, claims.heldout_searched
+    if before is None or after is None:
+        return np.ones_like(claims.before.rms_nm)
+    ratio = (before.rms_nm / np.maximum(after.rms_nm, 1e-300)) ** 2
+    return np.asarray(fisher.sf(ratio, before.freedom, after.freedom), dtype=np.float64)
+
+
+def _baseline(nominal: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
+    """found: (n,) where misfit shows; a finding's joint is one in any case."""
     excess, deviation = nominal.excess_energy, nominal.excess_deviation
-    detected = probability.min(axis=1) < 1e-4
+    detected = found.copy()
     for finding in claims.findings:
         if finding.place.joint is not None:
             detected[finding.place.joint - 1] = True
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
-    return Baseline(nominal.rms_nm, nominal.noise_floor_nm, nominal.excess_nm, low, high, detected)
+    return Baseline(nominal.rms_nm, nominal.noise_floor_nm, nominal.excess_nm, low, high, detected, measured)
 
 
 def _silent(phase: str, share: float) -> None:

@@ -113,7 +113,7 @@ def build_evidence(
     from identification.mismatch.aperiodic_evidence import build_aperiodic_evidence
 
     settings = settings if settings is not None else DiagnosisSettings()
-    if recording.is_periodic:
+    if recording.repeats:
         try:
             table = period_table(recording)
         except RecordingError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -207,6 +207,8 @@ class Baseline:
     """The nominal fit, per joint (n,): RMS and noise floor over time in Nm, excess misfit with interval, detection.
 
     excess_nm: square root of mean square residual minus noise. excess_low_nm, excess_high_nm: its 95 % interval.
+    noise_is_measured: whether periods tell the noise. Where not, the noise floor is a mere weight, and a joint counts
+    as detected only where something explains rows that were not fitted.
     """
 
     rms_nm: FloatArray
@@ -215,6 +217,7 @@ class Baseline:
     excess_low_nm: FloatArray
     excess_high_nm: FloatArray
     detected: BoolArray
+    noise_is_measured: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,7 +225,7 @@ class HeldOut:
     """The held-out recordings, per joint: RMS before and after in Nm, 95 % interval of the latter (n, 2), noise floor.
 
     Coefficients and base parameters come from the fitted recordings only. excess_before, excess_after: Nm, without the
-    noise and the scatter of the predicted parameters.
+    noise and the scatter of the predicted parameters. misfits: what of it is more than these, by recording and joint.
     """
 
     rms_before_nm: FloatArray
@@ -231,6 +234,23 @@ class HeldOut:
     noise_floor_nm: FloatArray
     excess_before_nm: FloatArray
     excess_after_nm: FloatArray
+    misfits: tuple[HeldOutMisfit, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutMisfit:
+    """What a model leaves on one joint (from 1) of a held-out recording beyond what it should.
+
+    rms_nm: RMS there. fitted_nm: on the fitted recordings. differs: whether the recordings disagree; else the same is
+    wrong in both.
+    """
+
+    recording: str
+    joint: int
+    rms_nm: float
+    fitted_nm: float
+    differs: bool
+    sentence: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +311,7 @@ class Diagnosis:
                 "excess_nm": json_list(baseline.excess_nm),
                 "excess_ci95_nm": json_list(np.column_stack([baseline.excess_low_nm, baseline.excess_high_nm])),
                 "detected": [bool(value) for value in baseline.detected],
+                "noise_is_measured": baseline.noise_is_measured,
                 "rms_after_nm": json_list(self.rms_after_nm),
             },
             "findings": [finding.to_json() for finding in self.findings],
@@ -318,6 +339,7 @@ class Diagnosis:
                 "noise_floor_nm": json_list(heldout.noise_floor_nm),
                 "excess_before_nm": json_list(heldout.excess_before_nm),
                 "excess_after_nm": json_list(heldout.excess_after_nm),
+                "misfits": [asdict(item) for item in heldout.misfits],
             },
             "parameter_shift": [
                 {

@@ -8,18 +8,20 @@ nothing on the effects, and everything on the motion that was fitted. Called by 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import f as fisher
 
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, nominal_factor, predicted, prediction_scatter
 from identification.mismatch.library import Library
-from identification.mismatch.problem import Problem, off
+from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 # Predicted torque that scatters this many deviations of the noise along one direction says nothing about an effect.
 OPEN_BEYOND_NOISE = 5.0
@@ -49,6 +51,22 @@ class Residuals:
     def noise_floor_nm(self) -> FloatArray:
         """(n,) RMS of the sensor's noise alone."""
         return np.asarray(np.sqrt(self._sum(self.sensor_noise**2) / self.samples), dtype=np.float64)
+
+    @property
+    def expected_nm(self) -> FloatArray:
+        """(n,) RMS of the noise and the scatter of the model's parameters."""
+        return np.asarray(np.sqrt(self._sum(self.noise**2) / self.samples), dtype=np.float64)
+
+    @property
+    def freedom(self) -> FloatArray:
+        """(n,) degrees of freedom of the mean square, of rows that differ in power."""
+        squares = np.where(self.used, self.rows**2, 0.0)
+        return np.asarray(3.0 * squares.sum(axis=1) ** 2 / np.maximum((squares**2).sum(axis=1), 1e-300))
+
+    def rows_of(self, rows: IntArray, samples: int) -> Residuals:
+        """The same of some of the rows, with so many samples behind them."""
+        names = ("rows", "noise", "sensor_noise", "used", "scatter")
+        return replace(self, samples=samples, **{name: getattr(self, name)[:, rows] for name in names})
 
     @property
     def excess_energy(self) -> FloatArray:
@@ -136,6 +154,29 @@ def _base_scatter(
     base = nominal @ nominal_factor(fitted)[3][: nominal.shape[2]] * weight[..., None]
     directions, scale, _ = np.linalg.svd(base.reshape(weight.size, -1), full_matrices=False)
     return nominal, weight, directions, scale
+
+
+def misfit_probability(left: Residuals, evidences: Sequence[Evidence]) -> FloatArray:
+    """(n,) chance that noise and the scatter of the model's parameters alone leave so much in any band of a joint.
+
+    evidences: those of the rows, whose noise is measured. Band by band against the estimate of the noise and its
+    degrees of freedom; the smallest chance counts, times the number of bands.
+    """
+    frequency = np.concatenate([evidence.frequency for evidence in evidences])
+    freedom = np.concatenate([evidence.noise_freedom for evidence in evidences])
+    band = np.searchsorted(BAND_EDGES_HZ, frequency, side="left")
+    chance = np.ones(left.rows.shape[0])
+    for joint in range(chance.size):
+        for rows in (np.flatnonzero((band == number) & left.used[joint]) for number in np.unique(band)):
+            if not rows.size:
+                continue
+            noise = left.sensor_noise[joint, rows]
+            values, scatter = left.rows[joint, rows] / noise, left.scatter[joint, rows] / noise[:, None]
+            shadow = scatter.T @ values
+            squares = values @ values - shadow @ np.linalg.solve(np.eye(shadow.size) + scatter.T @ scatter, shadow)
+            behind = max(float(freedom[rows, joint].mean()), 0.5 * rows.size)
+            chance[joint] = min(chance[joint], float(fisher.sf(squares / rows.size, rows.size, behind)))
+    return np.minimum(chance * np.unique(band).size, 1.0)
 
 
 def share_removed(before: Residuals, after: Residuals, joints: Sequence[int]) -> tuple[float, float]:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
-from scipy.stats import f as fisher
 
 from identification.mismatch.between_periods import Change
 from identification.mismatch.contact_force import locate_push, refine_window, seen_on, window_gain
@@ -21,10 +20,10 @@ from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import extend
-from identification.mismatch.heldout import residuals
+from identification.mismatch.heldout import misfit_probability, residuals
 from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.motion import Motion
-from identification.mismatch.problem import BAND_EDGES_HZ, Problem
+from identification.mismatch.problem import Problem
 from identification.mismatch.push_fit import WINDOW
 from identification.mismatch.refinement import Member
 from identification.mismatch.search import SearchResult
@@ -99,21 +98,9 @@ def misfit_elsewhere(
     """
     left = residuals(extend(problem, members), library.evidences, library, torque)
     loudness = ((push.contribution[0] * problem.weight[:, problem.evidence == push.evidence].T) ** 2).sum(axis=0)
-    frequency = np.concatenate([evidence.frequency for evidence in library.evidences])
-    freedom = np.concatenate([evidence.noise_freedom for evidence in library.evidences])
-    band = np.searchsorted(BAND_EDGES_HZ, frequency, side="left")
-    for joint in np.flatnonzero(loudness >= FELT * loudness.max()):
-        for rows in (np.flatnonzero((band == number) & left.used[joint]) for number in np.unique(band)):
-            if not rows.size:
-                continue
-            noise = left.sensor_noise[joint, rows]
-            values, scatter = left.rows[joint, rows] / noise, left.scatter[joint, rows] / noise[:, None]
-            shadow = scatter.T @ values
-            squares = values @ values - shadow @ np.linalg.solve(np.eye(shadow.size) + scatter.T @ scatter, shadow)
-            behind = max(float(freedom[rows, joint].mean()), 0.5 * rows.size)
-            if fisher.sf(squares / rows.size, rows.size, behind) < settings.consistency_probability:
-                return True
-    return False
+    felt = loudness >= FELT * loudness.max()
+    chance = misfit_probability(left, library.evidences)[felt]
+    return bool(chance.min() < settings.consistency_probability)
 
 
 def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score: float) -> Change | None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
+from identification.mismatch.between_recordings import difference_sentence, held_out_misfits
 from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
@@ -24,6 +25,7 @@ from identification.mismatch.findings import (
     Detectable,
     Diagnosis,
     HeldOut,
+    HeldOutMisfit,
     NotIdentifiable,
     ParameterShift,
     Spectrum,
@@ -57,7 +59,8 @@ def summarise(
     """Everything a diagnosis says beside its findings."""
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
     left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
-    verdict = verdict_of(claims.findings, baseline, left.tolist())
+    heldout = _held_out(claims, fitted, unseen, settings)
+    verdict = verdict_of(claims.findings, baseline, left.tolist(), heldout is not None and bool(heldout.misfits))
     curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
         robot=regressor.robot.name,
@@ -68,9 +71,9 @@ def summarise(
         data_faults=faults,
         not_identifiable=hidden,
         minimum_detectable=detectable,
-        heldout=_held_out(claims),
+        heldout=heldout,
         parameter_shift=_shift(problem, claims, regressor),
-        remaining=_remaining(claims, baseline, left, curves, faults, unseen is not None),
+        remaining=_remaining(claims, baseline, left, curves, faults, heldout),
         curves=curves,
         spectra=tuple(_spectra(fitted.evidences, claims.before, claims.after)),
         series=tuple(_series(fitted.evidences, claims.before, claims.after)),
@@ -113,13 +116,21 @@ def _visibility(
     return tuple(detectable), tuple(hidden)
 
 
-def _held_out(claims: Claims) -> HeldOut | None:
+def _held_out(claims: Claims, fitted: Prepared, unseen: Prepared | None, settings: DiagnosisSettings) -> HeldOut | None:
     before, after = claims.heldout_before, claims.heldout_after
-    if before is None or after is None:
+    if before is None or after is None or unseen is None:
         return None
+    same = {item.recording.source.sha256 for item in fitted.evidences}
+    misfits: tuple[HeldOutMisfit, ...] = ()
+    if all(item.recording.source.sha256 not in same for item in unseen.evidences):
+        misfits = held_out_misfits(
+            after, unseen.evidences, claims.after, fitted.evidences, settings.consistency_probability
+        )
     square, deviation = after.rms_nm**2, after.excess_deviation
     interval = np.sqrt(np.maximum(np.column_stack([square - 1.96 * deviation, square + 1.96 * deviation]), 0.0))
-    return HeldOut(before.rms_nm, after.rms_nm, interval, after.noise_floor_nm, before.excess_nm, after.excess_nm)
+    return HeldOut(
+        before.rms_nm, after.rms_nm, interval, after.noise_floor_nm, before.excess_nm, after.excess_nm, misfits
+    )
 
 
 def _shift(problem: Problem, claims: Claims, regressor: BaseRegressor) -> tuple[ParameterShift, ...]:
@@ -148,26 +159,33 @@ def _remaining(
     left: npt.NDArray[np.bool_],
     curves: Sequence[Curve],
     faults: Sequence[DataFault],
-    checked: bool,
+    heldout: HeldOut | None,
 ) -> str:
     parts = [fault.sentence for fault in faults]
-    if not left.any():
+    misfits = () if heldout is None else heldout.misfits
+    parts.extend(filter(None, (difference_sentence(misfits), *(item.sentence for item in misfits))))
+    if not baseline.noise_is_measured:
+        rms = ", ".join(f"{value:.2g}" for value in claims.after.rms_nm)
+        parts.append(f"The model leaves {rms} Nm RMS by joint; how much of it is noise was not measured.")
+    elif not left.any() and misfits:
+        parts.append("On the fitted recordings nothing above the noise remains.")
+    elif not left.any():
         floor = float(np.max(baseline.noise_floor_nm))
         parts.append(
             f"Nothing above the noise remains ({floor:.2g} Nm at most, per joint, over the compared band)."
             if claims.findings
             else f"No mismatch above {floor:.2g} Nm; smaller effects than those listed as detectable would not show."
         )
-    else:
-        excess = claims.after.excess_nm
-        for curve in curves:
-            joint = curve.joint - 1
+    excess = claims.after.excess_nm
+    for curve in curves:
+        joint = curve.joint - 1
+        if baseline.noise_is_measured or baseline.detected[joint]:
             parts.append(
                 f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained, ordered best by {curve.coordinate} "
                 "(a curve, not physics)."
             )
     parts.extend(f"{sentence}." for sentence in claims.remarks)
-    if claims.findings and not checked:
+    if claims.findings and heldout is None:
         parts.append("Names are unconfirmed: no held-out recording was given.")
     return " ".join(parts)
 

@@ -56,18 +56,24 @@ class SignRows:
 def likeliest_signs(recordings: Sequence[SignRows]) -> FloatArray:
     """(R, n) the sign of each joint's torque in each recording, -1 where it is turned.
 
-    First one pattern for all recordings, a set-up's; then each recording's own beside the others.
+    First one pattern for all recordings, a set-up's; then each recording's own beside the others. Base parameters are
+    common, or each recording's own where that is worth their number: a load that one of them carries is no turned sign.
     """
-    joints = recordings[0].squares.shape[1]
+    joints, size = recordings[0].squares.shape[1], recordings[0].gram.shape[-1]
     patterns = _patterns(joints)
-    whole = np.tile(patterns, (1, len(recordings)))
-    signs = whole[_simplest(_log_likelihood(recordings, whole), _turns(patterns))]
-    common = signs[:joints].copy()
+    alone = np.array([_log_likelihood([item], patterns) for item in recordings])
+    price = 0.5 * size * sum(float(np.log(joints * item.numbers)) for item in recordings[1:])
+    together = _log_likelihood(recordings, np.tile(patterns, (1, len(recordings)))) if len(recordings) > 1 else alone[0]
+    common = _simplest(np.maximum(together, alone.sum(axis=0) - price), _turns(patterns))
+    chosen = np.full(len(recordings), common)
     for place in range(len(recordings) if len(recordings) > 1 else 0):
-        tried = np.tile(signs, (len(patterns), 1))
-        tried[:, place * joints : (place + 1) * joints] = patterns
-        signs = tried[_simplest(_log_likelihood(recordings, tried), _turns(patterns * common))]
-    return np.asarray(signs.reshape(-1, joints), dtype=np.float64)
+        tried = np.tile(patterns[chosen], (len(patterns), 1, 1))
+        tried[:, place] = patterns
+        others = np.delete(alone[np.arange(len(chosen)), chosen], place).sum()
+        together = _log_likelihood(recordings, tried.reshape(len(patterns), -1))
+        turns = _turns(patterns * patterns[common])
+        chosen[place] = _simplest(np.maximum(together, alone[place] + others - price), turns)
+    return np.asarray(patterns[chosen], dtype=np.float64)
 
 
 def _simplest(likelihood: FloatArray, turns: FloatArray) -> int:

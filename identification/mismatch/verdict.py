@@ -180,8 +180,8 @@ def contrast_by_band(
     return gained
 
 
-def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool]) -> Verdict:
-    """left: per joint whether misfit remains beside the findings."""
+def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool], elsewhere: bool) -> Verdict:
+    """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings."""
     if findings:
-        return "partly_explained" if any(left) else "explained"
-    return "unexplained" if bool(np.any(baseline.detected)) else "no_mismatch"
+        return "partly_explained" if any(left) or elsewhere else "explained"
+    return "unexplained" if bool(np.any(baseline.detected)) or elsewhere else "no_mismatch"

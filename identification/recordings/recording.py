@@ -164,6 +164,11 @@ class Recording:
             return 0
         return int(np.unique(self.period_index[self.period_index >= 0]).size)
 
+    @property
+    def repeats(self) -> bool:
+        """Whether two periods or more tell noise from what repeats."""
+        return self.complete_periods > 1
+
     def rows(self, keep: BoolArray) -> Recording:
         """The same recording with only the rows where keep (N,) is true; the report is unchanged."""
         changed: dict[str, Any] = {

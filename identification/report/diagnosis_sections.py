@@ -39,6 +39,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         "unexplained": f"Measured and modelled torque differ by more than the noise{where}, and no effect that is "
         "known here explains it.",
     }
+    if diagnosis.heldout is not None and any(item.differs for item in diagnosis.heldout.misfits):
+        sentences["unexplained"] = "The model does not hold on the held-out recordings: something differs between them."
+        sentences["partly_explained"] += " The held-out recordings disagree with the fitted ones."
+    if not diagnosis.baseline.noise_is_measured:
+        begin += (
+            "The noise was not measured (a recording needs two periods or more): what of the misfit is noise cannot "
+        )
+        begin += "be told. "
+        sentences["no_mismatch"] = "No missing physics is shown, and none is ruled out."
     return begin + sentences[diagnosis.verdict]
 
 
@@ -46,7 +55,7 @@ def tone_of(diagnosis: Diagnosis) -> Tone:
     """How the verdict is coloured: what is faulty or unexplained wants attention."""
     if diagnosis.data_faults or diagnosis.verdict in ("unexplained", "partly_explained"):
         return "attention"
-    return "good" if diagnosis.verdict == "no_mismatch" else "neutral"
+    return "good" if diagnosis.verdict == "no_mismatch" and diagnosis.baseline.noise_is_measured else "neutral"
 
 
 def diagnosis_sections(diagnosis: Diagnosis) -> list[Section]:
@@ -88,6 +97,8 @@ def _baseline_table(diagnosis: Diagnosis) -> Table:
         ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
         ("misfit detected", *("yes" if value else "no" for value in baseline.detected)),
     ]
+    if not baseline.noise_is_measured:
+        rows = [row for row in rows if "noise" not in row[0] and "interval" not in row[0]]
     return Table(
         "Fitted recordings: RMS of measured minus modelled torque by joint, Nm",
         ("", *joint_heads(baseline.rms_nm.size)),

@@ -1,0 +1,104 @@
+"""Does what was fitted hold on the held-out recordings? If not, something differs between them, and this says where.
+
+Two questions to each joint of each held-out recording. Is there misfit: more than its noise and the scatter of the
+predicted parameters give? And is it more than on the fitted recordings: then those disagree, whatever both leave out.
+Where no noise is measured, only the second can be asked. Not here: what differs. Called by the summary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import f as fisher
+
+from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.findings import HeldOutMisfit
+from identification.mismatch.heldout import Residuals, misfit_probability
+from identification.mismatch.localisation import best_curve
+from identification.recordings.independence import recording_names
+
+FloatArray = npt.NDArray[np.float64]
+
+STATES = ("position", "velocity", "torque")
+COMMON_BAND = 0.7
+"""Share of the narrower band in which both recordings are compared: filters end softly."""
+
+
+def held_out_misfits(
+    left: Residuals,
+    evidences: Sequence[Evidence],
+    fitted: Residuals,
+    fitted_evidences: Sequence[Evidence],
+    probability: float,
+) -> tuple[HeldOutMisfit, ...]:
+    """Joints of held-out recordings whose misfit would come by chance with less than that probability, largest first.
+
+    left, fitted: what the model leaves on the held-out and on the fitted evidences.
+    """
+    names = recording_names([item.recording for item in (*fitted_evidences, *evidences)])
+    fitted_to = " and ".join(dict.fromkeys(names[: len(fitted_evidences)]))
+    names = names[len(fitted_evidences) :]
+    measured = all(item.noise_is_measured for item in (*fitted_evidences, *evidences))
+    first = np.concatenate([[0], np.cumsum([item.frequency.size for item in evidences])])
+    found = []
+    for name in dict.fromkeys(names):
+        own = [place for place, other in enumerate(names) if other == name]
+        rows = np.concatenate([np.arange(first[place], first[place + 1]) for place in own])
+        part = left.rows_of(rows, sum(evidences[place].samples for place in own))
+        more = _probability_of_more(
+            *_in_common_band((part, fitted), ([evidences[place] for place in own], fitted_evidences))
+        )
+        wrong = misfit_probability(part, [evidences[place] for place in own]) if measured else more
+        for joint in np.flatnonzero(wrong * left.rows.shape[0] < probability):
+            rms, before = float(part.rms_nm[joint]), float(fitted.rms_nm[joint])
+            differs = bool(more[joint] * left.rows.shape[0] < probability)
+            noise = f", where {part.expected_nm[joint]:.2g} Nm would be noise" if measured else ""
+            order = _ordered_by(evidences[own[0]], left, int(first[own[0]]), int(joint))
+            sentence = (
+                f"Joint {joint + 1}: {rms:.3g} Nm RMS stay on the held-out {name}{noise}, {before:.3g} Nm on "
+                f"{fitted_to}; ordered best by {order}{'' if differs else ', and missing in both'}."
+            )
+            found.append(HeldOutMisfit(name, int(joint) + 1, rms, before, differs, sentence))
+    return tuple(sorted(found, key=lambda item: -item.rms_nm))
+
+
+def difference_sentence(misfits: Sequence[HeldOutMisfit]) -> str:
+    """What joints that disagree mean; empty where none does."""
+    names = " and ".join(dict.fromkeys(item.recording for item in misfits if item.differs))
+    return names and (
+        f"Something differs between the fitted recordings and {names} (a load, the mounting, friction, a sensor), or "
+        f"{names} asks for what the fitted motion did not show."
+    )
+
+
+def _probability_of_more(left: Residuals, fitted: Residuals) -> FloatArray:
+    """(n,) chance of so much misfit on a recording where the model leaves as much as on the fitted ones.
+
+    The scatter of the predicted parameters is part of what is expected, in the fitted misfit's own size. Rows differ in
+    power: the degrees of freedom of their sum are those of equally strong rows (Welch and Satterthwaite).
+    """
+    level = fitted.rms_nm**2
+    share = level / np.maximum(fitted.noise_floor_nm**2, 1e-300)
+    spread = np.maximum(left.expected_nm**2 - left.noise_floor_nm**2, 0.0)
+    ratio = left.rms_nm**2 / np.maximum(level + share * spread, 1e-300)
+    return np.asarray(fisher.sf(ratio, left.freedom, fitted.freedom), dtype=np.float64)
+
+
+def _in_common_band(
+    parts: tuple[Residuals, Residuals], evidences: tuple[Sequence[Evidence], Sequence[Evidence]]
+) -> tuple[Residuals, Residuals]:
+    frequency = [np.concatenate([item.frequency for item in group]) for group in evidences]
+    highest = COMMON_BAND * min(float(values.max()) for values in frequency)
+    first, second = (
+        part.rows_of(np.flatnonzero(values <= highest), part.samples)
+        for part, values in zip(parts, frequency, strict=True)
+    )
+    return first, second
+
+
+def _ordered_by(evidence: Evidence, left: Residuals, first: int, joint: int) -> str:
+    rows = left.rows[joint, first : first + evidence.frequency.size]
+    series = rows_to_time(evidence, rows[:, None])[:, 0]
+    return best_curve(evidence, joint, series, series, 0.0, names=STATES)[0].coordinate

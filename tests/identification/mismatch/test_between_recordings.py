@@ -1,0 +1,90 @@
+"""Recordings that disagree, and recordings that do not tell their noise. Truth: Pinocchio's inverse dynamics.
+
+A load of 3 kg at the flange is put on for the held-out run only: its torque is that of a point mass, added to the last
+link by the parallel-axis theorem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daemon.cli.diagnosis import NOT_MEASURED, verdict_lines
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.findings import Diagnosis
+from identification.recordings import Recording
+from identification.report.diagnosis_sections import tone_of, verdict_sentence
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import record
+
+MASS, PLACE = 3.0, np.array([0.02, 0.0, 0.15])
+
+
+def loaded(arm: PhysicalParameters) -> PhysicalParameters:
+    mass, center, inertia = arm.mass.copy(), arm.center_of_mass.copy(), arm.inertia.copy()
+    total = mass[6] + MASS
+    center[6] = (mass[6] * center[6] + MASS * PLACE) / total
+    offset = PLACE - arm.center_of_mass[6]
+    reduced = mass[6] * MASS / total
+    inertia[6] += reduced * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    mass[6] = total
+    return replace(arm, mass=mass, center_of_mass=center, inertia=inertia)
+
+
+def named(recording: Recording, name: str) -> Recording:
+    return replace(recording, source=replace(recording.source, path=f"runs/{name}"))
+
+
+def one_against_other(
+    robot: RobotModel, first: PhysicalParameters, second: PhysicalParameters, periods: int
+) -> Diagnosis:
+    fitted = named(record(robot, first, periods=periods), "bare.mcap")
+    unseen = named(record(robot, second, periods=max(1, periods // 2), motion=9, seed=2), "other.mcap")
+    return diagnose([fitted], robot, heldout=[unseen])
+
+
+@pytest.mark.parametrize("periods", [8, 1])
+def test_a_load_on_the_held_out_run_alone_is_a_difference_between_the_recordings(
+    iiwa14: RobotModel, table3: PhysicalParameters, periods: int
+) -> None:
+    """Also where no noise is measured: the fitted misfit is then the measure."""
+    diagnosis = one_against_other(iiwa14, table3, loaded(table3), periods)
+    assert diagnosis.verdict == "unexplained"
+    assert not diagnosis.findings
+    assert not diagnosis.data_faults
+    assert not diagnosis.baseline.detected.any()
+    assert diagnosis.heldout is not None
+    worst = diagnosis.heldout.misfits[0]
+    assert (worst.recording, worst.joint, worst.differs) == ("other.mcap", 2, True)
+    # Gravity alone: 3 kg at up to a metre from the second axis.
+    assert 5.0 < worst.rms_nm < 30.0
+    assert "Something differs between the fitted recordings and other.mcap" in diagnosis.remaining
+    assert "Joint 2: " in diagnosis.remaining
+    assert "not on the held-out ones" in verdict_lines(diagnosis)[-1]
+    assert "held-out recordings" in verdict_sentence(diagnosis)
+    assert diagnosis.to_json()["heldout"]["misfits"][0]["joint"] == 2
+
+
+@pytest.mark.parametrize("periods", [8, 1])
+def test_recordings_of_the_same_arm_agree(iiwa14: RobotModel, table3: PhysicalParameters, periods: int) -> None:
+    diagnosis = one_against_other(iiwa14, table3, table3, periods)
+    assert diagnosis.verdict == "no_mismatch"
+    assert diagnosis.heldout is not None
+    assert not diagnosis.heldout.misfits
+
+
+def test_of_one_period_nothing_is_told_of_noise(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """Noise that is stronger at low frequencies, as real torque sensors have it: its high band says too little."""
+    recording = record(iiwa14, table3, periods=1)
+    slow = np.cumsum(np.random.default_rng(3).normal(scale=0.02, size=recording.torque.shape), axis=0)
+    diagnosis = diagnose([replace(recording, torque=recording.torque + slow - slow.mean(axis=0))], iiwa14)
+    assert not diagnosis.baseline.noise_is_measured
+    assert not diagnosis.baseline.detected.any()
+    assert not diagnosis.findings
+    assert verdict_lines(diagnosis)[0].startswith(NOT_MEASURED)
+    assert "none is ruled out" in verdict_sentence(diagnosis)
+    assert tone_of(diagnosis) == "neutral"
+    assert diagnosis.to_json()["baseline"]["noise_is_measured"] is False
