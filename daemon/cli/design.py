@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -47,6 +48,14 @@ def design(
         Path | None,
         typer.Option("--model", metavar="MODEL.json", help="What the arm is taken to be; default: URDF, or Table 3."),
     ] = None,
+    workspace: Annotated[
+        Path | None,
+        typer.Option("--workspace", metavar="FILE.yaml", help="Walls, boxes and tool that the motion keeps clear of."),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option("--from", metavar="POSE", help="Where the arm stands before: 0,0.5,0,-1.2,0,0.8,0 (rad)."),
+    ] = None,
     reference: Annotated[
         str | None,
         typer.Option(
@@ -64,12 +73,18 @@ def design(
 
     Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
     """
+    import numpy as np
+
     from daemon.preparation import is_safe_motion
+    from daemon.room import room_of, safe_in
+    from daemon.workspace import load_surroundings
     from identification.base_parameters import BaseRegressor
     from identification.excitation import (
         DETECTABILITY,
         DesignSettings,
         NoiseColour,
+        achieved_figures,
+        default_trajectory,
         design_excitation,
         effects_shown,
         limits_of_robot,
@@ -83,7 +98,15 @@ def design(
 
     model = load_robot(robot)
     # Only the built-in arms have a geometry to check self-collision and workspace on.
-    acceptable = is_safe_motion if model.name in BUILT_IN_ROBOTS else None
+    has_shape = model.name in BUILT_IN_ROBOTS
+    acceptable: Callable[[Trajectory], bool] | None = is_safe_motion if has_shape else None
+    room = None
+    if workspace is not None or start is not None:
+        if not has_shape:
+            raise typer.BadParameter(f"--workspace and --from need the shape of the arm, and {robot} has none here.")
+        around = load_surroundings(model.name, workspace)
+        pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
+        acceptable, room = safe_in(around, model.name, pose), room_of(around, pose, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     motion: Trajectory
     if reference is not None:
@@ -125,6 +148,7 @@ def design(
         clock=time.monotonic,
         acceptable=acceptable,
         nominal=nominal,
+        room=room,
     )
     motion = result.trajectory
     document = _write(motion, target, table)
@@ -143,6 +167,13 @@ def design(
         )
     if not wants_json_on_stdout(json_file):
         data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
+        if room is not None:
+            free = achieved_figures(regressor, default_trajectory(model.name))
+            shrunk = motion.record["settings"]["shrunk_to"]
+            data(
+                f"It keeps clear of everything, at {100 * shrunk:.0f} % of the amplitude it was found with. The price: "
+                f"the shipped motion, in free space, has cond {free['cond']:.2f} and log det {free['log_det']:.1f}."
+            )
         for key, value in result.verified.items():
             data(f"  {key}: {value}")
         _show_predicted(predicted)
@@ -168,7 +199,8 @@ def _write(trajectory: Trajectory, target: Path, table: bool) -> dict[str, Any]:
 
 
 def _show_progress(step: DesignProgress) -> None:
-    message(f"stage {step.stage}/{step.stages}, search {step.done}/{step.planned}: best {step.best:.2f}")
+    where = f"search {step.done}/{step.planned}" if step.planned else f"hop {step.done}"
+    message(f"stage {step.stage}/{step.stages}, {where}: best {step.best:.2f}")
 
 
 def _show_predicted(predicted: PredictedDeviations | None) -> None:

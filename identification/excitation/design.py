@@ -6,14 +6,16 @@ budget shall hold) and any knowledge of collisions (the caller passes a judge). 
 demo and benchmarks.
 
 Each stage keeps the best part of the one before and searches on from there with more iterations: most starts end in
-poor local optima and show it early.
+poor local optima and show it early. What a time budget leaves after the last stage goes into hops: the best motions are
+disturbed and improved again (basin hopping), on all processes, until the time is up.
 """
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -32,7 +34,7 @@ from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.local_search import DesignSettings, LocalSearch, Problem
 from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
-from identification.excitation.objective import DETECTABILITY, BaseMatrix, achieved_figures, mixture_weights
+from identification.excitation.objective import DETECTABILITY, BaseMatrix, Term, achieved_figures, mixture_weights
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,13 +47,20 @@ _SHRUNK = 2
 _RESERVE_S = 2.5
 """Kept of the budget, or half of a budget that is very short, for ranking and verification."""
 _LOOK_S = 0.25
+_HOPPING_SHARE = 0.95
+_HOPPED_FROM = 3
+_DISTURBED = (0.1, 0.2, 0.05, 0.3)
+_RANKED = 24
 _RANKING_RATE_HZ = 40.0
 _RANKING_SIGN_WIDTH = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class DesignProgress:
-    """One finished local search: stage and start counted from 1, its value and the best so far (cond, or criterion)."""
+    """One finished local search: stage and start counted from 1, its value and the best so far (cond, or criterion).
+
+    planned: searches of this stage, 0 where they go on until the time is up.
+    """
 
     stage: int
     stages: int
@@ -82,20 +91,35 @@ def design_excitation(
     clock: Callable[[], float] | None = None,
     acceptable: Callable[[FourierTrajectory], bool] | None = None,
     nominal: PhysicalParameters | None = None,
+    room: Term | None = None,
 ) -> DesignResult:
     """Design a trajectory for `robot` inside `limits`, problem (14) or with the true limits.
 
     progress: called in this process after every local search. clock: seconds, e.g. time.monotonic, for `budget_s`.
     acceptable: judges a candidate (self-collision, floor); the best one it accepts is returned, made smaller if need
     be. nominal: what the arm is taken to be; with the true limits its torque is bounded too, and the detectability of
-    effects needs it.
+    effects needs it. room: a penalty on coming near to things, added to the objective; picklable.
     Raises DesignError when limits and robot do not fit, or no candidate is accepted and verified.
     """
     settings = settings or DesignSettings()
-    problem = _problem(robot, limits, settings, nominal)
+    problem = replace(_problem(robot, limits, settings, nominal), room=room)
     began = 0.0 if clock is None else clock()
     history: list[DesignProgress] = []
     candidates: dict[int, tuple[float, FloatArray]] = {}
+
+    def note(outcome: _Outcome, number: int, done: int, planned: int) -> None:
+        candidates[outcome.start] = (outcome.value, outcome.coefficients)
+        best = min(value for value, _ in candidates.values())
+        shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
+        stages = max(number, len(settings.stages))
+        event = DesignProgress(number, stages, done, planned, outcome.start + 1, shown[0], shown[1])
+        history.append(event)
+        if progress is not None:
+            progress(event)
+
+    def is_before(share: float) -> bool:
+        return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
+
     with _workers(problem) as run:
         for number, stage in enumerate(settings.stages, start=1):
             count = max(1, round(stage.part * settings.starts))
@@ -108,20 +132,12 @@ def design_excitation(
                 _Task(start, stage.iterations, stage.samples, candidates[start][1] if number > 1 else None)
                 for start in order
             ]
-
-            def is_before(share: float) -> bool:
-                return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
-
             for done, outcome in enumerate(run(tasks, stage.budget_share, is_before), start=1):
-                candidates[outcome.start] = (outcome.value, outcome.coefficients)
-                best = min(value for value, _ in candidates.values())
-                shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
-                event = DesignProgress(
-                    number, len(settings.stages), done, len(tasks), outcome.start + 1, shown[0], shown[1]
-                )
-                history.append(event)
-                if progress is not None:
-                    progress(event)
+                note(outcome, number, done, len(tasks))
+        if settings.budget_s is not None and clock is not None and is_before(_HOPPING_SHARE):
+            hops = run(_hops(candidates, settings), 1.0, is_before)
+            for done, outcome in enumerate(hops, start=1):
+                note(outcome, len(settings.stages) + 1, done, 0)
     return _best_result(robot, problem, candidates, history, acceptable, nominal)
 
 
@@ -133,6 +149,8 @@ class _Task:
     iterations: int
     fineness: int
     coefficients: FloatArray | None
+    disturbed: float = 0.0
+    """Share of a random motion that is mixed in before the search."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +160,25 @@ class _Outcome:
     coefficients: FloatArray
 
 
-_Run = Callable[[Sequence[_Task], float, Callable[[float], bool]], Iterator[_Outcome]]
+_Run = Callable[[Iterable[_Task], float, Callable[[float], bool]], Iterator[_Outcome]]
 """Tasks, the share of the budget after which none begins, and whether it is before such a share."""
+
+
+def _hops(candidates: dict[int, tuple[float, FloatArray]], settings: DesignSettings) -> Iterator[_Task]:
+    """Without end: the best motions so far in turn, disturbed by a share that alternates, as new starts.
+
+    The candidates are read when a task is asked for, so that a better motion is hopped from at once.
+    """
+    last = settings.stages[-1]
+    for number in itertools.count():
+        best = sorted(candidates, key=lambda start: (candidates[start][0], start))[:_HOPPED_FROM]
+        yield _Task(
+            settings.starts + number,
+            last.iterations,
+            last.samples,
+            candidates[best[number % len(best)]][1],
+            _DISTURBED[number % len(_DISTURBED)],
+        )
 
 
 def _problem(
@@ -195,6 +230,9 @@ def _work(task: _Task, seed: int) -> _Outcome:
     coefficients = task.coefficients
     if coefficients is None:
         coefficients = search.random_start(np.random.default_rng([seed, task.start]))
+    elif task.disturbed:
+        other = search.random_start(np.random.default_rng([seed, task.start]))
+        coefficients = (1.0 - task.disturbed) * coefficients + task.disturbed * other
     value, found = search.improve(coefficients, task.iterations, task.fineness, _time_is_up)
     return _Outcome(task.start, value, found)
 
@@ -221,15 +259,18 @@ def _workers(problem: Problem) -> Iterator[_Run]:
     ):
 
         def run_in_processes(
-            tasks: Sequence[_Task], begin_before: float, is_before: Callable[[float], bool]
+            tasks: Iterable[_Task], begin_before: float, is_before: Callable[[float], bool]
         ) -> Iterator[_Outcome]:
-            waiting = list(reversed(tasks))
+            waiting = iter(tasks)
             pending: set[Future[_Outcome]] = set()
             first = True
-            while waiting or pending:
+            while True:
                 # The first of a stage always runs: there is then a result, however short the budget.
-                while waiting and len(pending) < settings.processes and (first or is_before(begin_before)):
-                    pending.add(executor.submit(_work, waiting.pop(), settings.seed))
+                while len(pending) < settings.processes and (first or (is_before(begin_before) and not stop.is_set())):
+                    task = next(waiting, None)
+                    if task is None:
+                        break
+                    pending.add(executor.submit(_work, task, settings.seed))
                     first = False
                 if not pending:
                     return
@@ -291,7 +332,7 @@ def _best_result(
     noise = None if settings.noise_nm is None else np.array(settings.noise_nm)
     torque_of = None if problem.torque is None or nominal is None else foreseen_torque(regressor, nominal)
     ranked: list[tuple[float, int, FourierTrajectory, dict[str, float]]] = []
-    for start, (_, coefficients) in candidates.items():
+    for start, (_, coefficients) in sorted(candidates.items(), key=lambda entry: (entry[1][0], entry[0]))[:_RANKED]:
         a, b = np.split(coefficients, 2, axis=1)
         trajectory = FourierTrajectory(1.0 / settings.period_s, a, b, problem.offset, robot.name)
         achieved = achieved_figures(regressor, trajectory, noise_nm=noise)

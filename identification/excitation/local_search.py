@@ -105,7 +105,7 @@ class DesignSettings:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """All a worker process needs, small and picklable."""
+    """All a worker process needs, small and picklable. room: a penalty on coming near to things, from the caller."""
 
     base: BaseMatrix
     limits: ExcitationLimits
@@ -113,14 +113,15 @@ class Problem:
     offset: FloatArray
     detectability: DetectabilityTerm | None = None
     torque: TorqueLimit | None = None
+    room: Term | None = None
 
     def terms(self) -> tuple[Term, ...]:
-        """What is minimised: the objective, and what keeps torque and condition number within bounds."""
+        """What is minimised: the objective, and what keeps torque, condition number and distances within bounds."""
         noise = None if self.settings.noise_nm is None else np.array(self.settings.noise_nm)
         terms = terms_of(self.settings.objective, noise, self.detectability)
         if self.detectability is not None:
             terms += (bounded_condition,)
-        return terms if self.torque is None else (*terms, self.torque)
+        return (*terms, *(term for term in (self.torque, self.room) if term is not None))
 
     def constraints(self) -> Constraints:
         """The set (14) or the true limits, for this problem."""

@@ -192,3 +192,19 @@ def test_the_preflight_accepts_what_is_shipped(shipped: Callable[[], FourierTraj
         stop_stride=500,
     )
     assert report.safe, [check.sentence for check in report.failures]
+
+
+def test_a_time_budget_is_used_up_by_hops_from_the_best_motions() -> None:
+    """Time is counted in finished searches; without a budget there is no hop, and seed and starts alone decide."""
+    stages = (Stage(1.0, 3, 0.5), Stage(0.5, 3, 0.9))
+    robot, limits = load_robot("iiwa14"), iiwa_limits("iiwa14")
+    finished: list[DesignProgress] = []
+    settings = DesignSettings(starts=2, stages=stages, seed=1, budget_s=12.0)
+    result = design_excitation(robot, limits, settings, progress=finished.append, clock=lambda: float(len(finished)))
+    hops = [event for event in result.history if event.planned == 0]
+    assert len(hops) > 3
+    assert {event.stage for event in hops} == {3}
+    assert len({event.start for event in hops}) == len(hops)
+    plain = design_excitation(robot, limits, replace(settings, budget_s=None))
+    assert not [event for event in plain.history if event.planned == 0]
+    assert result.cond <= plain.cond
