@@ -67,9 +67,9 @@ class CommandGate:
         "_clock_ns",
         "_cycle_ns",
         "_edge_ns",
+        "_landed_ns",
         "_left_ns",
         "_period_ns",
-        "_undisturbed",
         "guard",
         "last_send_ns",
     )
@@ -80,7 +80,7 @@ class CommandGate:
         self._clock_ns = clock_ns
         self._at_ns: int | None = None  # time of the message that the last position answered
         self._left_ns = 0  # when that position left
-        self._undisturbed = True
+        self._landed_ns = 0  # so much later it has reached the robot for sure, before the message that came then left
         self._period_ns = self._bridged_ns = self._edge_ns = self._cycle_ns = 0
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
@@ -110,7 +110,7 @@ class CommandGate:
             if elapsed < self._period_ns // 2:
                 return Pace.TOO_EARLY
             edge = 0
-        elif not self._undisturbed or time_ns - self._left_ns < _LANDED * self._period_ns:
+        elif time_ns - self._left_ns < self._landed_ns:
             return Pace.TOO_EARLY
         if elapsed < self._bridged_ns - edge:
             return Pace.NEXT
@@ -133,7 +133,9 @@ class CommandGate:
         if not self._channel.send(datagram, address):
             return 0
         left_ns = self.last_send_ns = self._left_ns = self._clock_ns()
-        self._undisturbed = not self._channel.is_waiting()
+        # What waits already may be the next message, sent before this command came, and read after any stall.
+        disturbed = self._channel.is_waiting()
+        self._landed_ns = int((_LANDED + disturbed) * self._period_ns)
         self._at_ns = time_ns
         guard.accept(judged)
         return left_ns
