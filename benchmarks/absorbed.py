@@ -19,7 +19,8 @@ import numpy.typing as npt
 from fixtures.physics.links import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
 from identification.estimators import PhysicalParameters
-from identification.excitation import Trajectory, default_trajectory, limits_of_robot, reference_trajectory
+from identification.excitation import Trajectory, default_trajectory, limits_of_robot
+from identification.excitation.reference import reference_trajectory
 from identification.mismatch.detectability import Candidate, candidates, confusable, planned_rows
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.motion import Motion

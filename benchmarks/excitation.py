@@ -18,19 +18,14 @@ import numpy as np
 import pinocchio
 
 from identification.base_parameters import BaseRegressor
-from identification.excitation import (
-    TOOL_STRENGTH,
-    DesignProgress,
-    DesignSettings,
-    default_trajectory,
-    design_excitation,
-    effects_shown,
-    limits_of_robot,
-    nominal_parameters,
-    torque_noise,
-    verify,
-)
+from identification.excitation import default_trajectory, limits_of_robot
+from identification.excitation.constraints import verify
+from identification.excitation.design import DesignProgress, design_excitation
+from identification.excitation.effect_report import TOOL_STRENGTH, effects_shown
+from identification.excitation.local_search import DesignSettings
+from identification.excitation.nominal import nominal_parameters
 from identification.excitation.objective import BaseMatrix, FourierObjective
+from identification.excitation.prediction import torque_noise
 from identification.mismatch.detectability import ORACLE_STRENGTH
 from identification.robots import RobotModel, load_robot
 

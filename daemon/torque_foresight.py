@@ -16,7 +16,7 @@ from daemon.tool import Tool
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.estimators.physical import PhysicalParameters
-from identification.excitation import nominal_parameters
+from identification.excitation.nominal import nominal_parameters
 from identification.model_file import read_model
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 from safety.geometry import FLANGE_M

@@ -17,7 +17,10 @@ from daemon.cli.output import JsonOption, data, message, show_table, wants_json_
 from daemon.cli.protection import not_a_recording
 
 if TYPE_CHECKING:
-    from identification.excitation import DesignProgress, PredictedDeviations, ShownEffect, Trajectory
+    from identification.excitation import Trajectory
+    from identification.excitation.design import DesignProgress
+    from identification.excitation.effect_report import ShownEffect
+    from identification.excitation.prediction import PredictedDeviations
 
 
 @app.command()
@@ -79,21 +82,14 @@ def design(
     from daemon.room import room_of, safe_in
     from daemon.workspace import load_surroundings
     from identification.base_parameters import BaseRegressor
-    from identification.excitation import (
-        DETECTABILITY,
-        DesignSettings,
-        NoiseColour,
-        achieved_figures,
-        default_trajectory,
-        design_excitation,
-        effects_shown,
-        limits_of_robot,
-        mixture_weights,
-        nominal_parameters,
-        predict_deviations,
-        reference_trajectory,
-        torque_noise,
-    )
+    from identification.excitation import default_trajectory, limits_of_robot
+    from identification.excitation.design import design_excitation
+    from identification.excitation.effect_report import effects_shown
+    from identification.excitation.local_search import DesignSettings
+    from identification.excitation.nominal import nominal_parameters
+    from identification.excitation.objective import DETECTABILITY, achieved_figures, mixture_weights
+    from identification.excitation.prediction import NoiseColour, predict_deviations, torque_noise
+    from identification.excitation.reference import reference_trajectory
     from identification.robots import BUILT_IN_ROBOTS, load_robot
 
     model = load_robot(robot)
@@ -215,7 +211,7 @@ def _show_predicted(predicted: PredictedDeviations | None) -> None:
 
 def _show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
     """The ones that show least, and how many show."""
-    from identification.excitation import TOOL_STRENGTH
+    from identification.excitation.effect_report import TOOL_STRENGTH
 
     seen = sum(item.strength >= TOOL_STRENGTH for item in effects)
     data(

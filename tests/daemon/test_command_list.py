@@ -67,6 +67,19 @@ def test_the_fake_robot_is_one_of_the_family_and_its_help_loads_no_simulator() -
     assert not modules & HEAVY
 
 
+@pytest.mark.parametrize(
+    ("modules", "unneeded"),
+    [
+        ("daemon.preparation, daemon.service", "scipy.optimize scipy.stats scipy.signal matplotlib mujoco jinja2"),
+        ("identification.fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
+    ],
+)
+def test_a_run_and_a_fit_load_nothing_they_do_without(modules: str, unneeded: str) -> None:
+    code = f"import {modules}, sys; print(*(set({unneeded.split()}) & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
 @pytest.mark.parametrize("columns", [60, 80, 200])
 def test_every_line_of_the_list_is_whole_at_any_width(columns: int) -> None:
     text, _ = run(CALL, "--help", columns=columns)

@@ -12,7 +12,9 @@ import pytest
 
 from daemon.room import Room, room_of, safe_in
 from daemon.workspace import load_surroundings
-from identification.excitation import DesignSettings, Stage, default_trajectory, design_excitation, iiwa_limits
+from identification.excitation import default_trajectory, iiwa_limits
+from identification.excitation.design import design_excitation
+from identification.excitation.local_search import DesignSettings, Stage
 from identification.robots import load_robot
 from safety.collision import self_clearances, workspace_clearances
 

@@ -15,7 +15,8 @@ from daemon.preparation import TABLE_RATE_HZ, prepare_motion
 from daemon.torque_foresight import torque_foresight
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
-from identification.excitation import default_trajectory, nominal_parameters
+from identification.excitation import default_trajectory
+from identification.excitation.nominal import nominal_parameters
 from identification.model_file import MODEL_FORMAT
 from identification.robots import load_robot
 from identification.robots.model import build_pinocchio_model

@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from identification.errors import DesignError
-from identification.excitation import ExcitationLimits, FourierTrajectory, iiwa_limits, verify
+from identification.excitation import ExcitationLimits, FourierTrajectory, iiwa_limits
 from identification.excitation.constraints import (
     PaperConstraints,
     TrueConstraints,
     repaired,
     rest_null_space,
+    verify,
 )
 
 FloatArray = npt.NDArray[np.float64]

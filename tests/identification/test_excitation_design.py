@@ -12,20 +12,16 @@ import pytest
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError, TrajectoryNotFoundError
 from identification.excitation import (
-    DesignProgress,
-    DesignSettings,
     FourierTrajectory,
-    Stage,
     default_trajectory,
-    design_excitation,
     iiwa_limits,
     limits_of_robot,
     trajectory_from_json,
     validation_trajectory,
-    verify,
 )
-from identification.excitation.constraints import PaperConstraints
-from identification.excitation.local_search import LocalSearch, Problem
+from identification.excitation.constraints import PaperConstraints, verify
+from identification.excitation.design import DesignProgress, design_excitation
+from identification.excitation.local_search import DesignSettings, LocalSearch, Problem, Stage
 from identification.excitation.objective import BaseMatrix
 from identification.robots import load_robot
 from safety.collision import Workspace

@@ -11,22 +11,15 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
-from identification.excitation import (
-    DesignSettings,
-    ExcitationLimits,
-    NoiseColour,
-    Stage,
-    default_trajectory,
-    design_excitation,
-    effects_shown,
-    limits_of_robot,
-    nominal_parameters,
-    torque_noise,
-)
+from identification.excitation import ExcitationLimits, default_trajectory, limits_of_robot
+from identification.excitation.design import design_excitation
 from identification.excitation.detectability_term import DetectabilityTerm, Measure, bounded_condition
 from identification.excitation.effect_columns import ORDER, PLAUSIBLE_SIZES, STRIBECK_VELOCITY, evaluate_columns
-from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
+from identification.excitation.effect_report import effects_shown
+from identification.excitation.local_search import DesignSettings, Stage
+from identification.excitation.nominal import TorqueLimit, foreseen_torque, nominal_parameters, searched_base_values
 from identification.excitation.objective import BaseMatrix, FourierObjective, Samples, terms_of
+from identification.excitation.prediction import NoiseColour, torque_noise
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.motion import Motion

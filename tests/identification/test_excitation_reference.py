@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 
 from identification.errors import DesignError, TrajectoryError
 from identification.excitation import (
-    REFERENCE_KINDS,
     PolynomialTrajectory,
     SineSeriesTrajectory,
     default_trajectory,
     iiwa_limits,
-    reference_trajectory,
     trajectory_from_json,
 )
+from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
 
 LIMITS = iiwa_limits("iiwa14")
 RANDOM_KINDS = [kind for kind in REFERENCE_KINDS if kind != "excitation"]
