@@ -38,6 +38,8 @@ the robot before that message left it: twice the way through the network, 0.1 ms
 _IN_CYCLE = 0.8
 """Share of a command period within which an answer still reaches the cycle of its message."""
 
+_WRAP = 0xFFFFFFFF
+
 _EDGE_NS = 600_000
 """What may be wrong in a time between two commands: how unevenly messages arrive."""
 
@@ -60,6 +62,7 @@ class CommandGate:
     """
 
     __slots__ = (
+        "_at_counter",
         "_at_ns",
         "_bridged_ns",
         "_channel",
@@ -70,6 +73,8 @@ class CommandGate:
         "_landed_ns",
         "_left_ns",
         "_period_ns",
+        "_phase_ns",
+        "_samples",
         "guard",
         "last_send_ns",
     )
@@ -79,19 +84,27 @@ class CommandGate:
         self._clock = clock
         self._clock_ns = clock_ns
         self._at_ns: int | None = None  # time of the message that the last position answered
+        self._at_counter = 0
         self._left_ns = 0  # when that position left
         self._landed_ns = 0  # so much later it has reached the robot for sure, before the message that came then left
-        self._period_ns = self._bridged_ns = self._edge_ns = self._cycle_ns = 0
+        self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._cycle_ns = 0
+        self._samples = 1
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
 
-    def use(self, guard: CommandGuard, command_period_s: float) -> None:
-        """Judge by this guard from now on, at this command period; nothing is known of where the arm is."""
+    def use(self, guard: CommandGuard, command_period_s: float, samples_per_command: int) -> None:
+        """Judge by this guard from now on, at this command period and receive multiplier; nothing is known of where the
+        arm is.
+        """
         self.guard = guard
-        self._period_ns = round(command_period_s * 1e9)
-        self._bridged_ns = round(BRIDGED_S * 1e9) + 3 * self._period_ns // 2
-        self._cycle_ns = int(_IN_CYCLE * self._period_ns)
-        self._edge_ns = min(4 * self._period_ns // 10, _EDGE_NS)
+        period_ns = self._period_ns = round(command_period_s * 1e9)
+        self._samples = samples_per_command
+        # Half a period behind the last command that still comes within what the robot bridges, in whole periods.
+        self._bridged_ns = (2 * (round(BRIDGED_S * 1e9) // period_ns) + 3) * period_ns // 2
+        self._cycle_ns = int(_IN_CYCLE * period_ns)
+        # At which message of several the robot's command cycle begins is not told.
+        self._phase_ns = (period_ns - period_ns // samples_per_command) // 2
+        self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
         self._at_ns = None
 
     def forget(self) -> None:
@@ -100,33 +113,39 @@ class CommandGate:
         if self.guard is not None:
             self.guard.release()
 
-    def pace(self, time_ns: int) -> Pace:
-        """The pace at which an answer to the message of that time (`RobotClock.time_of`) would arrive."""
+    def pace(self, time_ns: int, counter: int) -> Pace:
+        """The pace at which an answer to the message of that time (`RobotClock.time_of`) and counter would arrive."""
         if self._at_ns is None:
             return Pace.FIRST
+        if counter - self._at_counter & _WRAP < self._samples:
+            return Pace.TOO_EARLY
         elapsed = time_ns - self._at_ns
         edge = self._edge_ns
         if self._clock.simulated:
             if elapsed < self._period_ns // 2:
                 return Pace.TOO_EARLY
-            edge = 0
+            edge = self._phase_ns
         elif time_ns - self._left_ns < self._landed_ns:
             return Pace.TOO_EARLY
         if elapsed < self._bridged_ns - edge:
             return Pace.NEXT
         return Pace.STANDS if elapsed > self._bridged_ns + edge else Pace.UNCLEAR
 
-    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int) -> int | None:
+    def robot_stands(self, time_ns: int) -> bool:
+        """Whether the robot has had no command for longer than it bridges, or none at all."""
+        return self._at_ns is None or time_ns - self._at_ns > self._bridged_ns + self._edge_ns
+
+    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int, counter: int) -> int | None:
         """Send the position that was judged, as that datagram. When it left, ns; 0: the network refused it; None: the
         gate did.
 
-        time_ns: of the message that it answers. Nothing goes out that was judged after another command than the last
-        one, at a pace that does not allow it, or for a cycle that is over.
+        time_ns, counter: of the message that it answers. Nothing goes out that was judged after another command than
+        the last one, at a pace that does not allow it, or for a cycle that is over.
         """
         guard = self.guard
         if guard is None or judged.generation != guard.generation:
             return None
-        pace = self.pace(time_ns)
+        pace = self.pace(time_ns, counter)
         is_late = not self._clock.simulated and self._clock_ns() - time_ns > self._cycle_ns
         if (pace != Pace.NEXT or is_late) and not self._is_harmless(judged, pace, is_late=is_late):
             return None
@@ -136,7 +155,7 @@ class CommandGate:
         # What waits already may be the next message, sent before this command came, and read after any stall.
         disturbed = self._channel.is_waiting()
         self._landed_ns = int((_LANDED + disturbed) * self._period_ns)
-        self._at_ns = time_ns
+        self._at_ns, self._at_counter = time_ns, counter
         guard.accept(judged)
         return left_ns
 

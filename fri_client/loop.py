@@ -23,7 +23,7 @@ from fri_client.answer_ahead import AnswerAhead
 from fri_client.channel import Address, Channel
 from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError
-from fri_client.gate import CommandGate, Pace
+from fri_client.gate import CommandGate
 from fri_client.handover import Disposition, EventCode, HandoverRing
 from fri_client.journal import Journal
 from fri_client.last_samples import read_last_samples
@@ -222,7 +222,7 @@ class FriLoop:
             time_ns = session.clock.time_of(message, receive_ns)
         if not session.clock.admits(1, time_ns):
             return False
-        send_ns = self._gate.send(foreseen.judged, command, address, time_ns)
+        send_ns = self._gate.send(foreseen.judged, command, address, time_ns, self._ahead.counter)
         if send_ns is None:
             return False
         # All that the answer did not have to wait for, and the proof that it was the right one.
@@ -310,7 +310,7 @@ class FriLoop:
             else:
                 command = codec.encode_position_command(session.own_counter, counter, position)
             if isinstance(answer, Judged):
-                send_ns = self._gate.send(answer, command, newest.address, session.time_ns) or 0
+                send_ns = self._gate.send(answer, command, newest.address, session.time_ns, counter) or 0
             else:
                 send_ns = self._gate.send_header(command, newest.address)
         if send_ns:
@@ -356,8 +356,7 @@ class FriLoop:
     def _drop(self, now: int) -> None:
         self._ahead.forget()
         clock = self.session.clock
-        pace = self._gate.pace(self.session.time_ns if clock.simulated else now)
-        self.motion.latch(at_rest=pace == Pace.STANDS)
+        self.motion.latch(at_rest=self._gate.robot_stands(self.session.time_ns if clock.simulated else now))
         self._journal.dropped(self.session, now)
 
     def _note_refusal(self) -> None:

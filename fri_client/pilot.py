@@ -87,7 +87,7 @@ class Pilot:
         self._settings = settings
         self._prepared_for = (settings.expected_period_s, 1)
         self.motion = make_motion(*self._prepared_for)
-        gate.use(self.motion.guard, settings.expected_period_s)
+        gate.use(self.motion.guard, *self._prepared_for)
         self._ipo = IpoWatch()
         self._ipo_at_begin: tuple[float, ...] = ()
         self._commanded = False  # the robot was seen in COMMANDING_ACTIVE
@@ -120,7 +120,7 @@ class Pilot:
             return None
         if not session.begun and not self._adapt():
             return None
-        pace = self._gate.pace(session.time_ns)
+        pace = self._gate.pace(session.time_ns, message.header.sequence_counter)
         if pace == Pace.STANDS and session.drop is not None:
             self._never_again = True
         if session.state < _COMMANDING_WAIT:
@@ -208,7 +208,7 @@ class Pilot:
                 except (FriError, SafetyError) as error:
                     self.refused = error
                     return False
-                self._gate.use(self.motion.guard, wanted[0])
+                self._gate.use(self.motion.guard, *wanted)
                 self._prepared_for = wanted
         return True
 

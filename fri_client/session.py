@@ -102,6 +102,7 @@ class Session:
         "_counter",
         "_robot_info_at_begin",
         "_since_answer",
+        "_steps",
         "answer_due",
         "clock",
         "command_period_ms",
@@ -131,6 +132,7 @@ class Session:
         self.own_counter = 0
         self._counter = RobotCounter()
         self._since_answer = 0
+        self._steps = 1  # counters from the message before to this one
         self._begun = False
         self._begun_ns = 0
         self._command_mode: int | None = None
@@ -216,9 +218,10 @@ class Session:
             self._watch(message, info, robot)
         if state == _IDLE:
             return disposition
-        self._since_answer += 1
+        # Counted by the robot's counter: messages that were lost or refused shift no phase.
+        self._since_answer += self._steps
         if self._since_answer >= multiplier:
-            self._since_answer = 0
+            self._since_answer %= multiplier
             self.answer_due = True
         return disposition
 
@@ -265,11 +268,6 @@ class Session:
         self.own_counter = (self.own_counter + 1) & _WRAP
         self.counts.answered += 1
 
-    @property
-    def last_counter(self) -> int:
-        """Sequence counter of the newest message."""
-        return self._counter.last
-
     def note_silence(self, silence_s: float, timeout_s: float) -> None:
         """No usable message came for the time-out. After it any counter is taken as the robot's new one."""
         self._counter.resynchronise()
@@ -289,6 +287,7 @@ class Session:
         counter, clock, robot, counts = message.header.sequence_counter, self.clock, self._counter, self.counts
         time_ns = clock.time_of(message, receive_ns)
         steps = robot.steps(counter)
+        self._steps = steps or 1
         order = robot.judge(counter, in_time=clock.admits(steps, time_ns))
         self.gap = robot.gap
         if order == Order.NEXT:

@@ -14,7 +14,7 @@ from fri_client.motion import StopReason
 
 __all__ = ["RecorderPatience", "StopWatch"]
 
-_PATIENCE_S = 0.3
+_PATIENCE_S = 1.5
 
 _SENTENCES = {
     EventCode.OPERATOR_STOP: "The operator asked for a stop.",

@@ -1,0 +1,97 @@
+"""No command outside the limits in any cycle of the robot, whatever wire, network and robot do; in simulated time.
+
+The judge (fixtures.judge) is the only oracle: it shares no code with the guard. The named cases are attacks that went
+through before there was one gate; the numbers are what was seen then. `python -m benchmarks.adversary` plays 10 000.
+"""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+
+from tests.fri_client.adversary.sequences import sequences
+from tests.fri_client.adversary.world import Move, Outcome, Setting, play
+
+AT = 600
+"""In the excitation, at more than half of the velocity limits."""
+
+
+def assert_inside(outcome: Outcome) -> None:
+    found = outcome.judgement
+    assert found.excess_count == 0, "\n".join(excess.sentence() for excess in found.excesses[:3])
+    assert found.commands > 0
+    assert outcome.loop._faults == 0
+
+
+@pytest.mark.parametrize("state", [0, 1, 2, 3, 9])
+def test_one_message_with_another_session_state_then_active_again(state: int) -> None:
+    """The latched session answered with the raw IPO position: 24 072 % of the velocity limit."""
+    outcome = play(Setting(duration_ms=1300), (Move("state", AT, 1, state),))
+    assert_inside(outcome)
+    assert outcome.result is not None
+    assert outcome.result.outcome == "dropped"
+
+
+def test_a_stale_message_after_silence() -> None:
+    assert_inside(play(Setting(duration_ms=2200), (Move("lose", AT, 520), Move("stale", AT + 521, 1, 0.3))))
+
+
+@pytest.mark.parametrize(
+    "extra", [Move("stray", AT, 45, 0.5, "robot"), Move("stray", AT, 45, 0.5, "stranger"), Move("duplicate", AT, 45)]
+)
+@pytest.mark.parametrize(("stall_ms", "where"), [(40.0, "receive"), (9.0, "receive"), (9.0, "clock"), (9.0, "waiting")])
+def test_a_stall_with_strays_undecodable_or_doubled_datagrams_behind_each_message(
+    extra: Move, stall_ms: float, where: str
+) -> None:
+    """27 to 31 path steps reached the robot in one cycle: 1979 to 2275 % of the velocity limit, 729 % after 9 ms."""
+    assert_inside(play(Setting(duration_ms=1000), (extra, Move("stall", AT + 2, 1, stall_ms, where))))
+
+
+@pytest.mark.parametrize("refused", [1, 3, 9, 15])
+def test_sends_that_the_network_refuses(refused: int) -> None:
+    """The next command was 145, 291, 729, 802 % of the velocity limit away."""
+    assert_inside(play(Setting(duration_ms=1000), (Move("refuse", AT, refused),)))
+
+
+@pytest.mark.parametrize("jump", [11, 100, 990, 5000])
+@pytest.mark.parametrize("kind", ["counter", "counter_for_good"])
+def test_a_counter_that_jumps_in_time(kind: str, jump: int) -> None:
+    """A moving arm was stopped within one cycle: 14 486 % of the acceleration limit."""
+    assert_inside(play(Setting(duration_ms=1300), (Move(kind, AT, 1, jump),)))
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.3, 1.0])
+def test_a_set_point_of_the_robot_that_moves_when_the_motion_would_begin(speed: float) -> None:
+    """The motion began "from rest": 584 to 11 669 % of the acceleration limit at the first commands."""
+    outcome = play(Setting(ipo_speed=speed, duration_ms=150), ())
+    assert outcome.judgement.excess_count == 0
+    assert not outcome.loop.motion.commanded
+    assert f"moves at {speed:g} rad/s" in outcome.loop._pilot.hindrance
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3, 9])
+@pytest.mark.parametrize(("period", "multiplier"), [(5, 1), (10, 1), (5, 2), (2, 2), (1, 2)])
+def test_a_stop_after_the_robot_has_held(lost: int, period: int, multiplier: int) -> None:
+    """A stop after 45 ms without a command began at 74 % of full speed, at a send period of 5 ms."""
+    at = AT // period
+    moves = (Move("lose", at, lost), Move("stop", at + lost))
+    assert_inside(play(Setting(period, multiplier, duration_ms=1300), moves))
+
+
+@settings(
+    max_examples=300,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    # Shrinking plays a motion of a second hundreds of times; a history of at most six moves is short enough to read.
+    phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+@given(sequences)
+def test_no_sequence_of_moves_leads_to_a_command_beyond_the_limits(
+    sequence: tuple[Setting, tuple[Move, ...]],
+) -> None:
+    outcome = play(*sequence)
+    found = outcome.judgement
+    assert found.excess_count == 0, "\n".join(excess.sentence() for excess in found.excesses[:3])
+    assert outcome.loop._faults == 0
