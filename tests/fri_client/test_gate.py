@@ -38,7 +38,8 @@ class Rig:
         self.robot_clock.simulated = simulated
         self.gate = CommandGate(self.channel, self.robot_clock, self.clock)
         self.guard = CommandGuard(IIWA14_R820, period_ms * 1e-3)
-        self.gate.use(self.guard, period_ms * 1e-3)
+        self.gate.use(self.guard, period_ms * 1e-3, 1)
+        self.counter = 0
         self.guard.anchor(REST)
         self.time = self.clock.now
 
@@ -59,7 +60,11 @@ class Rig:
         return self.time
 
     def send(self, judged: Judged) -> int | None:
-        return self.gate.send(judged, b"command", ROBOT, self.time)
+        self.counter += 1
+        return self.gate.send(judged, b"command", ROBOT, self.time, self.counter)
+
+    def pace(self, time_ns: int) -> Pace:
+        return self.gate.pace(time_ns, self.counter + 1)
 
     def in_motion(self) -> Rig:
         """The same rig, once the arm moves."""
@@ -88,7 +93,7 @@ def test_a_moving_arm_gets_a_command_in_its_next_cycles_only(
     assert rig.send(rig.wanted())
     judged = rig.wanted()
     rig.message(elapsed, stall)
-    pace = rig.gate.pace(rig.time)
+    pace = rig.pace(rig.time)
     elapsed_ms = elapsed * period_ms
     may = stall < 0.75 and elapsed >= 1.0 and elapsed_ms <= BRIDGED_MS + period_ms
     must_not = stall > 0.85 or elapsed < 0.15 + min(left_late, 0.75) or elapsed_ms > BRIDGED_MS + 2 * period_ms
@@ -137,7 +142,7 @@ def test_on_the_edge_of_what_a_robot_bridges_nothing_goes_out_and_then_only_from
     paces = []
     for _ in range(80):
         rig.message(0.5)
-        paces.append(rig.gate.pace(rig.time))
+        paces.append(rig.pace(rig.time))
         if paces[-1] != Pace.NEXT:
             rig.assert_nothing_happens_on(judged)
     assert Pace.UNCLEAR in paces
@@ -151,13 +156,13 @@ def test_on_the_edge_of_what_a_robot_bridges_nothing_goes_out_and_then_only_from
 def test_a_send_that_the_network_refuses_leaves_everything_as_it_was(refused: int) -> None:
     rig = Rig().in_motion()
     rig.message(1.0)
-    judged, pace = rig.wanted(), rig.gate.pace(rig.time)
+    judged, pace = rig.wanted(), rig.pace(rig.time)
     before = (rig.guard.generation, rig.guard.position.tolist(), rig.gate.last_send_ns, len(rig.channel.sent))
     rig.channel.refuse = refused
     for _ in range(refused):
         assert rig.send(judged) == 0
     after = (rig.guard.generation, rig.guard.position.tolist(), rig.gate.last_send_ns, len(rig.channel.sent))
-    assert (after, rig.gate.pace(rig.time)) == (before, pace)
+    assert (after, rig.pace(rig.time)) == (before, pace)
     assert rig.send(judged) == rig.clock.now  # the very step that was refused, and none more
 
 
@@ -191,22 +196,22 @@ def test_without_a_guard_and_after_the_robot_left_nothing_goes_out() -> None:
     rig = Rig().in_motion()
     judged = rig.wanted()
     rig.gate.forget()
-    assert rig.gate.pace(rig.time) == Pace.FIRST
+    assert rig.pace(rig.time) == Pace.FIRST
     assert not isinstance(rig.guard.examine(REST, None), Judged)
     rig.assert_nothing_happens_on(judged)
     bare = CommandGate(rig.channel, rig.robot_clock, rig.clock)
-    assert bare.send(judged, b"command", ROBOT, rig.time) is None
+    assert bare.send(judged, b"command", ROBOT, rig.time, 1) is None
 
 
 def test_a_header_moves_nothing() -> None:
     rig = Rig().in_motion()
-    state = (rig.guard.generation, rig.gate.pace(rig.time))
+    state = (rig.guard.generation, rig.pace(rig.time))
     assert rig.gate.send_header(b"header", ROBOT) == rig.clock.now == rig.gate.last_send_ns
     rig.channel.refuse = 1
     rig.clock.now += 5
     assert rig.gate.send_header(b"header", ROBOT) == 0
     assert rig.gate.last_send_ns == rig.clock.now - 5
-    assert (rig.guard.generation, rig.gate.pace(rig.time)) == state
+    assert (rig.guard.generation, rig.pace(rig.time)) == state
 
 
 @given(st.lists(st.floats(0.0, 1e4), min_size=1, max_size=20))
@@ -216,11 +221,11 @@ def test_in_simulated_time_only_the_time_stamps_count(stalls: list[float]) -> No
         rig.message(1.0, stall)
         judged = rig.wanted()
         rig.channel.inbox.append((b"another", ROBOT))
-        assert rig.gate.pace(rig.time) == Pace.NEXT
+        assert rig.pace(rig.time) == Pace.NEXT
         assert rig.send(judged)
         rig.assert_nothing_happens_on(rig.wanted())  # the same millisecond
     rig.time += 13 * MS
-    assert rig.gate.pace(rig.time) == Pace.STANDS
+    assert rig.pace(rig.time) == Pace.STANDS
 
 
 def test_a_datagram_that_waits_when_a_command_leaves_costs_one_cycle_and_not_the_motion() -> None:
@@ -234,9 +239,9 @@ def test_a_datagram_that_waits_when_a_command_leaves_costs_one_cycle_and_not_the
     rig.channel.inbox.clear()
     rig.message(0.15)
     rig.clock.now += round(0.3 * rig.period)
-    assert rig.gate.pace(rig.clock.now) == Pace.TOO_EARLY  # it waited, and was read after a stall
+    assert rig.pace(rig.clock.now) == Pace.TOO_EARLY  # it waited, and was read after a stall
     rig.message(1.85)
-    assert rig.gate.pace(rig.time) == Pace.NEXT
+    assert rig.pace(rig.time) == Pace.NEXT
     assert rig.send(rig.wanted())
 
 
@@ -262,7 +267,7 @@ def test_no_two_steps_meet_in_one_cycle_of_the_robot(
         now = rig.clock.now
         cycle = max(cycle + lost, math.ceil((now - start) / rig.period))  # what came in a stall is not answered
         rig.time = rig.clock.now = start + cycle * rig.period + round(read_late * rig.period)
-        if rig.gate.pace(rig.time) == Pace.STANDS:
+        if rig.pace(rig.time) == Pace.STANDS:
             rig.guard.come_to_rest()
         judged = rig.wanted()
         rig.clock.now += round(answered_late * rig.period)
