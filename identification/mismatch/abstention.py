@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, extend
-from identification.mismatch.heldout import Residuals, residuals
+from identification.mismatch.heldout import Residuals, residuals, worsened
 from identification.mismatch.library import Library
 from identification.mismatch.local_torque import local_is_likelier
 from identification.mismatch.problem import Problem
@@ -286,6 +286,8 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
     other = rest.heldout_after
     if other is None:
         return True
+    if worsened(other, now.heldout_after).any():
+        return False
     if complete:
         there = now.heldout_after.log_likelihood - other.log_likelihood
         if removal_score(exam.problem, trial, index, settings) + there < settings.complete_score:

@@ -27,12 +27,15 @@ from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
+from identification.recordings.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
 FEWEST_PERIODS = 3
 WINDOW_MARGIN_S = 0.1
 CLOSING_POINTS = 9
+BESIDE_FLAGGED_S = 0.5
+"""A jolt rings on for about as long beside the rows that stand out of it."""
 RESIDUE_MARGIN = 0.35
 """A contact nearer to a stronger one than this share of the longer duration is taken for its residue."""
 
@@ -95,6 +98,25 @@ def find_between_periods(
     return tuple(sorted(changes, key=lambda change: -change.gain))
 
 
+def beside_flagged_rows(recording: Recording) -> list[tuple[float, float]]:
+    """Spans (s from the first sample) around rows that the import left out as garbled, several of them close together.
+
+    A jolt of which samples were left out would else be a push; one row alone is an outlier, and says nothing of those
+    beside it. The rows are found as holes of the time stamps.
+    """
+    flagged = [(item.first_row, item.last_row) for item in recording.report.of_kind("garbled_rows")]
+    if not flagged:
+        return []
+    since = recording.time - recording.time[0]
+    missing = np.round(np.diff(recording.time) / recording.sampling_period_s - 1.0)
+    holes = np.flatnonzero(missing > 0.0)
+    row = holes + 1 + np.concatenate([[0.0], np.cumsum(missing[holes])[:-1]])
+    ours = [any(first <= number + 1 <= last for first, last in flagged) for number in row]
+    holes, rows = holes[ours], missing[holes[ours]]
+    spans = [(float(since[at]) - BESIDE_FLAGGED_S, float(since[at + 1]) + BESIDE_FLAGGED_S) for at in holes]
+    return [(low, high) for low, high in spans if rows[(since[holes] > low) & (since[holes] < high)].sum() > 1]
+
+
 @dataclass(slots=True)
 class _Closed:
     """What is explained already: joints of drift and of thermal friction (from 0), spans of contacts in s."""
@@ -110,7 +132,15 @@ def _search(
 ) -> list[Change]:
     contrasts = Contrasts(evidence)
     contrasts.z = whole = without_outliers(contrasts)
-    closed = _Closed()
+    period = evidence.motion.samples * evidence.motion.sampling_period_s
+    # Of a jolt in one period the mean has a share too, which all others lack.
+    closed = _Closed(
+        spans=[
+            (low + shift * period, high + shift * period)
+            for low, high in beside_flagged_rows(evidence.recording)
+            for shift in range(-evidence.periods, evidence.periods + 1)
+        ]
+    )
     claimed: list[Candidate] = []
     bound = float(np.log10(settings.false_alarm))
     while len(claimed) < settings.most_changes:

@@ -31,6 +31,8 @@ from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LIN
 
 FloatArray = npt.NDArray[np.float64]
 
+LONGEST_TIME = 5.0
+"""Recordings' lengths beyond which a fading course is a straight line, to a fortieth: no time constant is told."""
 PAYLOAD_SCAN = slice(0, 4)
 """Mass and first moments; the inertia about the joint adds little to the detection."""
 PAYLOAD_PROVEN = -6.0
@@ -96,6 +98,8 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
     best: tuple[float, Place, float] | None = None
     rests: dict[Place, float] = {}
     parameter = effect.shape_parameters(motion, Place())[0]
+    longest = min(parameter.upper, LONGEST_TIME * float(starts[-1] + motion.time[-1]))
+    grid = [time for time in parameter.grid if time < longest] or [longest]
     places = [place for place in effect.places(motion) if place.joint is not None and place.joint - 1 not in closed]
     for place in places:
         assert place.joint is not None
@@ -105,21 +109,21 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
         white = contrasts.whiten_repeated(found[2], found[0])[:, 0]
         basis = np.linalg.qr(white)[0]
         seen = contrasts.z[:, :, place.joint - 1] @ basis
-        for time in parameter.grid:
+        for time in grid:
             weight = np.exp(-starts / time)
             weight = (weight - weight.mean()) / np.linalg.norm(weight - weight.mean())
             gain = float(np.sum((weight @ seen) ** 2))
             if best is None or gain > best[0]:
                 best = (gain, place, time)
                 rests[place] = float(np.sum(seen**2)) - gain
-    if best is None or hopeless(best[0], 2, len(places) * len(parameter.grid)):
+    if best is None or hopeless(best[0], 2, len(places) * len(grid)):
         return None
     _, place, time = best
-    bounds = (parameter.lower, parameter.upper)
+    bounds = (parameter.lower, longest)
     shape = refined_shape(contrasts, effect, place, {parameter.name: time}, parameter.name, bounds, log=True, points=9)
     fit = fit_of(contrasts, effect, place, shape)
     dispersion = dispersion_of(rests[place], 2 * (contrasts.periods - 2))
-    tests = float(len(places) * len(parameter.grid))
+    tests = float(len(places) * len(grid))
     chance = fit.log10_chance(tests, 1, dispersion)
     std = spread_of(contrasts, effect, place, shape, parameter.name, fit.gain)
     return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)

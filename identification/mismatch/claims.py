@@ -28,6 +28,7 @@ from identification.mismatch.pruning import removal_scores
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.tenable import recurring, tenable
 from identification.mismatch.trial import Trial
 from identification.mismatch.verdict import (
     alternatives,
@@ -78,17 +79,28 @@ def build_findings(
     )
     exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
     trial, remarks = admitted(exam, result.trial if physics else result.before)
+    trial, untenable = tenable(exam, trial)
     before, now = exam.check(()), exam.check(trial.members)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
+    changes = fitted_role.changes if physics else ()
+    again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
+    remarks += [*untenable, *(_came_again(change) for change in again)]
     findings = [
-        *_between(fitted_role.changes if physics else (), names),
+        *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before),
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         exam.check(result.trial.members).heldout_after if physics else None, tuple(remarks),
     )  # fmt: skip
+
+
+def _came_again(change: Change) -> str:
+    return (
+        f"What looks like a push {change.estimate.shape['start_s']:.3g} s after the start comes at the same moment of "
+        "another recording: it is none of a person's, and not claimed"
+    )
 
 
 def _repeatable(exam: Examination, trial: Trial, now: Check, before: Check) -> list[Finding]:

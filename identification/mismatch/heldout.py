@@ -22,9 +22,12 @@ from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 # Predicted torque that scatters this many deviations of the noise along one direction says nothing about an effect.
 OPEN_BEYOND_NOISE = 5.0
+# Deviations beyond which a joint that gets worse speaks against a name: one chance in a thousand.
+WORSE = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +157,21 @@ def _base_scatter(
     base = nominal @ nominal_factor(fitted)[3][: nominal.shape[2]] * weight[..., None]
     directions, scale, _ = np.linalg.svd(base.reshape(weight.size, -1), full_matrices=False)
     return nominal, weight, directions, scale
+
+
+def worsened(rest: Residuals, now: Residuals) -> BoolArray:
+    """(n,) joints on which what `now` adds to `rest` makes predictions worse than the noise of the rows allows.
+
+    A true change d of the prediction lowers the squares by d² with a deviation of 2 d, in units of what stays: the
+    noise, or the background where more stays than that. Rows of a coloured background count as `freedom` says.
+    """
+    used = now.used.sum(axis=1)
+    after, before = (np.where(now.used, item.rows / now.noise, 0.0) for item in (now, rest))
+    level = np.maximum((after**2).sum(axis=1) / np.maximum(used, 1), 1.0)
+    share = np.minimum(now.freedom / np.maximum(used, 1), 1.0) / level
+    moved = share * ((after - before) ** 2).sum(axis=1)
+    rise = share * (after**2 - before**2).sum(axis=1)
+    return np.asarray(rise > np.maximum(2.0 * WORSE * np.sqrt(moved) - moved, 0.0))
 
 
 def misfit_probability(left: Residuals, evidences: Sequence[Evidence]) -> FloatArray:

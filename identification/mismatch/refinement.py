@@ -87,7 +87,7 @@ def score_of(problem: Problem, member: Member) -> float:
     """Half the drop of the whitened squares by a member, less the cost of further coefficients and of its shape."""
     gram, target, raw = gram_of(problem, member)
     gain, used = group_gain(gram, target, raw)
-    if member.effect.one_sided and target[0] < 0.0:
+    if member.effect.one_sided and target.size == 1 and target[0] < 0.0:
         gain = 0.0
     choice = cost_of_choice(len(member.selection), member.rows.coefficients)
     return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost - choice

@@ -102,7 +102,7 @@ class Effect(ABC):
     Class attributes: name (contract §7), code (short name in the design notes), stage, equation (plain text), source
     (publication), units of the m coefficients, plausible (range of the leading parameter on an iiwa, with unit, words),
     look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
-    one_sided: whether the one coefficient is positive on every real machine; what would need a negative one is then
+    one_sided: whether the first coefficient is positive on every real machine; what would need a negative one is then
     something else, and the effect no candidate.
     """
 

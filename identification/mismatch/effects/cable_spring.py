@@ -31,6 +31,7 @@ class CableSpring(OwnJointEffect):
     equation = "τ_j = k (q_j − q₀)"
     source = "first-order law of an elastic dress pack; Madsen et al., collaborative robots, 2020"
     units = ("Nm/rad", "Nm")
+    one_sided = True
     plausible = "0.1 to 2 Nm/rad with an external hose"
     look_alikes = ("torque_offset", "position_dependent_torque", "torque_sensor_gain", "joint_elasticity")
     separating_experiment = "Take the hose off, or repeat the same motion about another centre."

@@ -37,6 +37,7 @@ class JointElasticity(Effect):
     equation = "τ = ID(q − e_j φ) − ID(q), K φ + K³ φ³/τ_h² = ID(q − e_j φ)_j (+ friction)"
     source = "Spong, J. Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998"
     units = ("rad/Nm",)
+    one_sided = True
     plausible = "K 5000 to 20000 Nm/rad"
     look_alikes = ("cable_spring", "joint_zero_offset", "backlash", "payload")
     separating_experiment = "Repeat with a payload: wind-up moves gravity in proportion to the square of the load."

@@ -1,0 +1,78 @@
+"""What no finding may be, however well it fits: of no certain size, of a sign no machine has, or back again elsewhere.
+
+Called by the claims.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.abstention import Examination, name_of, torque_of, without
+from identification.mismatch.between_periods import Change
+from identification.mismatch.effects.base import Estimate
+from identification.mismatch.extension import uncertainties
+from identification.mismatch.problem import off
+from identification.mismatch.trial import Trial, fitted
+
+FloatArray = npt.NDArray[np.float64]
+
+CERTAIN = 2.0
+"""Standard deviations that a size has to be away from zero."""
+LEAST_SHOWN = 1e-3
+"""Share of an effect's energy that has to show beside the base parameters: else its size is that of their error."""
+
+
+def tenable(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
+    """The members that may stand, fitted without the others, and sentences on these, the least certain taken first."""
+    remarks: list[str] = []
+    while True:
+        doubted = [(certainty, index, why) for index, (certainty, why) in enumerate(_doubts(exam, trial)) if why]
+        if not doubted:
+            return trial, remarks
+        _, worst, why = min(doubted)
+        member = trial.members[worst]
+        remarks.append(f"{name_of(member.effect.name, member.place.joint)} {why}: it is not claimed")
+        trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
+
+
+def _doubts(exam: Examination, trial: Trial) -> list[tuple[float, str]]:
+    """Of each member how many σ its size has, and why it may not stand; empty where it may."""
+    extension = exam.check(trial.members).extension
+    sure = uncertainties(
+        exam.problem, extension, trial.problem.residual, exam.rows.library, coloured=not trial.complete
+    )
+    found = []
+    for member, coefficients, own in zip(trial.members, extension.coefficients, sure, strict=True):
+        size, *_ = member.effect.parameters(
+            Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
+        )
+        certainty = abs(size.value) / size.std if np.isfinite(size.value) and size.std > 0.0 else np.inf
+        rows = (torque_of(member, coefficients, exam.problem.n) * exam.problem.weight).ravel()
+        left = off(exam.problem.basis, rows)
+        why = ""
+        if member.effect.one_sided and coefficients[0] < 0.0:
+            why = "would need a size below zero, which no machine has"
+        elif left @ left < LEAST_SHOWN * (rows @ rows):
+            why = "would hide in the base parameters but for a thousandth of its energy"
+        elif certainty < CERTAIN:
+            why = "has a size that may as well be zero"
+        found.append((float(certainty), why))
+    return found
+
+
+def recurring(changes: Sequence[Change], others: Sequence[Change]) -> list[Change]:
+    """Pushes that come at the same moment of another recording too: no push of a person does, a fault of the set-up."""
+    return [change for change in changes if any(_overlap(change, other) for other in others if other is not change)]
+
+
+def _overlap(one: Change, other: Change) -> bool:
+    first, second = one.estimate.shape, other.estimate.shape
+    if one.effect.name != other.effect.name:
+        return False
+    if "start_s" not in first or "start_s" not in second:
+        return False
+    ends = [shape["start_s"] + shape["duration_s"] for shape in (first, second)]
+    return first["start_s"] < ends[1] and second["start_s"] < ends[0]

@@ -1,0 +1,136 @@
+"""What is no claim, however well it fits. Truth: numbers written here, closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.abstention import Examination, Rows
+from identification.mismatch.between_periods import Change, beside_flagged_rows, find_between_periods
+from identification.mismatch.changes import LONGEST_TIME, find_thermal
+from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.effects import EFFECTS, effect_named
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.thermal_friction import ThermalFriction
+from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.heldout import Residuals, worsened
+from identification.mismatch.library import Library
+from identification.mismatch.problem import build_problem
+from identification.mismatch.refinement import Member
+from identification.mismatch.search import SearchResult
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.tenable import recurring, tenable
+from identification.mismatch.trial import fitted
+from identification.recordings import Finding
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, on_joint, record
+
+
+def residuals(rows: np.ndarray, noise: float = 1.0) -> Residuals:
+    ones = np.full(rows.shape, noise)
+    return Residuals(rows, ones, ones, np.ones(rows.shape, dtype=bool), rows.shape[1], np.zeros((*rows.shape, 0)))
+
+
+def test_a_change_that_only_adds_its_own_torque_makes_a_joint_worse() -> None:
+    random = np.random.default_rng(1)
+    noise = random.normal(size=(7, 400))
+    change = np.zeros((7, 400))
+    change[1] = 0.5 * np.sin(np.arange(400))
+    # True: without it its torque stays in the rows. False: with it the torque was put there.
+    assert not worsened(residuals(noise + change), residuals(noise)).any()
+    assert worsened(residuals(noise), residuals(noise + change)).tolist() == [False, True, *[False] * 5]
+
+
+def test_noise_alone_makes_no_joint_worse_in_a_hundred_true_changes() -> None:
+    random = np.random.default_rng(2)
+    refused = 0
+    for _ in range(100):
+        noise, change = random.normal(size=(7, 200)), random.normal(scale=0.15, size=(7, 200))
+        refused += int(worsened(residuals(noise + change), residuals(noise)).any())
+    assert refused <= 4  # seven joints, one in a thousand each
+
+
+def examined(
+    evidence: Evidence, name: str, joint: int, shape: dict[str, float] | None = None
+) -> tuple[list[str], list[str]]:
+    """Names that stand, and remarks, where the search had settled on one effect."""
+    library = Library(EFFECTS, (evidence,))
+    problem, settings = build_problem((evidence,)), DiagnosisSettings()
+    effect = effect_named(name)
+    shapes = library.grid(effect, Place(joint=joint)) if shape is None else [tuple(shape.items())]
+    rows = library.rows(effect, Place(joint=joint), shapes[0])
+    assert rows is not None
+    trial = fitted(problem, [Member(rows, tuple(range(rows.coefficients)))], settings)
+    exam = Examination(
+        problem, cast(SearchResult, None), Rows((evidence,), (evidence.torque,), library), None, settings
+    )
+    stands, remarks = tenable(exam, trial)
+    return [member.effect.name for member in stands.members], remarks
+
+
+@pytest.mark.parametrize(("stiffness", "said"), [(0.5, ""), (-0.5, "no machine has"), (0.002, "may as well be zero")])
+def test_a_spring_stands_with_a_positive_size_that_is_clear_of_zero(
+    iiwa14: RobotModel, table3: PhysicalParameters, iiwa14_base: object, stiffness: float, said: str
+) -> None:
+    def spring(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(6, stiffness * q[:, 5])
+
+    recording = record(iiwa14, table3, spring, periods=4, seed=11)
+    (evidence,) = build_evidence(recording, iiwa14, iiwa14_base)  # type: ignore[arg-type]
+    names, remarks = examined(evidence, "cable_spring", 6)
+    assert names == ([] if said else ["cable_spring"])
+    assert [said in remark for remark in remarks] == ([True] if said else [])
+
+
+def push(start_s: float) -> Change:
+    shape = {"start_s": start_s, "duration_s": 0.3}
+    effect = effect_named("external_contact")
+    return cast(Change, SimpleNamespace(effect=effect, estimate=SimpleNamespace(shape=shape)))
+
+
+def test_a_push_that_another_recording_has_at_the_same_moment_is_none() -> None:
+    first, second, elsewhere = push(10.0), push(40.0), push(10.2)
+    assert recurring([first, second], [first, second, elsewhere]) == [first]
+
+
+def test_no_push_is_looked_for_beside_rows_that_the_import_left_out(
+    iiwa14: RobotModel, table3: PhysicalParameters, iiwa14_base: object
+) -> None:
+    """A jolt on all joints at 33 s; the import has left out its eight wildest rows."""
+    recording = record(iiwa14, table3, periods=6)
+    since = recording.time - 33.0
+    jolt = 3.0 * np.exp(-np.abs(since) / 0.08)[:, None] * np.ones(7)
+    jolted = replace(recording, torque=recording.torque + jolt)
+    (evidence,) = build_evidence(jolted, iiwa14, iiwa14_base)  # type: ignore[arg-type]
+    assert {change.effect.name for change in find_between_periods([evidence], EFFECTS)} == {"external_contact"}
+
+    first = int(33.0 * SAMPLES / PERIOD_S)
+    keep = np.ones(recording.samples, dtype=bool)
+    keep[first : first + 8] = False
+    told = Finding("garbled_rows", first + 1, first + 8, 8, "each of the 8 rows stands alone")
+    report = replace(jolted.report, rows_kept=int(keep.sum()), findings=(told,))
+    known = replace(jolted.rows(keep), report=report)
+    ((low, high),) = beside_flagged_rows(known)
+    assert low < 33.0 < high
+    (evidence,) = build_evidence(known, iiwa14, iiwa14_base)  # type: ignore[arg-type]
+    assert not find_between_periods([evidence], EFFECTS)
+
+
+def test_friction_that_fades_for_far_longer_than_the_recording_has_no_time_constant_beyond_it(
+    iiwa14: RobotModel, table3: PhysicalParameters, iiwa14_base: object
+) -> None:
+    """An excess that falls in a straight line is an exponential of any length."""
+    recording = record(iiwa14, table3, periods=6)
+    velocity = np.gradient(recording.position[:, 0], recording.time)
+    fading = 0.5 * (1.0 - recording.time / 1200.0) * np.sign(velocity)
+    torque = recording.torque.copy()
+    torque[:, 0] += fading * 4.0
+    (evidence,) = build_evidence(replace(recording, torque=torque), iiwa14, iiwa14_base)  # type: ignore[arg-type]
+    found = find_thermal(Contrasts(evidence), ThermalFriction(), ())
+    assert found is not None
+    assert found.shape["time_constant_s"] <= LONGEST_TIME * 6.0 * PERIOD_S
