@@ -18,7 +18,9 @@ from identification.recordings.recording import Recording
 KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
 FEWEST_SHARED = 10
-"""Moving samples in common that are no accident: noise never repeats fourteen numbers."""
+"""Moving samples in common that are no accident, where each is of NUMBERS or more."""
+NUMBERS = 8
+"""That noise and the steps of sensors do not repeat together; an arm of few joints needs several rows in a row."""
 
 
 def recording_names(recordings: Sequence[Recording]) -> list[str]:
@@ -66,6 +68,9 @@ def _fingerprints(recording: Recording) -> npt.NDArray[np.int64]:
     rows = np.round(np.concatenate([recording.position, recording.torque], axis=1) * 10.0**KEPT_DECIMALS)
     whole = rows.astype(np.int64)
     moving = (np.diff(whole[:, : recording.n], axis=0) != 0).any(axis=1)
+    behind = -(-NUMBERS // whole.shape[1])
+    whole = np.concatenate([np.roll(whole, shift, axis=0) for shift in range(behind)], axis=1)
+    moving[: behind - 1] = False
     # Odd multipliers: sums wrap around at 2⁶⁴, and no number of a row is lost.
     multipliers = np.random.default_rng(0).integers(2**62, size=whole.shape[1], dtype=np.int64) | 1
     with np.errstate(over="ignore"):

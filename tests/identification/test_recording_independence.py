@@ -56,6 +56,15 @@ def test_another_run_of_the_same_motion_is_independent(fitted: Recording) -> Non
     refuse_shared_samples([fitted], [one_run(2), one_run(3)])
 
 
+def test_two_runs_of_one_axis_with_coarse_sensors_are_independent(shared_folder: Path) -> None:
+    """The EMPS benchmark: position and force in steps, so that pairs of them come again by accident."""
+    first, second = (read_recording(shared_folder / "recordings" / f"emps_{run}.npz") for run in "ab")
+    refuse_shared_samples([first], [second])
+    cut = replace(second.rows(second.time > 12.0), source=replace(second.source, sha256="a cut"))
+    with pytest.raises(RecordingError, match="shares"):
+        refuse_shared_samples([second], [cut])
+
+
 def test_a_robot_at_rest_shows_the_same_numbers_in_every_run(fitted: Recording) -> None:
     def rested(run: Recording) -> Recording:
         position, torque = run.position.copy(), run.torque.copy()
