@@ -26,17 +26,15 @@ from enum import IntEnum
 
 from fri_client.channel import Address, Channel
 from fri_client.re_entry import BRIDGED_S
-from fri_client.robot_clock import RobotClock
+from fri_client.robot_clock import Moment, RobotClock
 from safety.guard import CommandGuard, Judged
 
 __all__ = ["CommandGate", "Pace"]
 
-_LANDED = 0.2
-"""Share of a command period between a command's leaving and the arrival of the next message, if the command reached
-the robot before that message left it: twice the way through the network, 0.1 ms each on a plain cable."""
-
 _IN_CYCLE = 0.8
-"""Share of a command period within which an answer still reaches the cycle of its message."""
+"""Share of a send period within which an answer still reaches the cycle of its message: what is left is twice the way
+through the network, 0.1 ms each on a plain cable. Two commands have reached two cycles for sure if they left no nearer
+than a command period less this."""
 
 _WRAP = 0xFFFFFFFF
 
@@ -62,14 +60,15 @@ class CommandGate:
     """
 
     __slots__ = (
+        "_apart_ns",
         "_at_counter",
         "_at_ns",
         "_bridged_ns",
         "_channel",
         "_clock",
         "_clock_ns",
-        "_cycle_ns",
         "_edge_ns",
+        "_in_cycle_ns",
         "_landed_ns",
         "_left_ns",
         "_period_ns",
@@ -87,7 +86,7 @@ class CommandGate:
         self._at_counter = 0
         self._left_ns = 0  # when that position left
         self._landed_ns = 0  # so much later it has reached the robot for sure, before the message that came then left
-        self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._cycle_ns = 0
+        self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._in_cycle_ns = self._apart_ns = 0
         self._samples = 1
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
@@ -101,8 +100,9 @@ class CommandGate:
         self._samples = samples_per_command
         # Half a period behind the last command that still comes within what the robot bridges, in whole periods.
         self._bridged_ns = (2 * (round(BRIDGED_S * 1e9) // period_ns) + 3) * period_ns // 2
-        self._cycle_ns = int(_IN_CYCLE * period_ns)
-        # At which message of several the robot's command cycle begins is not told.
+        # At which message of several the robot's command cycle begins is not told: it may end with the next one.
+        self._in_cycle_ns = int(_IN_CYCLE * period_ns / samples_per_command)
+        self._apart_ns = period_ns - self._in_cycle_ns
         self._phase_ns = (period_ns - period_ns // samples_per_command) // 2
         self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
         self._at_ns = None
@@ -113,19 +113,19 @@ class CommandGate:
         if self.guard is not None:
             self.guard.release()
 
-    def pace(self, time_ns: int, counter: int) -> Pace:
-        """The pace at which an answer to the message of that time (`RobotClock.time_of`) and counter would arrive."""
+    def pace(self, moment: Moment) -> Pace:
+        """The pace at which an answer to the message of that moment would arrive."""
         if self._at_ns is None:
             return Pace.FIRST
-        if counter - self._at_counter & _WRAP < self._samples:
+        if moment.counter - self._at_counter & _WRAP < self._samples:
             return Pace.TOO_EARLY
-        elapsed = time_ns - self._at_ns
+        elapsed = moment.cycle_ns - self._at_ns
         edge = self._edge_ns
         if self._clock.simulated:
             if elapsed < self._period_ns // 2:
                 return Pace.TOO_EARLY
             edge = self._phase_ns
-        elif time_ns - self._left_ns < self._landed_ns:
+        elif moment.time_ns - self._left_ns < self._landed_ns:
             return Pace.TOO_EARLY
         if elapsed < self._bridged_ns - edge:
             return Pace.NEXT
@@ -135,18 +135,18 @@ class CommandGate:
         """Whether the robot has had no command for longer than it bridges, or none at all."""
         return self._at_ns is None or time_ns - self._at_ns > self._bridged_ns + self._edge_ns
 
-    def send(self, judged: Judged, datagram: bytes, address: Address, time_ns: int, counter: int) -> int | None:
+    def send(self, judged: Judged, datagram: bytes, address: Address, moment: Moment) -> int | None:
         """Send the position that was judged, as that datagram. When it left, ns; 0: the network refused it; None: the
         gate did.
 
-        time_ns, counter: of the message that it answers. Nothing goes out that was judged after another command than
+        moment: of the message that it answers. Nothing goes out that was judged after another command than
         the last one, at a pace that does not allow it, or for a cycle that is over.
         """
         guard = self.guard
         if guard is None or judged.generation != guard.generation:
             return None
-        pace = self.pace(time_ns, counter)
-        is_late = not self._clock.simulated and self._clock_ns() - time_ns > self._cycle_ns
+        pace = self.pace(moment)
+        is_late = not self._clock.simulated and self._clock_ns() - moment.time_ns > self._in_cycle_ns
         if (pace != Pace.NEXT or is_late) and not self._is_harmless(judged, pace, is_late=is_late):
             return None
         if not self._channel.send(datagram, address):
@@ -154,8 +154,8 @@ class CommandGate:
         left_ns = self.last_send_ns = self._left_ns = self._clock_ns()
         # What waits already may be the next message, sent before this command came, and read after any stall.
         disturbed = self._channel.is_waiting()
-        self._landed_ns = int((_LANDED + disturbed) * self._period_ns)
-        self._at_ns, self._at_counter = time_ns, counter
+        self._landed_ns = self._apart_ns + disturbed * self._period_ns
+        self._at_ns, self._at_counter = moment.cycle_ns, moment.counter
         guard.accept(judged)
         return left_ns
 

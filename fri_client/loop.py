@@ -39,6 +39,7 @@ from fri_client.messages import (
 from fri_client.motion import MotionProgram, StopReason
 from fri_client.motion_phase import MotionPhase
 from fri_client.pilot import Answer, Pilot
+from fri_client.robot_clock import Moment
 from fri_client.session import Session
 from fri_client.stop_watch import RecorderPatience, StopWatch
 from safety.guard import Judged
@@ -220,9 +221,11 @@ class FriLoop:
         if session.clock.simulated:
             message = self._codec.decode_monitoring(datagram)
             time_ns = session.clock.time_of(message, receive_ns)
-        if not session.clock.admits(1, time_ns):
+        clock = session.clock
+        if not clock.admits(1, time_ns):
             return False
-        send_ns = self._gate.send(foreseen.judged, command, address, time_ns, self._ahead.counter)
+        moment = Moment(clock.cycle_of(1, time_ns), time_ns, self._ahead.counter)
+        send_ns = self._gate.send(foreseen.judged, command, address, moment)
         if send_ns is None:
             return False
         # All that the answer did not have to wait for, and the proof that it was the right one.
@@ -310,7 +313,7 @@ class FriLoop:
             else:
                 command = codec.encode_position_command(session.own_counter, counter, position)
             if isinstance(answer, Judged):
-                send_ns = self._gate.send(answer, command, newest.address, session.time_ns, counter) or 0
+                send_ns = self._gate.send(answer, command, newest.address, session.moment) or 0
             else:
                 send_ns = self._gate.send_header(command, newest.address)
         if send_ns:
@@ -356,7 +359,7 @@ class FriLoop:
     def _drop(self, now: int) -> None:
         self._ahead.forget()
         clock = self.session.clock
-        self.motion.latch(at_rest=self._gate.robot_stands(self.session.time_ns if clock.simulated else now))
+        self.motion.latch(at_rest=self._gate.robot_stands(self.session.moment.cycle_ns if clock.simulated else now))
         self._journal.dropped(self.session, now)
 
     def _note_refusal(self) -> None:

@@ -120,7 +120,7 @@ class Pilot:
             return None
         if not session.begun and not self._adapt():
             return None
-        pace = self._gate.pace(session.time_ns, message.header.sequence_counter)
+        pace = self._gate.pace(session.moment)
         if pace == Pace.STANDS and session.drop is not None:
             self._never_again = True
         if session.state < _COMMANDING_WAIT:

@@ -11,9 +11,11 @@ milliseconds take means nothing.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from fri_client.messages import MonitoringMessage
 
-__all__ = ["RobotClock"]
+__all__ = ["Moment", "RobotClock"]
 
 _WINDOW = 512
 """Messages over which the earliest arrival is looked for: the clocks of two machines drift apart by some 50 µs in so
@@ -21,6 +23,16 @@ many milliseconds, and a robot that paused goes on later for good."""
 
 _EARLY = 0.25
 """Share of a period by which a message may be earlier than the earliest one seen: clocks are not perfectly even."""
+
+
+class Moment(NamedTuple):
+    """Where in the robot's time a message belongs, ns: the cycle that went on when it was received, when that was, and
+    the robot's counter.
+    """
+
+    cycle_ns: int
+    time_ns: int
+    counter: int
 
 
 class RobotClock:
@@ -51,6 +63,16 @@ class RobotClock:
         """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
         due = self._due_ns
         return due is None or time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
+
+    def cycle_of(self, steps: int, time_ns: int) -> int:
+        """When the robot's cycle began that goes on at that time, ns, seen from the message `steps` after the newest.
+
+        That message tells where cycles begin; whole periods by which it is late have passed as well.
+        """
+        if self._due_ns is None or not self._period_ns:
+            return time_ns
+        due = self._due_ns + steps * self._period_ns
+        return due + max(0, time_ns - due) // self._period_ns * self._period_ns
 
     def note(self, steps: int, time_ns: int, period_ms: int | None) -> None:
         """The message `steps` after the newest one came at that time; period_ms: the send period that it states."""

@@ -49,7 +49,7 @@ from fri_client.messages import (
     SessionState,
 )
 from fri_client.refusal import Refusal
-from fri_client.robot_clock import RobotClock
+from fri_client.robot_clock import Moment, RobotClock
 from fri_client.robot_counter import Order, RobotCounter
 from fri_client.session_drop import DropReason, SessionDrop, name_of
 
@@ -89,7 +89,7 @@ class Session:
     """One client session: `judge` each message; where `answer_due`, an answer may be sent; then `sent`.
 
     After `judge` returned FRESH the attributes describe that message: state (a value out of range counts as IDLE),
-    quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it), time_ns
+    quality, state_changed, previous_state, quality_changed, previous_quality, gap (messages missing before it), moment
     (by `clock`). After REFUSED, refusal says why, with refusal_joint (from 1, 0: none) and refusal_value. left: how
     the robot went back before a motion began, as a clause; empty where it did not.
     """
@@ -112,6 +112,7 @@ class Session:
         "gap",
         "last_fresh_ns",
         "left",
+        "moment",
         "own_counter",
         "previous_quality",
         "previous_state",
@@ -123,12 +124,11 @@ class Session:
         "send_period_ms",
         "state",
         "state_changed",
-        "time_ns",
     )
 
     def __init__(self) -> None:
         self.clock = RobotClock()
-        self.time_ns = 0
+        self.moment = Moment(0, 0, 0)
         self.own_counter = 0
         self._counter = RobotCounter()
         self._since_answer = 0
@@ -292,13 +292,13 @@ class Session:
         self.gap = robot.gap
         if order == Order.NEXT:
             clock.note(steps, time_ns, period_ms)
-            self.time_ns = time_ns
+            self.moment = Moment(clock.cycle_of(0, time_ns), time_ns, counter)
             counts.missing += robot.gap
             return _FRESH
         if order == Order.RESTARTED:
             clock.reset()
             clock.note(0, time_ns, period_ms)
-            self.time_ns = time_ns
+            self.moment = Moment(time_ns, time_ns, counter)
             counts.restarts += 1
             self._latch(DropReason.COUNTER_RESTART, self.state, counter, robot.expected_before_restart)
             return _FRESH

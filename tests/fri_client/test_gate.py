@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from fixtures.judge import Judge
 from fri_client.gate import CommandGate, Pace
-from fri_client.robot_clock import RobotClock
+from fri_client.robot_clock import Moment, RobotClock
 from safety.guard import CommandGuard, Judged
 from safety.limits import IIWA14_R820
 from tests.fri_client.simulated_channel import ROBOT, SimulatedChannel, SimulatedClock
@@ -61,10 +61,10 @@ class Rig:
 
     def send(self, judged: Judged) -> int | None:
         self.counter += 1
-        return self.gate.send(judged, b"command", ROBOT, self.time, self.counter)
+        return self.gate.send(judged, b"command", ROBOT, Moment(self.time, self.time, self.counter))
 
     def pace(self, time_ns: int) -> Pace:
-        return self.gate.pace(time_ns, self.counter + 1)
+        return self.gate.pace(Moment(time_ns, time_ns, self.counter + 1))
 
     def in_motion(self) -> Rig:
         """The same rig, once the arm moves."""
@@ -200,7 +200,7 @@ def test_without_a_guard_and_after_the_robot_left_nothing_goes_out() -> None:
     assert not isinstance(rig.guard.examine(REST, None), Judged)
     rig.assert_nothing_happens_on(judged)
     bare = CommandGate(rig.channel, rig.robot_clock, rig.clock)
-    assert bare.send(judged, b"command", ROBOT, rig.time, 1) is None
+    assert bare.send(judged, b"command", ROBOT, Moment(rig.time, rig.time, 1)) is None
 
 
 def test_a_header_moves_nothing() -> None:
