@@ -25,6 +25,10 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
 
 
+WATCHDOG_S = 600.0
+"""For what does not happen or does not end; nothing is judged by it."""
+
+
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -33,7 +37,7 @@ def free_port() -> int:
 
 def iiwa_ident(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*COMMAND, *map(str, words)], cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False
+        [*COMMAND, *map(str, words)], cwd=REPOSITORY, capture_output=True, text=True, timeout=WATCHDOG_S, check=False
     )
 
 
@@ -50,7 +54,7 @@ def short_trajectory(file: Path, *, scale: float = 0.05, offset: tuple[float, ..
     return file
 
 
-def wait_for(condition: Callable[[], Any], allowance_s: float = 200.0) -> Any:
+def wait_for(condition: Callable[[], Any], allowance_s: float = WATCHDOG_S) -> Any:
     """What the condition returns once it is true."""
     for _ in range(int(allowance_s / 0.1)):
         found = condition()
@@ -67,7 +71,7 @@ class ServiceProcess:
         self.folder = folder
         self.port = free_port()
         self.output = folder / "runs"
-        settings = {"bind_port": self.port, "start_timeout_s": 60.0, "receive_timeout_s": 5.0, **fri}
+        settings = {"bind_port": self.port, "start_timeout_s": 120.0, "receive_timeout_s": 60.0, **fri}
         self.config = folder / "service.yaml"
         document = {"fri": settings, "realtime": {"priority": 0}, "run": {"fit": False}, "control": control or {}}
         self.config.write_text(json.dumps({**document, "output": str(self.output)}))
@@ -99,7 +103,7 @@ class ServiceProcess:
         return True
 
     def ask(self, request: ControlRequest) -> ControlReply:
-        return ask(self.endpoint, request, timeout_s=60.0)
+        return ask(self.endpoint, request, timeout_s=WATCHDOG_S)
 
     def status(self) -> StatusReply:
         reply = self.ask(GetStatus())
@@ -114,7 +118,7 @@ class ServiceProcess:
     def phase(self, job_id: str) -> str:
         return self.jobs()[job_id].phase
 
-    def wait_phase(self, job_id: str, *phases: str, allowance_s: float = 200.0) -> JobView:
+    def wait_phase(self, job_id: str, *phases: str, allowance_s: float = WATCHDOG_S) -> JobView:
         wait_for(lambda: self.phase(job_id) in phases, allowance_s)
         return self.jobs()[job_id]
 
@@ -155,4 +159,4 @@ def fake_robot(port: int, summary: Path) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(30)
+        process.wait(WATCHDOG_S)

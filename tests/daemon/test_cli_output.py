@@ -170,7 +170,7 @@ def test_a_filter_ends_when_nobody_reads_it() -> None:
     assert child.stdin is not None
     child.stdin.write(line)  # and its end of the pipe stays open: a capture that goes on
     child.stdin.flush()
-    assert child.wait(60) == 0
+    assert child.wait(600) == 0
     assert child.stderr is not None
     assert child.stderr.read() == ""
 

@@ -37,7 +37,7 @@ def run(call: str, *words: str, columns: int = 80) -> tuple[str, set[str]]:
     """Standard output of a call, and the top-level modules its process loaded."""
     done = subprocess.run(
         [sys.executable, "-c", MEASURE.format(call=call), "iiwa-ident", *words],
-        cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=True,
+        cwd=REPOSITORY, capture_output=True, text=True, timeout=600, check=True,
         env={**os.environ, "COLUMNS": str(columns)},
     )  # fmt: skip
     return done.stdout, set(json.loads(done.stderr.splitlines()[-1]))
@@ -106,8 +106,9 @@ def test_the_catalogue_names_every_command_that_a_module_registers() -> None:
 
 def test_a_mistyped_command_is_answered_with_the_nearest() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", CALL, "diagnos"], cwd=REPOSITORY, capture_output=True, text=True, timeout=60, check=False
-    )
+        [sys.executable, "-c", CALL, "diagnos"],
+        cwd=REPOSITORY, capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
     assert done.returncode == 2
     assert "'diagnose'" in done.stderr
 
@@ -128,7 +129,7 @@ def test_a_shell_completes_commands_options_and_values(typed: list[str], offered
         "_IIWA_IDENT_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(typed)),
     }  # fmt: skip
     done = subprocess.run(
-        [sys.executable, "-c", CALL], cwd=REPOSITORY, capture_output=True, text=True, timeout=60, check=True,
+        [sys.executable, "-c", CALL], cwd=REPOSITORY, capture_output=True, text=True, timeout=600, check=True,
         env={**os.environ, **environment},
     )  # fmt: skip
     assert done.stdout.split() == offered

@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -149,6 +149,15 @@ def test_silence_fails_and_says_what_to_do() -> None:
     assert json.dumps(report.to_json())
 
 
+def examined_until(wanted: str, **options: Any) -> dict[str, DoctorCheck]:
+    """The checks by name once there is the wanted one: nobody knows when a busy machine lets the other side send."""
+    for _ in range(200):
+        found = {check.name: check for check in examine(**options).checks}
+        if wanted in found:
+            return found
+    raise AssertionError(f"no check '{wanted}' in {list(found)}")
+
+
 def test_a_talking_robot_is_heard_with_version_and_state() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -166,12 +175,10 @@ def test_a_talking_robot_is_heard_with_version_and_state() -> None:
     thread = threading.Thread(target=talk)
     thread.start()
     try:
-        time.sleep(0.05)
-        report = examine(bind_port=port, listen_s=0.5)
+        found = examined_until("FRI version", bind_port=port, listen_s=0.5)
     finally:
         done.set()
         thread.join()
-    found = {check.name: check for check in report.checks}
     assert "FRI 2.7" in found["FRI version"].sentence
     assert "COMMANDING_ACTIVE" in found["session"].sentence
     assert "127.0.0.1" in found["robot"].sentence
@@ -225,11 +232,10 @@ def test_a_robot_that_sends_to_another_address_of_this_machine_is_found() -> Non
     thread = threading.Thread(target=talk)
     thread.start()
     try:
-        report = examine(bind_port=port, listen_s=0.3)
+        found = examined_until("other address", bind_port=port, listen_s=0.3)
     finally:
         done.set()
         thread.join()
-    found = {check.name: check for check in report.checks}
     assert found["robot"].status == "failed"
     assert "another address" in found["other address"].sentence
 

@@ -21,7 +21,16 @@ from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
 from daemon.service import run_acquisition
 
-from .test_service import REPOSITORY, assert_nothing_missing, child_of, events_of, free_port, gentle_request, states_of
+from .test_service import (
+    REPOSITORY,
+    WATCHDOG_S,
+    assert_nothing_missing,
+    child_of,
+    events_of,
+    free_port,
+    gentle_request,
+    states_of,
+)
 
 FILL_AND_RUN = """
 import os, sys
@@ -77,7 +86,7 @@ def robot(tmp_path: Path) -> Iterator[int]:
     )
     yield port
     process.terminate()
-    process.wait(30)
+    process.wait(WATCHDOG_S)
 
 
 def run_on(options: str, request: RunRequest, folder: Path, code: str) -> tuple[subprocess.CompletedProcess[str], Path]:
@@ -98,7 +107,7 @@ def run_on(options: str, request: RunRequest, folder: Path, code: str) -> tuple[
         env={**os.environ, "CODE": code, "TMPDIR": str(temporary)},
         capture_output=True,
         check=False,
-        timeout=120,
+        timeout=WATCHDOG_S,
         text=True,
     )
     if process.returncode == 99 or "unshare:" in process.stderr:

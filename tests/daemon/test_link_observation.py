@@ -84,13 +84,13 @@ def test_the_robot_grades_an_answered_link(tmp_path: Path) -> None:
     )  # fmt: skip
     try:
         mirror = Mirror()
-        for _ in range(10):  # until the robot's process has started
+        for _ in range(100):  # until the robot's process has started
             report = examine(bind_port=port, listen_s=2.0, mirror=mirror, folder=tmp_path)
             if mirror.delays_s:
                 break
     finally:
         robot.send_signal(signal.SIGTERM)
-        robot.wait(timeout=30)
+        robot.wait(timeout=600)
     found = {check.name: check for check in report.checks}
     assert found["FRI version"].sentence == "This is FRI 1.15."
     assert "127.0.0.1" in found["robot"].sentence

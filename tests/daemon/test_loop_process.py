@@ -19,7 +19,7 @@ import pytest
 from daemon.api import LoopReport, RunRequest
 from daemon.json_files import read_json, write_json
 from fri_client.codec import Codec
-from fri_client.handover import HandoverRecord, HandoverRing
+from fri_client.handover import EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion
 from fri_client.motion_phase import MotionPhase
 
@@ -44,7 +44,7 @@ def request_in(folder: Path, table: np.ndarray | None = None, **changes: Any) ->
         "periods": 1,
         "lead_in_s": 0.1,
         "bind_port": free_port(),
-        "receive_timeout_s": 5.0,
+        "receive_timeout_s": 60.0,
         "realtime_priority": 0,
         "table_file": str(folder / "table.npy"),
         **changes,
@@ -81,13 +81,17 @@ def fake_robot(folder: Path, request: RunRequest, *options: str) -> Iterator[Pat
         yield summary
     finally:
         process.terminate()
-        process.wait(20.0)
+        process.wait(WATCHDOG_S)
 
 
 def wait_until_listening(process: subprocess.Popen[str], ring: HandoverRing) -> None:
     while ring.status.time_ns == 0:
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
+
+
+WATCHDOG_S = 600.0
+"""For a process that does not end; nothing is judged by it."""
 
 
 def drain(process: subprocess.Popen[str], ring: HandoverRing) -> list[HandoverRecord]:
@@ -107,7 +111,7 @@ def test_one_period_against_the_fake_robot_is_answered_to_the_last_message(tmp_p
         wait_until_listening(process, ring)
         with fake_robot(tmp_path, request) as summary_file:
             records = drain(process, ring)
-            assert process.wait(20.0) == 0
+            assert process.wait(WATCHDOG_S) == 0
     report = read_json(tmp_path / "loop_report.json", LoopReport)
     summary = json.loads(summary_file.read_text())
     assert (report.outcome, report.standstill_confirmed, report.periods_completed) == ("completed", True, 1)
@@ -135,12 +139,13 @@ def test_a_signal_stops_the_arm_by_ramp_and_the_report_is_written(tmp_path: Path
         with fake_robot(tmp_path, request) as summary_file:
             records: list[HandoverRecord] = []
             while ring.status.phase != MotionPhase.EXCITATION:
+                assert process.poll() is None
                 records += ring.read_batch()
                 ring.release()
                 time.sleep(0.002)
             process.send_signal(number)
-            drain(process, ring)
-            assert process.wait(60.0) == 1
+            records += drain(process, ring)
+            assert process.wait(WATCHDOG_S) == 1
             assert process.stderr is not None
             said = process.stderr.read()
     report = read_json(tmp_path / "loop_report.json", LoopReport)
@@ -150,14 +155,14 @@ def test_a_signal_stops_the_arm_by_ramp_and_the_report_is_written(tmp_path: Path
     kept = json.loads((tmp_path / "last_samples.json").read_text())
     assert (kept["reason"], kept["tick"]) == ("SIGNAL_STOP", report.tick)
     columns = kept["columns"]
-    assert len(columns["sent_position"]) == report.last_samples > 1000
-    stop = columns["event"].index("SIGNAL_STOP")
-    times = np.array(columns["host_receive_time_ns"]) / 1e9
-    assert 0.2 < times[stop] - times[0] <= 2.0  # of the host's time; the robot in lockstep has one of its own
-    moving = [
-        sent for sent, phase in zip(columns["sent_position"], columns["phase"], strict=True) if phase == "STOP_RAMP"
-    ]
-    assert len(moving) == pytest.approx(report.stop_duration_s * 1000, abs=2)
+    # Two seconds of the host's time before the stop and after it; the robot in lockstep has a time of its own.
+    end = next(record.receive_ns for record in records if record.event_code == EventCode.SIGNAL_STOP)
+    around = [record.index for record in records if -2e9 <= record.receive_ns - end <= 2e9]
+    assert columns["index"] == around
+    assert len(around) == report.last_samples
+    assert columns["event"][around.index(next(r.index for r in records if r.receive_ns == end))] == "SIGNAL_STOP"
+    ramp = [record for record in records if record.command is not None and record.phase == MotionPhase.STOP_RAMP]
+    assert len(ramp) == pytest.approx(report.stop_duration_s * 1000, abs=2)
     assert json.loads(summary_file.read_text())["counts"]["commands_rejected"] == 0
 
 
@@ -167,9 +172,10 @@ def test_a_supervisor_that_falls_silent_and_a_recorder_that_is_gone_leave_a_stop
         wait_until_listening(process, ring)
         with fake_robot(tmp_path, request):
             while ring.status.phase != MotionPhase.EXCITATION:
-                ring.beat()
+                assert process.poll() is None
                 time.sleep(0.005)
-            assert process.wait(60.0) == 1  # nobody beats any more, nobody reads
+            ring.beat()  # the first: from here on it is watched
+            assert process.wait(WATCHDOG_S) == 1  # nobody beats any more, nobody reads
     report = read_json(tmp_path / "loop_report.json", LoopReport)
     assert report.reason in ("SUPERVISOR_LOST", "RECORDER_LOST")
     assert (report.outcome, report.standstill_confirmed, report.lost_in_handover) == ("stopped", True, 0)
@@ -177,7 +183,7 @@ def test_a_supervisor_that_falls_silent_and_a_recorder_that_is_gone_leave_a_stop
 
 def run_to_its_end(folder: Path) -> tuple[int, str, LoopReport | None]:
     with loop_process(folder) as (process, ring):
-        code = process.wait(30.0)
+        code = process.wait(WATCHDOG_S)
         assert process.stderr is not None
         said = process.stderr.read()
         assert ring.finished

@@ -233,8 +233,12 @@ def start_process(job: Any, ring: HandoverRing) -> subprocess.Popen[bytes]:
     )
 
 
-def wait_until(condition: Any, patience_s: float = 60.0) -> None:
-    end = time.monotonic() + patience_s
+WATCHDOG_S = 600.0
+"""For what does not happen or does not end; nothing is judged by it."""
+
+
+def wait_until(condition: Any) -> None:
+    end = time.monotonic() + WATCHDOG_S
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
@@ -259,7 +263,7 @@ def test_killed_again_and_again_at_any_moment_nothing_is_lost_between_files_and_
         producer.push(30)
     ring.finish()
     last = start_process(make_job(tmp_path, part=len(moments)), ring)
-    assert last.wait(60) == 0
+    assert last.wait(WATCHDOG_S) == 0
     report = recover(tmp_path)
     assert [state.sample_index for state in read_states(report.recovered)] == list(range(producer.sent))
     assert (report.missing, report.missing_in_handover) == (0, 0)
@@ -281,7 +285,7 @@ def test_a_disk_that_hangs_for_seconds_costs_nothing_while_the_ring_has_room(
         process.send_signal(signal.SIGCONT)
         wait_until(lambda: ring.backlog == 0)
     ring.finish()
-    assert process.wait(60) == 0
+    assert process.wait(WATCHDOG_S) == 0
     assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(producer.sent))
     assert ring.lost == 0
 
@@ -294,7 +298,7 @@ def test_a_stop_signal_does_not_end_the_recording(tmp_path: Path, ring: Handover
     process.send_signal(signal.SIGTERM)
     producer.push(20)
     ring.finish()
-    assert process.wait(60) == 0
+    assert process.wait(WATCHDOG_S) == 0
     assert len(read_states(tmp_path / "recording.mcap")) == 20
 
 
@@ -352,7 +356,7 @@ def test_a_disk_without_room_for_the_reserve_is_said_before_anything_moves(tmp_p
         cwd=REPOSITORY,
         capture_output=True,
         check=False,
-        timeout=60,
+        timeout=WATCHDOG_S,
     )
     assert process.returncode == 74
     assert b"File too large" in process.stderr
@@ -393,7 +397,7 @@ def test_a_really_full_file_system_ends_in_a_whole_file_thanks_to_the_reserve(tm
         env={**os.environ, "CODE": code},
         capture_output=True,
         check=False,
-        timeout=120,
+        timeout=WATCHDOG_S,
         text=True,
     )
     if "unshare" in process.stderr or "mount:" in process.stderr:
@@ -447,7 +451,7 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     outcome = read_json(tmp_path / "run.json", RunOutcome)
     assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.handover_gaps) == ("fault", 70, 250, 0)
     assert "brakes by itself" in outcome.sentences[0]
-    assert "written by the recorder" in outcome.sentences[-1]
+    assert any("written by the recorder" in sentence for sentence in outcome.sentences)
     assert not (tmp_path / "recorder0.json").exists()
 
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,14 +17,14 @@ from daemon.api import LoopReport, RunOutcome
 from daemon.errors import LogIOError
 from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
-from daemon.log.stream import PatientFile
+from daemon.log.stream import PatientFile, is_being_written
 from daemon.recorder import Recorder
 from daemon.rescue import rescue_if_abandoned
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover import HandoverRing
 
 from .producer import Producer, make_job, make_request
-from .test_recorder import read_states, start_process, wait_until
+from .test_recorder import WATCHDOG_S, read_states, start_process, wait_until
 
 
 @pytest.fixture
@@ -71,14 +69,23 @@ def test_without_any_recording_the_ring_becomes_one(tmp_path: Path, ring: Handov
     assert len(read_states(tmp_path / "recording.mcap")) == 40
 
 
-def test_a_living_recorder_is_waited_for_and_an_empty_ring_needs_nothing(tmp_path: Path, ring: HandoverRing) -> None:
+def test_a_living_recorder_is_waited_for_and_an_empty_ring_needs_nothing(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It closes its file when it has been looked at three times."""
     ring.finish()
     alive = PatientFile(tmp_path / "recording.mcap")
-    end = threading.Timer(0.3, alive.close)
-    end.start()
-    begin = time.monotonic()
+    looks: list[bool] = []
+
+    def look(path: Path) -> bool:
+        looks.append(is_being_written(path))
+        if len(looks) == 3:
+            alive.close()
+        return looks[-1]
+
+    monkeypatch.setattr("daemon.rescue.is_being_written", look)
     assert rescue_if_abandoned(make_request(tmp_path), ring) is None
-    assert time.monotonic() - begin >= 0.25
+    assert looks == [True, True, True, False]
     assert not list(tmp_path.glob("recording.part*"))
 
 
@@ -160,7 +167,7 @@ def test_a_recorder_that_is_stopped_for_ever_is_ended_and_its_samples_are_writte
         producer.push(200)
         ring.finish()
         assert rescue_if_abandoned(make_request(tmp_path), ring) is not None
-        recorder.wait(30)  # it is gone; raises where it is not
+        recorder.wait(WATCHDOG_S)  # it is gone; raises where it is not
     finally:
         recorder.kill()
         recorder.wait()

@@ -84,7 +84,7 @@ def test_another_port_is_free_meanwhile(holder: subprocess.Popen[str]) -> None:
 
 def test_a_killed_holder_leaves_no_lock_behind(holder: subprocess.Popen[str]) -> None:
     holder.send_signal(signal.SIGKILL)
-    holder.wait(30)
+    holder.wait(600)
     with lock_port("127.0.0.1", 31999):
         pass
 

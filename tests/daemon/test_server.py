@@ -20,6 +20,7 @@ import zmq
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from daemon.api import RunEvent
 from daemon.control_api import (
     CancelJob,
     Ping,
@@ -45,7 +46,7 @@ from tests.daemon.service_process import (
     short_trajectory,
     wait_for,
 )
-from tests.daemon.test_service import free_port, gentle_request
+from tests.daemon.test_service import WATCHDOG_S, free_port, gentle_request
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_a_killed_service_leaves_an_arm_at_rest_and_finds_its_jobs_again(tmp_pat
         children = psutil.Process(running.process.pid).children()
         running.process.send_signal(signal.SIGKILL)
         running.process.wait()
-        _, alive = psutil.wait_procs(children, timeout=60)
+        _, alive = psutil.wait_procs(children, timeout=WATCHDOG_S)
         assert not alive
         report = loop_report(running, first)
         assert report["reason"] == "SUPERVISOR_LOST"
@@ -131,7 +132,7 @@ def test_a_killed_service_leaves_an_arm_at_rest_and_finds_its_jobs_again(tmp_pat
         running.ask(CancelJob(job_id=second))
         assert running.phase(second) == "cancelled"
         running.process.terminate()
-        assert running.process.wait(30) == 0
+        assert running.process.wait(WATCHDOG_S) == 0
         running.start()
         assert (running.phase(first), running.phase(second)) == ("interrupted", "cancelled")
 
@@ -160,7 +161,7 @@ def test_sigterm_ramps_the_arm_down_and_then_the_service_ends_and_systemd_is_tol
                 job = submit(running, trajectory, periods=500)
                 until_excitation(running, job)
                 running.process.terminate()
-                assert running.process.wait(60) == 0
+                assert running.process.wait(WATCHDOG_S) == 0
         finally:
             running.kill()
             end.set()
@@ -177,11 +178,21 @@ def test_sigterm_ramps_the_arm_down_and_then_the_service_ends_and_systemd_is_tol
 
 def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_path: Path) -> None:
     port = free_port()
-    # Nobody ticks: the control thread hangs from the start.
-    stop = StopHandle(watched_by_s=8.0)
+    # The control thread hangs from the second period on.
+    hangs = threading.Event()
+
+    class Unheard(StopHandle):
+        @property
+        def alive(self) -> bool:
+            return not hangs.is_set()
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "progress" and event.period == 1:
+            hangs.set()
+
     with fake_robot(port, tmp_path / "robot.json"):
-        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=1.0)
-        outcome = run_acquisition(request, observe=lambda _: None, stop=stop)
+        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=4.0)
+        outcome = run_acquisition(request, observe=observe, stop=Unheard())
     assert outcome.loop is not None
     assert outcome.loop.reason == "SUPERVISOR_LOST"
     assert outcome.loop.standstill_confirmed
@@ -332,7 +343,7 @@ def test_whatever_bytes_come_each_is_answered_in_type_and_the_service_lives(
         for data in messages:
             peer.send_multipart([b"", data])
         for _ in messages:
-            assert peer.poll(30_000)
+            assert peer.poll(300_000)
             decode_reply(peer.recv_multipart()[-1])
     assert isinstance(idle.ask(Ping()), Pong)
     assert idle.process.poll() is None

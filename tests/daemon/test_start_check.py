@@ -158,13 +158,13 @@ def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
 
     def ended() -> dict[str, Any]:
         process.terminate()
-        process.wait(30)
+        process.wait(600)
         account: dict[str, Any] = json.loads(summary.read_text())
         return account
 
     yield port, ended
     process.terminate()
-    process.wait(30)
+    process.wait(600)
 
 
 def real_request(tmp_path: Path, port: int, **changes: Any) -> RunRequest:
@@ -182,7 +182,7 @@ def test_an_arm_that_stands_inside_a_forbidden_box_never_moves(
     port, ended = robot
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.bind(("127.0.0.1", port))
-        ear.settimeout(60.0)
+        ear.settimeout(600.0)
         monitor = Codec(FriVersion.V1_15).decode_monitoring(ear.recv(2048)).monitor_data
     assert monitor is not None
     tip = load_geometry("iiwa14").tip_path(np.array([monitor.measured_joint_position]))[0].round(3).tolist()

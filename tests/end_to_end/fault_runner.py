@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import psutil
 import yaml
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from daemon.api import RunRequest
@@ -30,7 +31,7 @@ from identification.excitation import FourierTrajectory, default_trajectory
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.processes import free_udp_port, iiwa_ident
 
-__all__ = ["FaultResult", "run_case"]
+__all__ = ["FaultResult", "matches", "robot_settings", "run_case", "short_motion"]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_S = 2.0
@@ -38,6 +39,8 @@ LEAD_IN_S = 0.3
 REST_RAD_S = 1e-6
 QUICK_SESSION = {"lockstep_timeout_s": 0.5, "overlay_start_delay_s": 0.05}
 """Waits of the robot that no case is about, shortened."""
+WATCHDOG_S = 600.0
+"""For a process that does not end; nothing is judged by it."""
 MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
 
 
@@ -119,9 +122,8 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
 
 
 def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
-    """The short motion (2 s, a fifth of the shipped one), the request and the robot's settings."""
-    shipped = default_trajectory()
-    short = FourierTrajectory(1.0 / PERIOD_S, 0.2 * shipped.a, 0.2 * shipped.b, shipped.offset, shipped.robot)
+    """The short motion, the request and the robot's settings."""
+    short = short_motion()
     table = short.table(1000.0)
     np.save(folder / "table.npy", table)
     (folder / "trajectory.json").write_text(json.dumps(short.to_json()))
@@ -136,15 +138,26 @@ def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
         "realtime_priority": 0,  # several runs beside each other would starve the robots
         "bind_port": port,
         "fit": False,
-        "simulation": not case.clock,
+        "simulation": True,
     }
     write_json(folder / "input.json", RunRequest(**{**values, **case.request}))
-    first = table[-round(values["lead_in_s"] * 1000)] + case.start_rad
-    settings = {
+    settings = robot_settings(case, table, values["lead_in_s"])
+    (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
+
+
+def short_motion() -> FourierTrajectory:
+    """2 s, a fifth of the shipped one."""
+    shipped = default_trajectory()
+    return FourierTrajectory(1.0 / PERIOD_S, 0.2 * shipped.a, 0.2 * shipped.b, shipped.offset, shipped.robot)
+
+
+def robot_settings(case: FaultCase, table: NDArray[np.float64], lead_in_s: float = LEAD_IN_S) -> dict[str, Any]:
+    """What stands in the robot's settings file; it begins near where the lead-in of the table (N, 7) rad does."""
+    first = table[-round(lead_in_s * 1000)] + case.start_rad
+    return {
         "initial_position_rad": first.tolist(), "session": {**QUICK_SESSION, **case.session},
         "faults": [dict(each) for each in case.faults],
     }  # fmt: skip
-    (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
 
 
 def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[bytes]:
@@ -178,7 +191,7 @@ def _end_robot(robot: subprocess.Popen[bytes], folder: Path, *, patient: bool) -
     with contextlib.suppress(subprocess.TimeoutExpired):
         robot.wait(6.0 if patient else 0.0)
     robot.terminate()
-    robot.wait(30)
+    robot.wait(WATCHDOG_S)
     file = folder / "robot.json"  # absent where the run ended before the robot was there
     return dict(json.loads(file.read_text())) if file.is_file() else {}
 
@@ -208,10 +221,11 @@ def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
                 if step.resume_after_s is not None:
                     timers.append(threading.Timer(step.resume_after_s, _resume, (chosen,)))
                     timers[-1].start()
-    exit_code = process.wait(60)
+    exit_code = process.wait(WATCHDOG_S)
     for timer in timers:
         timer.join()
-    _, alive = psutil.wait_procs([each for role, each in family.items() if role != "supervisor"], timeout=30)
+    others = [each for role, each in family.items() if role != "supervisor"]
+    _, alive = psutil.wait_procs(others, timeout=WATCHDOG_S)
     for each in alive:
         each.kill()
     return "".join(lines), exit_code, tuple(role for role, each in family.items() if each in alive)

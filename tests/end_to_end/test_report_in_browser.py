@@ -118,7 +118,7 @@ def chromium(profile: Path, *arguments: str) -> subprocess.CompletedProcess[str]
             "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--enable-logging=stderr",
             f"--user-data-dir={profile}", "--virtual-time-budget=20000", *arguments,
         ],
-        capture_output=True, text=True, timeout=150, check=True,
+        capture_output=True, text=True, timeout=600, check=True,
     )  # fmt: skip
 
 

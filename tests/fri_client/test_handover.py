@@ -147,7 +147,7 @@ _PRODUCER = textwrap.dedent(
     ring.finish()
     if len(sys.argv) > 3:
         print("pushed", flush=True)
-        time.sleep(60)
+        time.sleep(600)
     """
 )
 

@@ -64,7 +64,7 @@ class Robot:
         self.codec = Codec(self.version)
         self.channel = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.channel.bind(("127.0.0.1", 0))
-        self.channel.settimeout(5.0)
+        self.channel.settimeout(60.0)
 
     def message(self, state: int, **changes: Any) -> MonitoringMessage:
         monitor = MonitorData(
@@ -156,7 +156,7 @@ class Robot:
                 else:
                     return True
         finally:
-            self.channel.settimeout(5.0)
+            self.channel.settimeout(60.0)
 
 
 class Client:
@@ -187,7 +187,7 @@ class Client:
         self.result = self.loop.run()
 
     def finish(self) -> LoopResult:
-        self.thread.join(20.0)
+        self.thread.join(600.0)
         assert self.result is not None, "the loop did not end"
         return self.result
 
@@ -199,13 +199,13 @@ class Client:
 def running(
     version: FriVersion = FriVersion.V1_15, settings: LoopSettings | None = None, slots: int = 16384, **motion: Any
 ) -> Iterator[tuple[Client, Robot]]:
-    client = Client(version, settings or LoopSettings(receive_timeout_s=5.0), slots, **motion)
+    client = Client(version, settings or LoopSettings(receive_timeout_s=60.0), slots, **motion)
     robot = Robot(client.address, version)
     try:
         yield client, robot
     finally:
         client.loop.stop_from_signal(15)
-        client.thread.join(10.0)
+        client.thread.join(600.0)
         robot.channel.close()
         client.channel.close()
         client.ring.close()
@@ -559,13 +559,13 @@ def test_of_a_backlog_after_a_stall_the_newest_message_alone_is_answered_by_one_
 
         def slow(*arguments: Any) -> None:
             held.set()
-            released.wait(10.0)
+            released.wait(600.0)
             push(*arguments)
 
         client.loop._journal.record = slow  # type: ignore[method-assign]
         robot.send(ACTIVE)
         before = robot.take()
-        held.wait(10.0)
+        held.wait(600.0)
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         for _ in range(waiting):
             robot.send(ACTIVE)

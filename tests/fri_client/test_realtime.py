@@ -154,7 +154,7 @@ def test_an_ordinary_user_gets_a_report_and_no_exception() -> None:
         "with realtime(RealtimeSettings()) as report: print(json.dumps(report.to_json()))\n"
     )
     program = "from fri_client.realtime import RealtimeSettings, realtime\n" + program
-    finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=600)
     report = json.loads(finished.stdout)
     if report is None:
         pytest.skip("this root may not become an ordinary user")
