@@ -17,6 +17,7 @@ from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.findings import HeldOutMisfit
 from identification.mismatch.heldout import Residuals, misfit_probability
 from identification.mismatch.localisation import best_curve
+from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,12 +32,14 @@ def held_out_misfits(
     evidences: Sequence[Evidence],
     fitted: Residuals,
     fitted_evidences: Sequence[Evidence],
-    probability: float,
+    settings: DiagnosisSettings,
 ) -> tuple[HeldOutMisfit, ...]:
-    """Joints of held-out recordings whose misfit would come by chance with less than that probability, largest first.
+    """Joints of held-out recordings whose misfit is beyond consistency_probability, largest first.
 
-    left, fitted: what the model leaves on the held-out and on the fitted evidences.
+    left, fitted: what the model leaves on the held-out and on the fitted evidences. Only what lies in the band of the
+    motion counts: a hum above it is no matter of the arm.
     """
+    probability, band = settings.consistency_probability, settings.motion_bandwidth_hz
     names = recording_names([item.recording for item in (*fitted_evidences, *evidences)])
     fitted_to = " and ".join(dict.fromkeys(names[: len(fitted_evidences)]))
     names = names[len(fitted_evidences) :]
@@ -46,11 +49,10 @@ def held_out_misfits(
     for name in dict.fromkeys(names):
         own = [place for place, other in enumerate(names) if other == name]
         rows = np.concatenate([np.arange(first[place], first[place + 1]) for place in own])
-        part = left.rows_of(rows, sum(evidences[place].samples for place in own))
-        more = _probability_of_more(
-            *_in_common_band((part, fitted), ([evidences[place] for place in own], fitted_evidences))
-        )
-        wrong = misfit_probability(part, [evidences[place] for place in own]) if measured else more
+        own_evidences = [evidences[place] for place in own]
+        part = left.rows_of(rows, sum(item.samples for item in own_evidences))
+        more = _probability_of_more(*_in_common_band((part, fitted), (own_evidences, fitted_evidences), band))
+        wrong = misfit_probability(part, own_evidences, band) if measured else more
         for joint in np.flatnonzero(wrong * left.rows.shape[0] < probability):
             rms, before = float(part.rms_nm[joint]), float(fitted.rms_nm[joint])
             differs = bool(more[joint] * left.rows.shape[0] < probability)
@@ -87,10 +89,10 @@ def _probability_of_more(left: Residuals, fitted: Residuals) -> FloatArray:
 
 
 def _in_common_band(
-    parts: tuple[Residuals, Residuals], evidences: tuple[Sequence[Evidence], Sequence[Evidence]]
+    parts: tuple[Residuals, Residuals], evidences: tuple[Sequence[Evidence], Sequence[Evidence]], band_hz: float
 ) -> tuple[Residuals, Residuals]:
     frequency = [np.concatenate([item.frequency for item in group]) for group in evidences]
-    highest = COMMON_BAND * min(float(values.max()) for values in frequency)
+    highest = min(band_hz, *(COMMON_BAND * float(values.max()) for values in frequency))
     first, second = (
         part.rows_of(np.flatnonzero(values <= highest), part.samples)
         for part, values in zip(parts, frequency, strict=True)

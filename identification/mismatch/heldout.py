@@ -26,8 +26,9 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Predicted torque that scatters this many deviations of the noise along one direction says nothing about an effect.
 OPEN_BEYOND_NOISE = 5.0
-# Deviations beyond which a joint that gets worse speaks against a name: one chance in a thousand.
-WORSE = 3.0
+# Deviations beyond which a joint that gets worse speaks against a name: chance 3e-5, for seven joints about that at which
+# a residual no longer counts as noise.
+WORSE = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,18 +175,19 @@ def worsened(rest: Residuals, now: Residuals) -> BoolArray:
     return np.asarray(rise > np.maximum(2.0 * WORSE * np.sqrt(moved) - moved, 0.0))
 
 
-def misfit_probability(left: Residuals, evidences: Sequence[Evidence]) -> FloatArray:
+def misfit_probability(left: Residuals, evidences: Sequence[Evidence], highest_hz: float = np.inf) -> FloatArray:
     """(n,) chance that noise and the scatter of the model's parameters alone leave so much in any band of a joint.
 
     evidences: those of the rows, whose noise is measured. Band by band against the estimate of the noise and its
-    degrees of freedom; the smallest chance counts, times the number of bands.
+    degrees of freedom, up to a frequency; the smallest chance counts, times the number of bands.
     """
     frequency = np.concatenate([evidence.frequency for evidence in evidences])
     freedom = np.concatenate([evidence.noise_freedom for evidence in evidences])
     band = np.searchsorted(BAND_EDGES_HZ, frequency, side="left")
+    inside = left.used & (frequency <= highest_hz)
     chance = np.ones(left.rows.shape[0])
     for joint in range(chance.size):
-        for rows in (np.flatnonzero((band == number) & left.used[joint]) for number in np.unique(band)):
+        for rows in (np.flatnonzero(inside[joint] & (band == number)) for number in np.unique(band)):
             if not rows.size:
                 continue
             noise = left.sensor_noise[joint, rows]

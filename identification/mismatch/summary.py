@@ -123,9 +123,7 @@ def _held_out(claims: Claims, fitted: Prepared, unseen: Prepared | None, setting
     same = {item.recording.source.sha256 for item in fitted.evidences}
     misfits: tuple[HeldOutMisfit, ...] = ()
     if all(item.recording.source.sha256 not in same for item in unseen.evidences):
-        misfits = held_out_misfits(
-            after, unseen.evidences, claims.after, fitted.evidences, settings.consistency_probability
-        )
+        misfits = held_out_misfits(after, unseen.evidences, claims.after, fitted.evidences, settings)
     square, deviation = after.rms_nm**2, after.excess_deviation
     interval = np.sqrt(np.maximum(np.column_stack([square - 1.96 * deviation, square + 1.96 * deviation]), 0.0))
     return HeldOut(
