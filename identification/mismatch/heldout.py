@@ -26,8 +26,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Predicted torque that scatters this many deviations of the noise along one direction says nothing about an effect.
 OPEN_BEYOND_NOISE = 5.0
-# Deviations beyond which a joint that gets worse speaks against a name: chance 3e-5, for seven joints about that at which
-# a residual no longer counts as noise.
+# Deviations beyond which a joint that gets worse speaks against a name: chance 3e-5, for seven joints about the one at
+# which a residual no longer counts as noise.
 WORSE = 4.0
 
 
