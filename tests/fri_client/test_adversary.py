@@ -70,11 +70,20 @@ def test_a_set_point_of_the_robot_that_moves_when_the_motion_would_begin(speed: 
 
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 9])
+@pytest.mark.parametrize("how", ["lost", "silent, and the counter stands", "refused"])
 @pytest.mark.parametrize(("period", "multiplier"), [(5, 1), (10, 1), (5, 2), (2, 2), (1, 2)])
-def test_a_stop_after_the_robot_has_held(lost: int, period: int, multiplier: int) -> None:
-    """A stop after 45 ms without a command began at 74 % of full speed, at a send period of 5 ms."""
+def test_a_stop_after_the_robot_has_held(lost: int, how: str, period: int, multiplier: int) -> None:
+    """A stop after 45 ms without a command began at 74 % of full speed, at a send period of 5 ms.
+
+    1463 % of the acceleration limit where the counter stood meanwhile, 4261 % where the network had refused nine sends.
+    """
     at = AT // period
-    moves = (Move("lose", at, lost), Move("stop", at + lost))
+    if how == "refused":
+        moves = (Move("refuse", at, lost), Move("stop", at + lost))
+    else:
+        moves = (Move("lose", at, lost), Move("stop", at + lost + 1))
+        if how != "lost":
+            moves = (*moves, Move("counter_for_good", at + lost, 1, -lost))
     assert_inside(play(Setting(period, multiplier, duration_ms=1300), moves))
 
 

@@ -44,7 +44,7 @@ REST = np.array([0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05])
 LATENCY_NS = 60_000
 """One way through the network."""
 EPOCH_NS = 1_700_000_000_000_000_000
-_MISSES_TOLERATED = 25
+_MISSES_TOLERATED = 60
 _US = 1_000
 
 
