@@ -7,8 +7,9 @@ A position goes out only as a `Judged` of the guard: judged against the last pos
 other. So velocity and acceleration are always those between commands that went out, whatever was planned, refused by
 the network, or lost to a stall in between. The gate adds the robot's time (`Pace`):
 
-- Too early: the robot may still be in the cycle of the last command. A second one would replace it, and both steps
-  would reach the arm as one. Nothing goes out; the robot bridges a cycle without a command.
+- Too early: the robot may still be in the cycle of the last command, or cannot have sent this message yet. A second
+  command would replace the first, and both steps would reach the arm as one. Nothing goes out; the robot bridges a
+  cycle without a command.
 - Next: one step follows the last one. Up to 10 ms without a command the robot bridges (`re_entry`).
 - Unclear: on the edge of that time. Nothing goes out until it is over for sure.
 - Stands: the robot has had no command for longer, and stands on the last one. The next begins from rest.
@@ -35,6 +36,9 @@ _IN_CYCLE = 0.8
 """Share of a send period within which an answer still reaches the cycle of its message: what is left is twice the way
 through the network, 0.1 ms each on a plain cable. Two commands have reached two cycles for sure if they left no nearer
 than a command period less this."""
+
+_EARLY = 20
+"""A message earlier than the robot can have sent it, by more than such a part of the period, gets no step."""
 
 _WRAP = 0xFFFFFFFF
 
@@ -117,7 +121,8 @@ class CommandGate:
         """The pace at which an answer to the message of that moment would arrive."""
         if self._at_ns is None:
             return Pace.FIRST
-        if moment.counter - self._at_counter & _WRAP < self._samples:
+        early_ns = moment.cycle_ns - moment.time_ns
+        if moment.counter - self._at_counter & _WRAP < self._samples or early_ns > self._period_ns // _EARLY:
             return Pace.TOO_EARLY
         elapsed = moment.cycle_ns - self._at_ns
         edge = self._edge_ns

@@ -112,7 +112,7 @@ class World:
         self.begun_ns = 0
         if self.state == ACTIVE:
             self._begin_active()
-        self._at(self.now + 1_000_000, "tick", None)
+        self._at(self.now, "tick", None)  # cycles begin with a message
 
     # The loop's channel and clock.
 
