@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALL := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet
 DEMO_OUT ?= demo-output
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test test-under-load lint bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/iiwa-ident demo --out $(DEMO_OUT)
@@ -18,6 +18,10 @@ test: $(VENV)/.installed-test
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+# The tests with processes and sockets, ten times beside two busy loops: none of them may grade the machine.
+test-under-load: $(VENV)/.installed-test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.tests_under_load
 
 # Most take minutes; endurance (30), prove (600 cases) and estimators have a short form here. identification_speed needs
 # FIGAROH: pip install -e '.[bench]'.

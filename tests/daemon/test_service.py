@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import subprocess
@@ -151,7 +152,10 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
     assert outcome.samples_in_periods == 3 * PERIOD_SAMPLES
     assert events[0].kind == "starting"
     assert events[-1].kind == "finished"
-    assert {event.period for event in events if event.kind == "progress"} >= {0, 1, 2}
+    # A supervisor that is held up may miss one; that it tells each one it sees is a claim of test_run_narrator.
+    told = [event.period for event in events if event.kind == "progress" and event.period >= 0]
+    assert told == sorted(told)
+    assert set(told) <= {0, 1, 2}
     # Peaks are those of what went out, differenced here; the judge says so too.
     sent = np.array(commands_of(Path(outcome.recordings[0])))
     for order, peak in ((1, outcome.loop.peak_command_velocity), (2, outcome.loop.peak_command_acceleration)):
@@ -177,7 +181,7 @@ def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
     killed: list[int] = []
 
     def observe(event: RunEvent) -> None:
-        if event.kind == "progress" and event.period == 1 and not killed:
+        if event.kind == "progress" and event.period >= 1 and not killed:
             recorder = child_of(psutil.Process(), "daemon.recorder")
             killed.append(recorder.pid)
             recorder.send_signal(signal.SIGKILL)
@@ -203,7 +207,7 @@ def test_a_recorder_stopped_for_ever_costs_no_sample(
     stopped: list[psutil.Process] = []
 
     def observe(event: RunEvent) -> None:
-        if event.kind == "progress" and event.period == 1 and not stopped:
+        if event.kind == "progress" and event.period >= 1 and not stopped:
             stopped.append(child_of(psutil.Process(), "daemon.recorder"))
             stopped[0].suspend()
 
@@ -223,10 +227,12 @@ def test_a_loop_stopped_for_ever_is_ended_and_the_books_are_closed(
     robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daemon.service.STOPPED_S", 0.3)
+    held: list[psutil.Process] = []
 
     def observe(event: RunEvent) -> None:
-        if event.kind == "progress" and event.period == 1:
-            child_of(psutil.Process(), "daemon.loop_process").suspend()
+        if event.kind == "progress" and event.period >= 1 and not held:
+            held.append(child_of(psutil.Process(), "daemon.loop_process"))
+            held[0].suspend()
 
     outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=600), observe=observe)
     assert (outcome.exit_code, outcome.outcome) == (70, "fault"), outcome.sentences
@@ -255,7 +261,7 @@ def test_a_closed_terminal_stops_the_arm_by_ramp_and_the_books_are_closed(
         os.chdir(REPOSITORY)
         os.execv(sys.executable, [sys.executable, "-c", RUN_CODE, str(file)])
     heard = b""
-    while b"Period 2" not in heard:
+    while not has_begun_period(2, heard.decode(errors="replace")):
         heard += os.read(terminal, 4096)
     os.close(terminal)
     os.waitpid(process, 0)
@@ -270,9 +276,12 @@ def test_a_closed_terminal_stops_the_arm_by_ramp_and_the_books_are_closed(
 
 
 def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tuple[int, Path], tmp_path: Path) -> None:
+    killed: list[psutil.Process] = []
+
     def observe(event: RunEvent) -> None:
-        if event.kind == "progress" and event.period == 1:
-            child_of(psutil.Process(), "daemon.loop_process").send_signal(signal.SIGKILL)
+        if event.kind == "progress" and event.period >= 1 and not killed:
+            killed.append(child_of(psutil.Process(), "daemon.loop_process"))
+            killed[0].send_signal(signal.SIGKILL)
 
     outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=60), observe=observe)
     assert (outcome.exit_code, outcome.outcome) == (70, "fault")
@@ -296,12 +305,17 @@ def start_run(request: RunRequest) -> subprocess.Popen[str]:
     )
 
 
-def read_until(process: subprocess.Popen[str], text: str) -> None:
+def has_begun_period(number: int, said: str) -> bool:
+    """Whether this period or a later one was told; a supervisor that is held up may miss one."""
+    return any(int(told) >= number for told in re.findall(r"Period (\d+) of", said))
+
+
+def read_until_period(process: subprocess.Popen[str], number: int) -> None:
     assert process.stdout is not None
     for line in process.stdout:
-        if text in line:
+        if has_begun_period(number, line):
             return
-    raise AssertionError(f"the run ended without saying '{text}'")
+    raise AssertionError(f"the run ended without period {number}")
 
 
 def wait_gone(processes: list[psutil.Process]) -> None:
@@ -313,7 +327,7 @@ def test_interrupted_by_the_operator_the_arm_ramps_down_and_the_exit_code_is_130
     robot: tuple[int, Path], tmp_path: Path
 ) -> None:
     process = start_run(gentle_request(tmp_path, robot[0], periods=60))
-    read_until(process, "Period 2")
+    read_until_period(process, 2)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130
@@ -333,7 +347,7 @@ def test_a_killed_supervisor_leaves_an_arm_at_rest_and_a_whole_file(
     robot: tuple[int, Path], tmp_path: Path, how: signal.Signals
 ) -> None:
     process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=4.0))
-    read_until(process, "Period 2")
+    read_until_period(process, 2)
     children = psutil.Process(process.pid).children()
     assert len(children) == 2
     process.send_signal(how)
@@ -358,7 +372,7 @@ def test_supervisor_and_recorder_killed_at_once_cost_no_sample_and_the_arm_comes
     robot: tuple[int, Path], tmp_path: Path
 ) -> None:
     process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=4.0))
-    read_until(process, "Period 2")
+    read_until_period(process, 2)
     supervisor = psutil.Process(process.pid)
     loop = child_of(supervisor, "daemon.loop_process")
     kill_together([supervisor, child_of(supervisor, "daemon.recorder")])
@@ -386,7 +400,7 @@ def test_all_processes_killed_at_once_leave_all_but_the_last_chunk_and_recover_s
 ) -> None:
     """That no chunk holds more than a quarter of a second is a claim of test_log, by a simulated clock."""
     process = start_run(gentle_request(tmp_path, robot[0], periods=600))
-    read_until(process, "Period 3")
+    read_until_period(process, 3)
     wait_for_chunks(tmp_path / "run" / "recording.mcap", 2)
     supervisor = psutil.Process(process.pid)
     with pytest.raises(LogIOError, match="being recorded"):
