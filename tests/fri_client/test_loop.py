@@ -445,8 +445,12 @@ def test_silence_while_moving_latches_and_the_stop_is_reported_as_not_confirmed(
         robot.to_active()
         robot.exchange(ACTIVE, 700)
         result = client.finish()
+        records = client.records()
     assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SILENCE", False)
     assert "NOT confirmed" in result.sentence
+    # No command could be sent, so nobody is told how the arm comes to rest.
+    assert not {EventCode.STOP_ON_PATH, EventCode.STOP_IN_JOINT_SPACE} & set(events(records))
+    assert result.stop_kind is None
 
 
 def test_duplicates_stale_ones_garbage_and_numbers_that_are_none_do_not_move_the_path() -> None:
@@ -534,6 +538,49 @@ def test_a_stranger_is_neither_answered_nor_recorded() -> None:
         result = client.finish()
         assert len([record for record in client.records() if record.monitoring]) == 6
     assert result.foreign == 20
+
+
+@pytest.mark.parametrize("first", ["a header alone", "garbage", "six joints"])
+def test_who_sends_no_whole_message_first_does_not_lock_the_robot_out(first: str) -> None:
+    """One datagram of 11 bytes from anyone, before the robot's first, was the peer for the whole run."""
+    with running() as (client, robot):
+        stranger = Robot(client.address, counter=7)
+        whole = stranger.codec.encode_monitoring(stranger.message(READY))
+        header = MonitoringMessage(MessageHeader(MONITORING_IDENTIFIER, 7, 0))
+        wrong = replace(stranger.message(READY), robot_info=RobotInfo(6))
+        datagram = {
+            "a header alone": stranger.codec.encode_monitoring(header),
+            "garbage": whole[: len(whole) // 2],
+            "six joints": stranger.codec.encode_monitoring(wrong),
+        }[first]
+        stranger.channel.sendto(datagram, client.address)
+        pause()
+        robot.exchange(READY, 3)
+        client.loop.stop_from_signal(15)
+        client.finish()
+        stranger.channel.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            stranger.take()
+        stranger.channel.close()
+    assert len(robot.received) == 3
+
+
+def test_a_robot_on_loopback_that_does_not_say_its_time_is_simulated_is_never_made_to_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A cabinet relayed to loopback was dropped in motion: the loop slept 300 ms in a tick for the recorder."""
+    waits: list[int] = []
+    monkeypatch.setattr("fri_client.stop_watch.RecorderPatience.wait", lambda _: waits.append(1))
+    with running() as (client, robot):
+        for _ in range(5):
+            robot.counter += 1
+            robot.time_ms += 1
+            real = replace(robot.message(READY), announcement=None)
+            robot.channel.sendto(robot.codec.encode_monitoring(real), robot.client)
+            robot.take()
+        assert not waits
+        client.loop.stop_from_signal(15)
+        client.finish()
 
 
 def test_only_the_configured_robot_is_listened_to() -> None:
