@@ -21,6 +21,10 @@ _WINDOW = 512
 """Messages over which the earliest arrival is looked for: the clocks of two machines drift apart by some 50 µs in so
 many milliseconds, and a robot that paused goes on later for good."""
 
+_SETTLED = 20
+"""Messages after a start that are taken as they come: the first ones may have waited in the channel, and only a later
+one shows how early messages can be."""
+
 _EARLY = 0.25
 """Share of a period by which a message may be earlier than the earliest one seen: clocks are not perfectly even."""
 
@@ -41,7 +45,7 @@ class Moment(NamedTuple):
 class RobotClock:
     """`time_of` a message, whether the clock `admits` its counter, and `note` it once it is believed."""
 
-    __slots__ = ("_due_ns", "_least_late_ns", "_noted", "_period_ns", "simulated")
+    __slots__ = ("_due_ns", "_least_late_ns", "_noted", "_period_ns", "_settling", "simulated")
 
     def __init__(self) -> None:
         self.simulated = False
@@ -49,6 +53,7 @@ class RobotClock:
         self._due_ns: int | None = None  # earliest time of the newest message
         self._least_late_ns = 0
         self._noted = 0
+        self._settling = _SETTLED
 
     def time_of(self, message: MonitoringMessage, receive_ns: int) -> int:
         """Time of a message, ns; only differences mean something."""
@@ -65,7 +70,9 @@ class RobotClock:
     def admits(self, steps: int, time_ns: int) -> bool:
         """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
         due = self._due_ns
-        return due is None or time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
+        if due is None or self._settling:
+            return True
+        return time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
 
     def cycle_of(self, steps: int, time_ns: int) -> int:
         """When the robot's cycle began that goes on at that time, ns, seen from the message `steps` after the newest.
@@ -84,16 +91,19 @@ class RobotClock:
             self._period_ns = period_ns
             self._due_ns = time_ns
             self._noted = 0
+            self._settling = _SETTLED
             self._least_late_ns = self._period_ns * _WINDOW
             return
         due = self._due_ns + steps * self._period_ns
         late = time_ns - due
         if late < 0:
             # A way that became quicker is learnt in small steps: one early message may be a forgery.
-            due, late = due - min(-late, self._period_ns // _LEARNT), 0
+            due, late = due - (-late if self._settling else min(-late, self._period_ns // _LEARNT)), 0
         if late < self._least_late_ns:
             self._least_late_ns = late
         self._noted += 1
+        if self._settling:
+            self._settling -= 1
         if self._noted == _WINDOW:
             due += self._least_late_ns
             self._noted = 0

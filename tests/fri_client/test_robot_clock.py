@@ -44,9 +44,12 @@ def sent_and_received(
 
 
 def followed(messages: Iterator[tuple[int, int, int]], period_ms: int) -> tuple[RobotClock, int]:
-    """A clock that has seen the robot's first message without delay and these after it; when the last was sent."""
+    """A clock that has seen the robot's first messages without delay, up to START, and these after it; when the last
+    was sent.
+    """
     clock = RobotClock()
-    clock.note(0, START, period_ms)
+    for n in range(-50, 1):
+        clock.note(1, START + n * period_ms * MS, period_ms)
     last = START
     for steps, sent, received in messages:
         assert clock.admits(steps, received)
@@ -109,11 +112,32 @@ def test_after_a_reset_and_at_another_period_the_next_message_is_taken_as_it_com
     clock, last = followed(sent_and_received([(1, 0.0, 0.0)] * 20, 1), 1)
     clock.reset()
     assert clock.admits(1000, last)
-    clock.note(1000, last, 1)
+    for n in range(50):
+        clock.note(1, last + n * MS, 1)
+    last += 49 * MS
     assert not clock.admits(2, last + MS)
-    clock.note(1, last + 5 * MS, 5)  # from here on a message means 5 ms
-    assert not clock.admits(2, last + 10 * MS)
-    assert clock.admits(2, last + 15 * MS)
+    for n in range(50):
+        clock.note(1, last + n * 5 * MS, 5)  # from here on a message means 5 ms
+    last += 49 * 5 * MS
+    assert not clock.admits(2, last + 5 * MS)
+    assert clock.admits(2, last + 10 * MS)
+
+
+@given(periods, st.integers(1, 18), st.floats(0.0, 1.0))
+def test_messages_that_waited_at_the_start_are_taken_and_what_comes_after_them_in_time(
+    period_ms: int, waiting: int, share: float
+) -> None:
+    """They are read at once, so the second looked as if it came ahead of its time, and so did all after it."""
+    clock = RobotClock()
+    read = START + round((waiting - 1 + share) * period_ms * MS)
+    for _ in range(waiting):
+        assert clock.admits(1, read)
+        clock.note(1, read, period_ms)
+    for n in range(waiting, waiting + 200):
+        assert clock.admits(1, max(read, START + n * period_ms * MS))
+        clock.note(1, max(read, START + n * period_ms * MS), period_ms)
+    last = START + (waiting + 199) * period_ms * MS
+    assert not clock.admits(2, last + period_ms * MS)
 
 
 def stamped(nanoseconds: int | None) -> MonitoringMessage:
