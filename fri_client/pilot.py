@@ -41,6 +41,10 @@ _IDLE, _COMMANDING_WAIT, _ACTIVE = (
 )
 _WRAP = 0xFFFFFFFF
 
+LEFT_RUN = 10
+"""Messages in a row in a monitoring state that prove that a robot which commanded has left: one may be damaged or
+forged while the robot goes on. Until then the last command stays the reference of the next one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Echo:
@@ -91,6 +95,7 @@ class Pilot:
         self._ipo = IpoWatch()
         self._ipo_at_begin: tuple[float, ...] = ()
         self._commanded = False  # the robot was seen in COMMANDING_ACTIVE
+        self._in_monitoring_for = 0  # answered messages in a row
         self._never_again = False
         self._is_step = False
         self._advanced_at: int | None = None
@@ -128,6 +133,7 @@ class Pilot:
         ipo = message.ipo_data
         if ipo is None or ipo.joint_position is None:
             return None
+        self._in_monitoring_for = 0
         measured = monitor.measured_joint_position
         self._commanded = self._commanded or session.state == _ACTIVE
         if session.drop is not None:
@@ -146,7 +152,9 @@ class Pilot:
     def _in_monitoring(self, message: MonitoringMessage, pace: Pace) -> Answer:
         if self._session.begun:
             return HEADER if pace == Pace.STANDS or self._never_again else None
-        self._gate.forget()
+        self._in_monitoring_for += 1
+        if not self._commanded or (pace == Pace.STANDS and self._in_monitoring_for >= LEFT_RUN):
+            self._gate.forget()
         self._ipo.reset()
         return HEADER if self._commanded else monitoring_echo(message, self._version)
 
