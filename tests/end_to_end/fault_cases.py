@@ -17,6 +17,8 @@ IN_MOTION = 1500
 """Messages after COMMANDING_ACTIVE: about half way through the period."""
 QUICK = {"lockstep_timeout_s": 0.3}
 """Where messages or answers are lost on purpose, a lockstep robot waits for nothing: let it wait shortly."""
+PROMPT = QUICK | {"lockstep_shortest_s": 0.1}
+"""The client leaves some messages unanswered and then goes on: that answer must not come a cycle late."""
 LONG_SILENCE = {"receive_timeout_s": 10.0}
 """A lockstep robot's wait for an answer that does not come is no silence."""
 PATIENT = {
@@ -65,6 +67,20 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         ("left COMMANDING_ACTIVE",),
         session={"overlay_duration_s": 1.5, "after_drop": "monitor"},
     )
+    for state, name, words in (
+        (1, "MONITORING_WAIT", "left COMMANDING_ACTIVE for MONITORING_WAIT"),
+        (9, "a session state that there is not", "closed the session"),
+    ):
+        yield FaultCase(f"session-state-{state}", f"one message that claims {name}", "ramp", "dropped", 1, (words,),
+                        faults=(fault("session_state", value=state),), session=PROMPT)  # fmt: skip
+    yield FaultCase(
+        "ipo-moves", "the robot's own set-point of joint 3 moves", "held", "not_started", 69,
+        (r"set-point \(IPO\) of joint 3 moves at 0.005 rad/s",), request={"command_timeout_s": 3.0},
+        faults=({"fault": "ipo_moves", "after_state": "COMMANDING_WAIT", "cycles": 10**6, "joint": 3, "value": 0.005},),
+    )  # fmt: skip
+    yield FaultCase("short-drive-list", "drive states of three joints only", "none", "not_started", 69,
+                    ("drives of 3 joints instead of 7",), faults=(fault("short_drive_list", 0, 100_000),),
+                    request={"command_timeout_s": 3.0})  # fmt: skip
     for kind, level, words in (
         ("operation_mode", 1, "operation mode changed from AUTOMATIC_MODE to TEST_MODE_2"),
         ("control_mode", 2, "control mode changed from POSITION to JOINT_IMPEDANCE"),
@@ -85,6 +101,8 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         faults=(fault("nan_position", cycles=3000, joint=3),),
         session=QUICK,
     )
+    yield FaultCase("huge-position", "measured position of joint 3 is 1e308 rad, once", "finished", "completed", 0,
+                    faults=(fault("huge_position", joint=3),), session=QUICK)  # fmt: skip
     yield FaultCase("nan-torque", "measured torque of joint 2 is NaN, once", "finished", "completed", 0,
                     faults=(fault("nan_torque", joint=2),))  # fmt: skip
     yield FaultCase("nan-torque-on", "measured torque of joint 2 is NaN for 200 messages", "finished", "completed", 0,
@@ -176,14 +194,22 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
                     faults=(fault("wrong_version", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("foreign", "500 messages from another port as well", "finished", "completed", 0,
                     faults=(fault("foreign_sender", cycles=500),))  # fmt: skip
-    yield FaultCase("counter-jump", "counter jumps by 100", "finished", "completed", 0, gap=100,
-                    faults=(fault("counter_jump", value=100),))  # fmt: skip
+    yield FaultCase("counter-jump", "counter jumps by 100 ahead of time", "ramp", "dropped", 1,
+                    ("sequence counter restarted at",), faults=(fault("counter_jump", value=100),),
+                    session=PROMPT, request=LONG_SILENCE, gap=100)  # fmt: skip
     yield FaultCase("counter-jump-far", "counter jumps by 100 000", "ramp", "dropped", 1,
-                    ("sequence counter restarted at 1",), faults=(fault("counter_jump", value=100_000),), session=QUICK,
-                    request=LONG_SILENCE, gap=100_000)  # fmt: skip
+                    ("sequence counter restarted at 1",), faults=(fault("counter_jump", value=100_000),),
+                    session=PROMPT, request=LONG_SILENCE, gap=100_000)  # fmt: skip
     yield FaultCase("counter-restart", "controller restarts its counter", "ramp", "dropped", 1,
-                    ("sequence counter restarted at",), faults=(fault("restart_counters"),), session=QUICK,
-                    request=LONG_SILENCE)  # fmt: skip
+                    ("sequence counter restarted at",), faults=(fault("restart_counters"),),
+                    session=PROMPT, request=LONG_SILENCE)  # fmt: skip
+    yield FaultCase("stale", "a message of half a second ago comes again", "finished", "completed", 0,
+                    faults=(fault("stale", value=500),))  # fmt: skip
+    yield FaultCase("stray", "11 bytes from another port before the robot's first message", "finished", "completed", 0,
+                    faults=({"fault": "stray", "at_cycle": 0},))  # fmt: skip
+    yield FaultCase("time-stamp-jump", "the robot's time stamp jumps by an hour, robot by the clock", "finished",
+                    "completed", 0, faults=(fault("time_stamp_jump", 300, value=3600.0),), clock=True,
+                    session=PATIENT)  # fmt: skip
 
 
 def _who_stops() -> Iterator[FaultCase]:
