@@ -37,8 +37,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_S = 2.0
 LEAD_IN_S = 0.3
 REST_RAD_S = 1e-6
-QUICK_SESSION = {"lockstep_timeout_s": 0.5, "overlay_start_delay_s": 0.05}
-"""Waits of the robot that no case is about, shortened."""
 WATCHDOG_S = 600.0
 """For a process that does not end; nothing is judged by it."""
 MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
@@ -139,10 +137,26 @@ def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
         "bind_port": port,
         "fit": False,
         "simulation": True,
+        **_patience(case),
     }
     write_json(folder / "input.json", RunRequest(**{**values, **case.request}))
     settings = robot_settings(case, table, values["lead_in_s"])
     (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
+
+
+def _patience(case: FaultCase) -> dict[str, float]:
+    """Time-outs of the client that the case is not about never end a run because the machine was busy elsewhere."""
+    lost = case.arm in ("held", "dropped") or any("no usable message" in words for words in case.says)
+    supervised = not any("supervisor" in step.targets for step in case.steps)
+    return ({} if lost or case.clock else {"receive_timeout_s": 10.0}) | (
+        {"supervisor_timeout_s": 60.0} if supervised else {}
+    )
+
+
+def _waits(case: FaultCase) -> dict[str, float]:
+    """The robot's waits, short where the case is about them. A lockstep robot that always gets its answers may wait."""
+    answered = not case.faults and case.arm in ("finished", "ramp")
+    return {"lockstep_timeout_s": 20.0 if answered else 0.5, "overlay_start_delay_s": 0.05}
 
 
 def short_motion() -> FourierTrajectory:
@@ -155,7 +169,7 @@ def robot_settings(case: FaultCase, table: NDArray[np.float64], lead_in_s: float
     """What stands in the robot's settings file; it begins near where the lead-in of the table (N, 7) rad does."""
     first = table[-round(lead_in_s * 1000)] + case.start_rad
     return {
-        "initial_position_rad": first.tolist(), "session": {**QUICK_SESSION, **case.session},
+        "initial_position_rad": first.tolist(), "session": {**_waits(case), **case.session},
         "faults": [dict(each) for each in case.faults],
     }  # fmt: skip
 
