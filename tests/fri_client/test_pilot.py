@@ -362,6 +362,20 @@ def test_whatever_a_robot_says_each_position_follows_from_the_last_and_none_foll
         assert arm.loop._faults == 0
 
 
+@pytest.mark.parametrize("pause_ms", [13, 20, 200])
+def test_after_a_longer_pause_in_a_living_session_the_path_begins_from_rest_where_the_arm_stands(pause_ms: int) -> None:
+    with robot() as arm:
+        arm.to_motion()
+        before = arm.position
+        first = position_of(arm.say(ACTIVE, pause_ms))
+        assert first is not None
+        assert np.all(np.abs(np.subtract(first, before)) <= IIWA14_R820.acceleration * 1e-6)
+        for _ in range(600):
+            assert position_of(arm.say(ACTIVE))
+        assert arm.loop.motion.phase == MotionPhase.EXCITATION
+        assert arm.judge.judgement().passed
+
+
 @pytest.mark.parametrize("left", [IDLE, WAIT, READY, COMMANDING_WAIT, 9])
 @pytest.mark.parametrize("gone_ms", [1, 3, 8, 10])
 def test_a_stop_goes_on_over_a_pause_that_the_robot_bridges(left: int, gone_ms: int) -> None:
