@@ -68,7 +68,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Setting:
-    """How the robot sends. ipo_speed: rad/s of its own set-point while the motion would begin."""
+    """How the robot sends. ipo_speed: rad/s of its own set-point, so that no motion may begin."""
 
     send_period_ms: int = 1
     receive_multiplier: int = 1
@@ -109,7 +109,6 @@ class World:
         self.held_back: list[bytes] = []
         self.active_until: dict[str, tuple[int, Move]] = {}
         self.end_ns = self.now + self.setting.duration_ms * 1_000_000
-        self.begun_ns = 0
         if self.state == ACTIVE:
             self._begin_active()
         self._at(self.now, "tick", None)  # cycles begin with a message
@@ -214,7 +213,6 @@ class World:
 
     def _begin_active(self) -> None:
         self.state, self.active_messages, self.missed = ACTIVE, 0, 0
-        self.begun_ns = self.now
         velocity = (self.setting.ipo_speed,) * 7
         self.judge.begin(self.now, tuple(self.ipo), velocity)
 
@@ -239,7 +237,7 @@ class World:
                 self.answered = False
                 if self.missed > _MISSES_TOLERATED:
                     self._leave(READY)
-        if self.setting.ipo_speed and self.state >= COMMANDING_WAIT and self.now < self.begun_ns + 200_000_000:
+        if self.setting.ipo_speed and self.state >= COMMANDING_WAIT:
             self.ipo = self.ipo + self.setting.ipo_speed * self.period_ns * 1e-9
         claim: dict[str, Any] = {"state": self.state, "counter": self.counter, "stamp": EPOCH_NS + time_ns}
         delay = 0
