@@ -193,6 +193,8 @@ class Pilot:
                 guard.anchored and all(abs(a - b) <= STILL_RAD for a, b in zip(guard.position, ipo, strict=True))
             ):
                 self.hindrance = "the robot's own position (IPO) was not mirrored yet"
+            if not session.clock.is_settled and not self.hindrance:
+                self.hindrance = "too few messages came yet to know the robot's clock"
             if not cleared and not self.hindrance:
                 self.hindrance = "nobody has said yet that the start ramp is clear"
             if self.hindrance:

@@ -67,10 +67,15 @@ class RobotClock:
         """Take the next message as it comes."""
         self._due_ns = None
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether enough messages came to know how early they can be: before, any counter is taken as it comes."""
+        return self.simulated or (self._due_ns is not None and not self._settling)
+
     def admits(self, steps: int, time_ns: int) -> bool:
         """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
         due = self._due_ns
-        if due is None or self._settling:
+        if due is None or not self.is_settled:
             return True
         return time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
 
@@ -98,7 +103,7 @@ class RobotClock:
         late = time_ns - due
         if late < 0:
             # A way that became quicker is learnt in small steps: one early message may be a forgery.
-            due, late = due - (-late if self._settling else min(-late, self._period_ns // _LEARNT)), 0
+            due, late = due - (-late if not self.is_settled else min(-late, self._period_ns // _LEARNT)), 0
         if late < self._least_late_ns:
             self._least_late_ns = late
         self._noted += 1
