@@ -94,11 +94,15 @@ def fit_recordings(
 
     constrained: ConstrainedResult | None = None
     consistent: SettledParameters | None = None
+    unsettled = ""
     feasibility: FeasibilityAnswer | None = None
     if settings.physical:
         report("parameters of real bodies", 0.6)
         rules = rules_for(robot).with_bounds(settings.bounds)
-        consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
+        try:
+            consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
+        except SolverError as error:  # exact data, weighed a million million times against the prior
+            unsettled = f"No set of real bodies for simulators was found: {error}"
         report("feasible parameters (program 10)", 0.7)
         constrained = solve_constrained(
             least_squares.reduced,
@@ -130,7 +134,10 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=tuple(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
+        notes=(
+            *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
+            *((unsettled,) if unsettled else ()),
+        ),
         provenance=_provenance(processed, robot, regressor, settings, facts),
     )
     report("done", 1.0)

@@ -98,7 +98,7 @@ def test_simulate_follows_a_trajectory_and_writes_series_figure_and_summary(
 def test_simulate_takes_a_table_with_torques_for_a_recording(good: Path, tmp_path: Path) -> None:
     time = np.arange(3000) * 1e-3
     position = 0.3 * np.sin(2.0 * np.pi * time[:, None] * np.linspace(0.4, 0.6, 7))
-    np.savez(tmp_path / "log.npz", t=time, q=position, tau=np.ones((3000, 7)))
+    np.savez(tmp_path / "log.npz", t=time, q=position, tau=10.0 * position)
     result = tmp_path / "result.json"
     assert run("-q", "simulate", good, tmp_path / "log.npz", "--json", result) == 0
     labels = [row["label"] for row in json.loads(result.read_text())["torque_rms"]]
