@@ -99,7 +99,12 @@ def _new_axes(equal: bool) -> Axes:
 
 def _is_logarithmic(panel: Panel) -> bool:
     """Nothing above zero has no logarithm, and nothing to show either: such a panel stays empty."""
-    return panel.logarithmic and any((line.y > 0.0).any() for line in panel.lines)
+    shown = [line.y[line.y > 0.0] for line in panel.lines if (line.y > 0.0).any()]
+    if not panel.logarithmic or not shown:
+        return False
+    low, high = min(float(y.min()) for y in shown), max(float(y.max()) for y in shown)
+    # The labels of a logarithmic axis that spans next to nothing read alike.
+    return high == low or high / low > 1.001
 
 
 def decimate(x: FloatArray, y: FloatArray, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
