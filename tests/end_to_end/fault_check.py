@@ -28,8 +28,8 @@ def check(case: FaultCase, folder: Path) -> None:
     result = run_case(case, folder)
     assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code), result.transcript
     assert result.rejections == case.rejections
-    # A robot on this machine's clock that was held up itself takes two commands in one cycle that came in two, and counts
-    # an overrun of its own. Without one, and in simulated time, the judge has the word.
+    # A robot on this machine's clock that was held up itself takes two commands in one cycle that came in two,
+    # and counts an overrun of its own. Without one, and in simulated time, the judge has the word.
     held_up = case.clock and result.robot["counts"]["own_overruns"]
     assert held_up or result.judged_inside, result.robot["judgement"]["excesses"][:3]
     assert result.speed_at_end < REST_RAD_S
