@@ -271,8 +271,10 @@ class MotionProgram:
             self._stop.abandon()
         if not _START_RAMP <= self.phase < _STOP_RAMP or not self._start_done:
             return
+        if self._re_entry is not None and not self._re_entry_step:
+            return  # no command went out since it was planned
         start = float(self._start_done + self._on_path - 1)
-        if self._re_entry is not None and self._re_entry_step:
+        if self._re_entry is not None:
             ticks = len(self._re_entry.positions)
             start = float(re_entry_steps(self._re_entry.start, ticks)[self._re_entry_step - 1])
             self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))

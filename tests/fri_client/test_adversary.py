@@ -53,6 +53,12 @@ def test_sends_that_the_network_refuses(refused: int) -> None:
     assert_inside(play(Setting(duration_ms=1000), (Move("refuse", AT, refused),)))
 
 
+def test_a_re_entry_that_breaks_off_and_whose_next_command_is_refused_for_long() -> None:
+    """Each refusal planned the re-entry anew, from where the first one began: jerk 702 % at a period of 5 ms."""
+    refused = Move("refuse", 91, 7)
+    assert_inside(play(Setting(send_period_ms=5, duration_ms=863), (Move("stall", 84, 1, 23.8, "clock"), refused)))
+
+
 @pytest.mark.parametrize("jump", [11, 100, 990, 5000])
 @pytest.mark.parametrize("kind", ["counter", "counter_for_good"])
 def test_a_counter_that_jumps_in_time(kind: str, jump: int) -> None:
