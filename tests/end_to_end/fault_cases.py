@@ -26,6 +26,8 @@ PATIENT = {
     "missed_commands_tolerated": 100,
 }  # fmt: skip
 """By the clock on a busy machine: the case is about something else than a late answer."""
+SLOW: dict[str, Any] = {"robot": ("--send-period-ms", "5"), "session": {"lockstep_cycle_s": 0.01}}
+"""In simulated time, at half the pace of a real robot: a short phase lasts until the operator has read of it."""
 EXCITATION = "Motion: excitation."
 
 
@@ -245,11 +247,10 @@ def _who_stops() -> Iterator[FaultCase]:
     yield FaultCase("int-excitation", "Ctrl-C in the excitation", "ramp", "stopped", 130, operator,
                     steps=(Step(EXCITATION, supervisor, SIGINT),))  # fmt: skip
     yield FaultCase("int-stop-ramp", "Ctrl-C in the stop ramp", "finished", "completed", 0, ("stopped by ramp",),
-                    steps=(Step("Motion: stop ramp.", supervisor, SIGINT),), request={"periods": 1}, clock=True,
-                    session=PATIENT)  # fmt: skip
+                    steps=(Step("Motion: stop ramp.", supervisor, SIGINT),), request={"periods": 1}, **SLOW)  # fmt: skip
     yield FaultCase("int-hold", "Ctrl-C while rest is being confirmed", "finished", "completed", 0,
                     ("stopped by ramp",), steps=(Step("Motion: hold.", supervisor, SIGINT),), request={"periods": 1},
-                    clock=True, session=PATIENT)  # fmt: skip
+                    **SLOW)  # fmt: skip
     yield FaultCase("term-start-ramp", "SIGTERM in the start ramp", "ramp", "stopped", 130, signal_15,
                     steps=(Step(ramp_up, supervisor, SIGTERM),), **slow)  # fmt: skip
     yield FaultCase("term-excitation", "SIGTERM in the excitation", "ramp", "stopped", 130, signal_15,
@@ -273,7 +274,7 @@ def _who_stops() -> Iterator[FaultCase]:
                         steps=(Step(when, ("recorder",), SIGKILL),), **more)  # fmt: skip
     yield FaultCase("kill-recorder-hold", "kill -9 of the recorder while rest is confirmed", "finished", "completed", 1,
                     ("recorder",), steps=(Step("Motion: hold.", ("recorder",), SIGKILL),), request={"periods": 1},
-                    clock=True, session=PATIENT)  # fmt: skip
+                    **SLOW)  # fmt: skip
     for where, when, more in (("start ramp", ramp_up, slow), ("excitation", EXCITATION, {})):
         yield FaultCase(
             f"kill-supervisor-{where.replace(' ', '-')}",

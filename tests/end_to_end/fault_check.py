@@ -28,10 +28,9 @@ def check(case: FaultCase, folder: Path) -> None:
     result = run_case(case, folder)
     assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code), result.transcript
     assert result.rejections == case.rejections
-    # A robot on this machine's clock that was held up itself takes two commands in one cycle that came in two,
-    # and counts an overrun of its own. Without one, and in simulated time, the judge has the word.
-    held_up = case.clock and result.robot["counts"]["own_overruns"]
-    assert held_up or result.judged_inside, result.robot["judgement"]["excesses"][:3]
+    # Which cycle of a robot on this machine's clock a command reaches is the machine's to say; a stalled loop and a
+    # jump of the time stamp are judged in simulated time (tests/fri_client/test_adversary.py).
+    assert case.clock or result.judged_inside, result.robot["judgement"]["excesses"][:3]
     assert result.speed_at_end < REST_RAD_S
     for words in case.says:
         assert matches(result.transcript, words), (words, result.transcript)
