@@ -247,7 +247,8 @@ def _who_stops() -> Iterator[FaultCase]:
     yield FaultCase("int-excitation", "Ctrl-C in the excitation", "ramp", "stopped", 130, operator,
                     steps=(Step(EXCITATION, supervisor, SIGINT),))  # fmt: skip
     yield FaultCase("int-stop-ramp", "Ctrl-C in the stop ramp", "finished", "completed", 0, ("stopped by ramp",),
-                    steps=(Step("Motion: stop ramp.", supervisor, SIGINT),), request={"periods": 1}, **SLOW)  # fmt: skip
+                    steps=(Step("Motion: stop ramp.", supervisor, SIGINT),), request={"periods": 1},
+                    **SLOW)  # fmt: skip
     yield FaultCase("int-hold", "Ctrl-C while rest is being confirmed", "finished", "completed", 0,
                     ("stopped by ramp",), steps=(Step("Motion: hold.", supervisor, SIGINT),), request={"periods": 1},
                     **SLOW)  # fmt: skip

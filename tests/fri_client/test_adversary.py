@@ -47,6 +47,15 @@ def test_a_stall_with_strays_undecodable_or_doubled_datagrams_behind_each_messag
     assert_inside(play(Setting(duration_ms=1000), (extra, Move("stall", AT + 2, 1, stall_ms, where))))
 
 
+@pytest.mark.parametrize("move", [
+    *(Move("stall", AT, 1, milliseconds, "receive") for milliseconds in (12.0, 60.0, 700.0)),
+    Move("stamp", AT, 400, 3.6e6),
+])  # fmt: skip
+@pytest.mark.parametrize("send_period_ms", [1, 5])
+def test_a_paused_loop_and_a_time_stamp_that_jumps_by_an_hour(move: Move, send_period_ms: int) -> None:
+    assert_inside(play(Setting(send_period_ms=send_period_ms, duration_ms=1300 * send_period_ms), (move,)))
+
+
 @pytest.mark.parametrize("refused", [1, 3, 9, 15])
 def test_sends_that_the_network_refuses(refused: int) -> None:
     """The next command was 145, 291, 729, 802 % of the velocity limit away."""
