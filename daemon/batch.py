@@ -9,13 +9,14 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from daemon.errors import ConfigurationError, sentence_of
+from identification.errors import RecordingError
 
 if TYPE_CHECKING:
     from identification.mismatch.findings import Finding
@@ -132,13 +133,19 @@ def run_batch(
     """
     others = tuple(str(path.resolve()) for path in heldout)
     names = folder_names(files)
+    done: dict[str, BatchItem] = {}
+    for later, first in repeated_files(files).items():
+        reason = f"{files[later]}: is {files[first]} itself, which is done already; give it once"
+        done[names[later]] = BatchItem(str(files[later]), 65, reason, name=names[later])
+        if progress is not None:
+            progress(done[names[later]])
     waiting: dict[Future[BatchItem], tuple[Path, str]] = {
         executor.submit(
             run_item, task, str(file.resolve()), str((out / name).resolve()), robot, others, joints, installation
         ): (file, name)
         for file, name in zip(files, names, strict=True)
+        if name not in done
     }
-    done: dict[str, BatchItem] = {}
     for future in as_completed(waiting):
         file, name = waiting[future]
         error = future.exception()
@@ -174,6 +181,28 @@ def executor_of(scheduler: str | None, jobs: int | None) -> Iterator[Executor]:
     with client:
         # Not the client's own futures: `get_executor` gives those of the standard library.
         yield client.get_executor(pure=False)
+
+
+def repeated_files(files: Sequence[Path]) -> dict[int, int]:
+    """Places of files that are an earlier one again, byte by byte, with the place of that one."""
+    from identification.recordings.reader import file_digest, recording_file
+
+    by_size: dict[int, list[int]] = {}
+    logs: dict[int, Path] = {}
+    for place, path in enumerate(files):
+        with suppress(OSError, RecordingError):  # said where it is read
+            log = recording_file(path)
+            if log.is_file():
+                logs[place] = log
+                by_size.setdefault(log.stat().st_size, []).append(place)
+    repeated: dict[int, int] = {}
+    for places in by_size.values():
+        seen: dict[str, int] = {}
+        for place in places if len(places) > 1 else ():
+            first = seen.setdefault(file_digest(logs[place]), place)
+            if first != place:
+                repeated[place] = first
+    return repeated
 
 
 def folder_names(files: Sequence[Path]) -> list[str]:

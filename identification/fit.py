@@ -40,6 +40,7 @@ from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.fitting.torque_sign import TorqueSign, judge_torque_sign
+from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 
@@ -70,6 +71,7 @@ def fit_recordings(
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to fit")
+    refuse_repeated(recordings)
     processed = []
     for number, recording in enumerate(recordings):
         report(f"processing {Path(recording.source.path).name}", 0.3 * number / len(recordings))

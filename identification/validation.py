@@ -21,7 +21,7 @@ from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.model_file import Model
-from identification.recordings.independence import recording_names
+from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -44,8 +44,9 @@ def validate_model(
     settings: which pipeline the recordings go through; default the one of the model's fit (cutoffs and sign included).
     robot: overrides the robot the model names. Periodic recordings are compared on their mean period without any
     filter; the others through the low-pass of the aperiodic pipeline, on rows in which the joint moves.
-    Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used.
+    Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used or comes twice.
     """
+    refuse_repeated(recordings)
     if isinstance(model, FitResult):
         robot = robot if robot is not None else model.robot
         regressor = BaseRegressor(robot, model.regressor.options)

@@ -7,7 +7,7 @@ diagnosis and the command line.
 
 from __future__ import annotations
 
-from identification.recordings.independence import recording_names, refuse_shared_samples
+from identification.recordings.independence import recording_names, refuse_repeated, refuse_shared_samples
 from identification.recordings.reader import read_recording
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.writer import write_recording
@@ -19,6 +19,7 @@ __all__ = [
     "RecordingSource",
     "read_recording",
     "recording_names",
+    "refuse_repeated",
     "refuse_shared_samples",
     "write_recording",
 ]

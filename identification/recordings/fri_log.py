@@ -12,7 +12,7 @@ import numpy as np
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, Bag
 from identification.recordings.npz_reader import resolve_robot
-from identification.recordings.recording import Finding, FloatArray, IntArray
+from identification.recordings.recording import CLOCK_START, Finding, FloatArray, IntArray
 from identification.recordings.table import RawTable
 from identification.robots.installation import Installation
 
@@ -84,7 +84,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
         optional={name: values for name, values in optional.items() if not np.isnan(values).all()},
         robot=resolve_robot(path, metadata.get("robot", "")),
         installation=installation_in(path, metadata),
-        metadata=metadata,
+        metadata=metadata if clock is None else {**metadata, CLOCK_START: repr(float(clock[0]) * 1e-9)},
         findings=findings,
     )
     period, sample = label["period"], label["sample_in_period"]

@@ -1,7 +1,7 @@
 """Are recordings different measurements? A recording that checks itself confirms whatever was fitted to it.
 
-Here: names that tell recordings apart, and the refusal of samples that stand in two of them. Called by the diagnosis,
-by `validate` and by whatever holds recordings out.
+Here: names that tell recordings apart, and the refusal of samples that stand in two of them. Called by fit, diagnosis
+and validation, and by whatever else takes several recordings.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.errors import RecordingError
-from identification.recordings.recording import Recording
+from identification.recordings.recording import CLOCK_START, Recording
 
 KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
@@ -21,6 +21,12 @@ FEWEST_SHARED = 10
 """Moving samples in common that are no accident, where each is of NUMBERS or more."""
 NUMBERS = 8
 """That noise and the steps of sensors do not repeat together; an arm of few joints needs several rows in a row."""
+SAME_POSITION = 0.01
+"""Of the spread of each joint's motion, RMS: nearer than two motions come, further than filters and clocks lead one."""
+EARLIEST_CLOCK_S = 1.0e9
+"""Stamps before 2001 count from some start, not from 1970, so they do not tell when something was."""
+
+Prints = npt.NDArray[np.int64]
 
 
 def recording_names(recordings: Sequence[Recording]) -> list[str]:
@@ -38,32 +44,85 @@ def is_called(recording: Recording, name: str) -> bool:
     return Path(recording.source.path).parts[-len(parts) :] == parts
 
 
+def refuse_repeated(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where one measurement is given twice: it would count as two, and every σ be too small."""
+    names, prints = recording_names(recordings), _all_fingerprints(recordings)
+    for later in range(1, len(recordings)):
+        for first in range(later):
+            what = _shared(recordings[first], recordings[later], names[first], prints[first], prints[later])
+            if what:
+                raise RecordingError(
+                    f"{names[later]}: {what}; one measurement counts once. Give it once",
+                    file=recordings[later].source.path,
+                    field="recordings",
+                )
+
+
 def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recording]) -> None:
-    """Raises RecordingError where a held-out recording is a fitted one, whole or in part, by digest or by samples.
+    """Raises RecordingError where a held-out recording is a fitted one, whole or in part, or one is given twice.
 
     A copy, an import and a cut of a recording have its samples under other names and other time stamps, so samples are
-    compared: q and tau of every row in which the robot moves.
+    compared: q and tau of every row in which the robot moves. A recording of the same moments by another program, at
+    another rate or through another filter, is told by its clock and its positions.
     """
     names = recording_names([*fitted, *heldout])
-    known = [_fingerprints(own) for own in fitted]
-    for other, other_name in zip(heldout, names[len(fitted) :], strict=True):
-        prints = _fingerprints(other)
-        for own, name, own_prints in zip(fitted, names, known, strict=False):
-            shared = int(np.isin(prints, own_prints).sum()) if own.n == other.n else 0
-            if own.source.sha256 == other.source.sha256:
-                what = f"is the fitted recording {name} itself"
-            elif shared >= FEWEST_SHARED:
-                what = f"shares {shared} of its {prints.size} moving samples with the fitted recording {name}"
-            else:
-                continue
-            raise RecordingError(
-                f"{other_name}: {what}; a recording cannot confirm what was fitted to it. Hold out another run",
-                file=other.source.path,
-                field="heldout",
-            )
+    prints = _all_fingerprints([*fitted, *heldout])
+    for other, other_name, other_prints in zip(heldout, names[len(fitted) :], prints[len(fitted) :], strict=True):
+        for own, name, own_prints in zip(fitted, names, prints, strict=False):
+            what = _shared(own, other, f"the fitted recording {name}", own_prints, other_prints)
+            if what:
+                raise RecordingError(
+                    f"{other_name}: {what}; a recording cannot confirm what was fitted to it. Hold out another run",
+                    file=other.source.path,
+                    field="heldout",
+                )
+    refuse_repeated(fitted)
+    refuse_repeated(heldout)
 
 
-def _fingerprints(recording: Recording) -> npt.NDArray[np.int64]:
+def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, other_prints: Prints) -> str:
+    """What two recordings have in common, said of the other one; empty where they are different measurements."""
+    if own.source.sha256 and own.source.sha256 == other.source.sha256:
+        return f"is {name} itself"
+    if own.n != other.n:
+        return ""
+    shared = int(np.isin(other_prints, own_prints).sum())
+    if shared >= FEWEST_SHARED:
+        return f"shares {shared} of its {other_prints.size} moving samples with {name}"
+    together = _same_moments(own, other)
+    if together:
+        return f"shows the same motion at the same time as {name}, for {together:.3g} s"
+    return ""
+
+
+def _same_moments(own: Recording, other: Recording) -> float:
+    """Seconds in which two recordings show one robot, 0 where their clocks or their positions say otherwise."""
+    starts = [clock_start_s(recording) for recording in (own, other)]
+    runs = [recording.source.metadata.get("run_id") for recording in (own, other)]
+    if None in starts or (None not in runs and runs[0] != runs[1]):
+        return 0.0
+    apart = float(starts[1] or 0.0) - float(starts[0] or 0.0)
+    time = other.time - other.time[0] + apart
+    mine = own.time - own.time[0]
+    within = (time >= 0.0) & (time <= mine[-1])
+    if within.sum() < FEWEST_SHARED:
+        return 0.0
+    there = np.column_stack([np.interp(time[within], mine, column) for column in own.position.T])
+    left = np.sqrt(np.mean((other.position[within] - there) ** 2, axis=0))
+    return float(np.ptp(time[within])) if np.all(left <= SAME_POSITION * np.std(own.position, axis=0)) else 0.0
+
+
+def clock_start_s(recording: Recording) -> float | None:
+    """Time of the first sample by the clock of its source, s since 1970; None where time only counts from the start."""
+    start = float(recording.source.metadata.get(CLOCK_START, "0")) + float(recording.time[0])
+    return start if start > EARLIEST_CLOCK_S else None
+
+
+def _all_fingerprints(recordings: Sequence[Recording]) -> list[Prints]:
+    return [_fingerprints(recording) for recording in recordings] if len(recordings) > 1 else [np.empty(0, np.int64)]
+
+
+def _fingerprints(recording: Recording) -> Prints:
     """One number for each sample that differs from the one before it; equal samples have equal numbers."""
     rows = np.round(np.concatenate([recording.position, recording.torque], axis=1) * 10.0**KEPT_DECIMALS)
     whole = rows.astype(np.int64)

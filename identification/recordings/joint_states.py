@@ -16,7 +16,7 @@ from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, JOINT_STATE, Bag, Topic
 from identification.recordings.fri_log import installation_in, number_in
 from identification.recordings.npz_reader import resolve_robot
-from identification.recordings.recording import Finding, FloatArray
+from identification.recordings.recording import CLOCK_START, Finding, FloatArray
 from identification.recordings.table import RawTable
 
 __all__ = ["read_joint_states"]
@@ -115,7 +115,7 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
         installation=installation_in(path, bag.metadata),
         named=named,
         topic=topic.name,
-        metadata=bag.metadata,
+        metadata={**bag.metadata, CLOCK_START: repr(float(stamps[0]) * 1e-9)},
         findings=findings,
     )
 

@@ -25,6 +25,9 @@ OPTIONAL_ARRAYS = (
     "temperature",
 )
 
+CLOCK_START = "clock_start_s"
+"""In a source's metadata: its own time stamp of the first row, where `Recording.time` counts from zero."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:

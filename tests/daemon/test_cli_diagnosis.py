@@ -167,6 +167,31 @@ def test_no_recording_confirms_itself(logs: list[Path], tmp_path: Path, capsys: 
     assert "cannot confirm" in item["sentence"]
 
 
+def test_one_recording_given_twice_is_refused(
+    diagnosed: Path, logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy.npz"
+    copy.write_bytes(logs[0].read_bytes())
+    for words in (["fit"], ["diagnose", "--out", str(tmp_path / "out")], ["validate", str(diagnosed / "model.json")]):
+        assert run(*words, str(logs[0]), str(copy)) == 65
+        said = capsys.readouterr().err
+        assert "copy.npz" in said
+        assert "fitted.npz itself" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_batch_takes_one_recording_once(logs: list[Path], tmp_path: Path) -> None:
+    bad, copy = tmp_path / "bad.npz", tmp_path / "copy.npz"
+    for file in (bad, copy):
+        np.savez(file, a=np.zeros(3))
+    with ThreadPoolExecutor(1) as executor:
+        items = run_batch("fit", [bad, tmp_path / "absent.npz", copy], tmp_path / "out", executor)
+    assert [item.exit_code for item in items] == [65, 66, 65]
+    assert "itself" not in items[0].sentence
+    assert "copy.npz: is " in items[2].sentence
+    assert "bad.npz itself" in items[2].sentence
+
+
 def test_validate_says_that_a_model_was_fitted_to_the_recording(
     diagnosed: Path, logs: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from identification.errors import RecordingError
+from identification.fit import fit_recordings
 from identification.recordings import (
     Recording,
     read_recording,
     recording_names,
+    refuse_repeated,
     refuse_shared_samples,
     write_recording,
 )
+from identification.robots import load_robot
+from tests.identification.bags import messages_of, write_mcap
 from tests.identification.synthetic import fourier_motion, recording_of
 
 
@@ -50,6 +54,59 @@ def test_a_fitted_recording_is_refused_under_any_name(fitted: Recording, tmp_pat
             refuse_shared_samples([one_run(2), fitted], [copy])
         assert refusal.value.file == Path(copy.source.path)
         assert "fitted.npz" in str(refusal.value)
+
+
+def test_one_measurement_given_twice_is_refused_with_both_names(fitted: Recording, tmp_path: Path) -> None:
+    robot = load_robot("iiwa14")
+    for copy in copies(fitted, tmp_path):
+        with pytest.raises(RecordingError, match=r"counts once") as refusal:
+            fit_recordings([one_run(2), fitted, copy], robot)
+        assert "fitted.npz" in str(refusal.value)
+        assert Path(copy.source.path).name in str(refusal.value)
+    refuse_repeated([fitted, one_run(2), one_run(3)])
+
+
+def stamped(folder: Path, name: str, *, start_s: float, seed: int, rate_hz: float) -> Recording:
+    """A log of one long motion that begins at start_s of its clock, as another program sees it: own rate, own noise."""
+    random = np.random.default_rng(seed)
+    since = np.arange(start_s, 20.0, 1.0 / rate_hz)
+    phase = 2.0 * np.pi * since[:, None] * np.array([0.13, 0.21, 0.34, 0.27, 0.19, 0.41, 0.11])
+    torque = 3.0 * np.cos(phase) + 0.1 * random.normal(size=phase.shape)
+    path = folder / f"{name}.npz"
+    np.savez(
+        path, t=1.7e9 + since, q=np.sin(phase) + 1e-5 * random.normal(size=phase.shape), tau=torque, robot="iiwa14"
+    )
+    return read_recording(path)
+
+
+def test_one_motion_seen_by_two_programs_is_one_measurement(tmp_path: Path) -> None:
+    """A bag beside the log: no row is the same in both, their clocks and their positions are."""
+    log, bag = (
+        stamped(tmp_path, name, start_s=start, seed=seed, rate_hz=rate)
+        for name, start, seed, rate in (("log", 0.0, 1, 500.0), ("bag", 8.0, 2, 93.0))
+    )
+    for first, second in ((log, bag), (bag, log)):
+        with pytest.raises(RecordingError, match=r"same time as the fitted recording \S+, for 1[12](\.\d+)? s"):
+            refuse_shared_samples([first], [second])
+    kept = read_recording(write_recording(bag, tmp_path / "kept.mcap"))
+    with pytest.raises(RecordingError, match="same time"):
+        refuse_shared_samples([log], [kept])
+    later = replace(bag, time=bag.time + 3600.0)
+    refuse_shared_samples([log], [later])
+    other_arm = replace(bag, position=bag.position[::-1].copy())
+    refuse_shared_samples([log], [other_arm])
+    without_date = [replace(item, time=item.time - 1.7e9) for item in (log, bag)]
+    refuse_shared_samples(without_date[:1], without_date[1:])
+
+
+def test_a_ros_bag_keeps_the_clock_that_its_rows_count_from(tmp_path: Path) -> None:
+    log, _ = (stamped(tmp_path, name, start_s=0.0, seed=seed, rate_hz=500.0) for seed, name in ((1, "log"), (2, "x")))
+    bag = tmp_path / "bag.mcap"
+    names = [f"A{joint}" for joint in range(1, 8)]
+    every = slice(3, None, 5)
+    write_mcap(bag, messages_of(log.time[every], names, log.position[every], log.torque[every] + 0.01))
+    with pytest.raises(RecordingError, match="same time"):
+        refuse_repeated([log, read_recording(bag, robot="iiwa14")])
 
 
 def test_another_run_of_the_same_motion_is_independent(fitted: Recording) -> None:
