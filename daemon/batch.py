@@ -35,6 +35,7 @@ class BatchItem:
 
     name: of its folder. rms_nm: (n,) RMS of measured minus modelled torque, with the findings of a diagnosis, and
     noise_floor_nm: (n,) of the noise alone, None where it is not known; both empty after an error. tone: of its page.
+    torque_units: "Nm", or "N" of a prismatic joint, by joint.
     """
 
     file: str
@@ -45,6 +46,7 @@ class BatchItem:
     rms_nm: tuple[float | None, ...] = ()
     noise_floor_nm: tuple[float | None, ...] = ()
     tone: Literal["good", "attention", "neutral"] = "neutral"
+    torque_units: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The item as plain JSON types."""
@@ -56,6 +58,7 @@ class BatchItem:
             "name": self.name,
             "rms_nm": list(self.rms_nm),
             "noise_floor_nm": list(self.noise_floor_nm),
+            "torque_units": list(self.torque_units),
         }
 
 
@@ -80,6 +83,7 @@ def run_item(
         from identification.report import write_report
         from identification.report.diagnosis_sections import tone_of
         from identification.report.fit_verdict import fit_verdict
+        from identification.robots.joint_units import in_units
 
         out = Path(folder)
         out.mkdir(parents=True, exist_ok=True)
@@ -94,6 +98,7 @@ def run_item(
             return BatchItem(
                 file, 0, f"{diagnosis.verdict.replace('_', ' ')}: {names}", tuple(map(str, found.files)), out.name,
                 tuple(json_numbers(left)), tuple(json_numbers(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
+                inputs.robot.units,
             )  # fmt: skip
         result = fit_recordings([recording], inputs.robot)
         model, target, page = result.to_model_json(), out / "model.json", out / "report.html"
@@ -101,8 +106,8 @@ def run_item(
         write_report(page, fit=result, model=model)
         rms, (sentence, tone) = result.rms.rows[0], fit_verdict(model)
         return BatchItem(
-            file, 0, sentence, (str(target), str(page)), out.name,
-            tuple(json_numbers(rms.rms_nm)), tuple(json_numbers(rms.noise_floor_nm)), tone,
+            file, 0, in_units(sentence, inputs.robot.units), (str(target), str(page)), out.name,
+            tuple(json_numbers(rms.rms_nm)), tuple(json_numbers(rms.noise_floor_nm)), tone, inputs.robot.units,
         )  # fmt: skip
     except Exception as error:  # one bad file must not cost the others their result
         return BatchItem(file, exit_code_of(error), sentence_of(error), name=Path(folder).name)

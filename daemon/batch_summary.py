@@ -14,6 +14,7 @@ from daemon.batch import BatchItem, Task
 from identification.report.document import Document, Section, Table
 from identification.report.numbers import joint_heads, row_of
 from identification.report.page import render
+from identification.robots.joint_units import in_units
 
 __all__ = ["write_summary"]
 
@@ -27,13 +28,14 @@ def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Pa
     with table.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         numbers = [f"{name}_{joint + 1}_nm" for name in ("rms", "noise") for joint in range(joints)]
-        writer.writerow(["recording", "file", "exit_code", "result", *numbers, "page"])
+        writer.writerow(["recording", "file", "exit_code", "result", *numbers, "torque_units", "page"])
         for item in items:
             values = [*_filled(item.rms_nm, joints), *_filled(item.noise_floor_nm, joints)]
             writer.writerow(
                 [
                     item.name, item.file, item.exit_code, item.sentence,
-                    *("" if value is None else repr(value) for value in values), _page_of(item, out) or "",
+                    *("" if value is None else repr(value) for value in values), " ".join(item.torque_units),
+                    _page_of(item, out) or "",
                 ]
             )  # fmt: skip
     return page, table
@@ -63,7 +65,7 @@ def _document(task: Task, items: Sequence[BatchItem], out: Path, joints: int) ->
                         tones=tuple("attention" if item.exit_code else item.tone for item in items),
                     ),
                     Table(
-                        f"RMS of measured minus modelled torque by joint, {rms}, and of the noise alone, Nm",
+                        _caption(items, rms),
                         ("recording", *joint_heads(joints), *(f"noise {joint}" for joint in joint_heads(joints))),
                         tuple(
                             (
@@ -78,6 +80,12 @@ def _document(task: Task, items: Sequence[BatchItem], out: Path, joints: int) ->
             ),
         ),
     )  # fmt: skip
+
+
+def _caption(items: Sequence[BatchItem], rms: str) -> str:
+    """In the units of all joints of all recordings."""
+    units = [unit for item in items for unit in item.torque_units]
+    return in_units(f"RMS of measured minus modelled torque by joint, {rms}, and of the noise alone, Nm", units)
 
 
 def _filled(values: Sequence[float | None], count: int) -> list[float | None]:

@@ -140,6 +140,9 @@ def read_bounds(file: Path) -> dict[str, Any]:
 
 def show_fit(result: FitResult) -> None:
     """Parameters, RMS and certificate of a fit on stdout."""
+    from identification.robots.joint_units import in_units
+
+    units = result.robot.units
     show_table(parameter_table(result))
     data(
         f"σ: of the estimator {result.estimator}, with the noise as measured, coloured; beside it the paper's eq. (15) "
@@ -149,10 +152,10 @@ def show_fit(result: FitResult) -> None:
     if result.constrained is not None:
         show_certificate(result.to_model_json()["certificate"])
     if result.feasibility is not None:
-        data(result.feasibility.sentence())
-    data(result.torque_delay.sentence())
+        data(in_units(result.feasibility.sentence(), units))
+    data(in_units(result.torque_delay.sentence(), units))
     for note in result.notes:
-        data(f"note: {note}")
+        data(f"note: {in_units(note, units)}")
 
 
 def parameter_table(result: FitResult) -> Table:

@@ -134,7 +134,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
         remaining = remaining.removeprefix(fault.sentence).lstrip()
     for number, finding in enumerate(diagnosis.findings, start=1):
         data(f"{number}. {finding.sentence}")
-        for line in finding_lines(finding):
+        for line in finding_lines(finding, diagnosis.torque_units):
             data(f"   {line}")
     data(remaining)
     show_table(joint_table(diagnosis))
@@ -155,9 +155,13 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     return [sentence] if baseline.noise_is_measured else [NOT_MEASURED, sentence]
 
 
-def finding_lines(finding: Finding) -> Sequence[str]:
-    """Numbers of one finding: parameters with σ, how sure, how much of it base parameters hide, held-out gain."""
+def finding_lines(finding: Finding, torque_units: Sequence[str] = ()) -> Sequence[str]:
+    """Numbers of one finding: parameters with σ, how sure, how much of it base parameters hide, held-out gain.
+
+    torque_units: of each joint, empty: all Nm.
+    """
     from identification.report.numbers import chance
+    from identification.robots.joint_units import in_units
 
     lines = [
         "; ".join(_in_numbers(item) for item in finding.parameters),
@@ -166,7 +170,9 @@ def finding_lines(finding: Finding) -> Sequence[str]:
     ]
     if finding.heldout_gain_nm.size:
         gain = ", ".join(f"{1e3 * value:.1f}" for value in finding.heldout_gain_nm)
-        lines.append(f"lowers the held-out RMS of joints 1 to {finding.heldout_gain_nm.size} by {gain} mNm")
+        count = finding.heldout_gain_nm.size
+        joints = "joint 1" if count == 1 else f"joints 1 to {count}"
+        lines.append(in_units(f"lowers the held-out RMS of {joints} by {gain} mNm", torque_units))
     if finding.separating_experiment:
         lines.append(f"To tell them apart: {finding.separating_experiment}")
     return lines

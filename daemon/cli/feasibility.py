@@ -36,6 +36,7 @@ def feasibility(
     from identification.fitting.settings import FitSettings
     from identification.model_file import read_model
     from identification.robots import BUILT_IN_ROBOTS, load_robot
+    from identification.robots.joint_units import in_units
 
     model = read_model(model_file)
     arm = load_robot(robot) if robot is not None else model.load_robot()
@@ -63,10 +64,11 @@ def feasibility(
     if json_file is not None:
         write_json(json_file, answer.to_json())
     if not wants_json_on_stdout(json_file):
-        data(answer.sentence())
-        data("RMS per joint, Nm: " + " ".join(f"{value:.3f}" for value in answer.distance_nm))
-        data(
+        data(in_units(answer.sentence(), arm.units))
+        data(f"RMS per joint, {arm.torque_unit}: " + " ".join(f"{value:.3f}" for value in answer.distance_nm))
+        pooled = (
             f"Over all joints {answer.pooled_nm:.4f} Nm; by the dual program no robot comes nearer than "
             f"{answer.lower_bound_nm:.4f} Nm."
         )
+        data(in_units(pooled, arm.units))
     raise typer.Exit(0 if answer.feasible else 1)

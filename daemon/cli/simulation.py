@@ -51,6 +51,7 @@ def export(
     """
     from identification.export import export_model, parameters_of
     from identification.model_file import read_model
+    from identification.robots.joint_units import in_units
     from identification.simulation.motor_inertia import motor_inertia_of
 
     model = read_model(model_file)
@@ -81,7 +82,7 @@ def export(
         return
     data(f"Written to {result.path}")
     for agreement in result.agreements:
-        data(agreement.sentence())
+        data(in_units(agreement.sentence(), model.load_robot().units))
     if result.origins is not None:
         for sentence in result.origins.sentences():
             data(sentence)

@@ -24,6 +24,7 @@ from identification.mismatch.findings import json_list, number
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
 from identification.model_file import Model
+from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,7 +78,8 @@ class ModelComparison:
     """A model against recordings, RMS torque (n,) Nm on the fitted motion within the compared bandwidth.
 
     model_nm: what the model leaves. parameters_nm: torque between its parameters and those fitted with the
-    findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings.
+    findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings. torque_units: of
+    each joint, empty: all Nm.
     """
 
     source: str
@@ -87,6 +89,7 @@ class ModelComparison:
     findings_nm: FloatArray
     parameters: tuple[ParameterDeviation, ...]
     links: tuple[LinkDeviation, ...]
+    torque_units: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -100,9 +103,11 @@ class ModelComparison:
             f"{refitted:.3g} Nm stay, and {named:.3g} Nm with what is named beside them. "
         )
         if not wrong:
-            return parts + "None of its parameters is further off than the fit leaves open."
+            return (
+                in_units(parts, self.torque_units) + "None of its parameters is further off than the fit leaves open."
+            )
         links = ", ".join(f"link {item.link} ({item.torque_nm:.2g} Nm)" for item in wrong)
-        return parts + f"Wrong parameters, beyond what the fit leaves open: {links}."
+        return in_units(f"{parts}Wrong parameters, beyond what the fit leaves open: {links}.", self.torque_units)
 
     def to_json(self) -> dict[str, Any]:
         """The entry `model_comparison` of diagnosis.json."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from identification.mismatch.findings import Curve, Diagnosis, Finding
 from identification.robots import RobotModel
-from identification.robots.joint_units import for_prismatic
+from identification.robots.joint_units import for_prismatic, in_units
 
 __all__ = ["in_units_of_joints"]
 
@@ -27,7 +27,9 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
     def slides(joint: int | None) -> bool:
         return all(prismatic) if joint is None else prismatic[joint - 1]
 
-    whole = for_prismatic if all(prismatic) else str
+    def said(sentence: str) -> str:
+        return in_units(sentence, robot.units)
+
     return replace(
         diagnosis,
         findings=tuple(_finding(item) if slides(item.place.joint) else item for item in diagnosis.findings),
@@ -37,11 +39,12 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
             else item
             for item in diagnosis.minimum_detectable
         ),
-        data_faults=tuple(replace(item, sentence=whole(item.sentence)) for item in diagnosis.data_faults),
+        data_faults=tuple(replace(item, sentence=said(item.sentence)) for item in diagnosis.data_faults),
         torque_units=robot.units,
+        model_comparison=diagnosis.model_comparison and replace(diagnosis.model_comparison, torque_units=robot.units),
         curves=tuple(_curve(item) if slides(item.joint) else item for item in diagnosis.curves),
-        remaining=whole(diagnosis.remaining),
-        notes=tuple(whole(note) for note in diagnosis.notes),
+        remaining=said(diagnosis.remaining),
+        notes=tuple(said(note) for note in diagnosis.notes),
     )
 
 
@@ -61,4 +64,4 @@ def _finding(finding: Finding) -> Finding:
 
 
 def _curve(curve: Curve) -> Curve:
-    return replace(curve, unit=for_prismatic(curve.unit))
+    return curve if curve.coordinate in ANGLES else replace(curve, unit=for_prismatic(curve.unit))

@@ -26,6 +26,7 @@ from identification.report.motion_sections import excitation_section, residual_s
 from identification.report.page import render
 from identification.report.recording_section import recording_section
 from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
+from identification.report.units import in_units_of_joints
 from identification.robots import RobotModel
 
 __all__ = ["build_document", "write_report"]
@@ -52,8 +53,8 @@ def build_document(
 
     fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
     findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
-    not. validation: RMS lines on other recordings. robot: for the path of its last link, of the fit by default. links:
-    pages that belong to this one, as address relative to it and text.
+    not. validation: RMS lines on other recordings. robot: for units and the path of its last link, of the fit by
+    default. links: pages that belong to this one, as address relative to it and text.
     """
     if model is None and fit is not None:
         model = fit.to_model_json()
@@ -74,13 +75,15 @@ def build_document(
     sections.append(provenance_section(_provenances(model, diagnosis)))
     kind = "Fit" if diagnosis is None else "Diagnosis"
     verdict, tone = fit_verdict(model) if diagnosis is None else (verdict_sentence(diagnosis), tone_of(diagnosis))
-    return Document(
+    document = Document(
         title=title or f"{kind} of {PurePath(model.get('robot') or 'a robot').stem}",
         verdict=verdict,
         sections=tuple(section for section in sections if section is not None),
         tone=tone,
         links=tuple(links),
     )
+    units = diagnosis.torque_units if diagnosis is not None else robot.units if robot is not None else ()
+    return in_units_of_joints(document, units)
 
 
 def _written(build: Callable[_Results, Document]) -> Callable[Concatenate[Path, _Results], None]:

@@ -12,6 +12,7 @@ import pinocchio
 
 from identification.export.parameters import ModelParameters
 from identification.robots import RobotModel
+from identification.robots.joint_units import in_units
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,11 +37,13 @@ def motor_inertia_of(robot: RobotModel, parameters: ModelParameters) -> tuple[Fl
     model.armature = np.zeros(robot.n)
     own = np.diag(pinocchio.crba(model, model.createData(), np.zeros(robot.n)))
     rated = np.where(robot.effort > 0.0, robot.effort, np.nan)
-    prior = np.where(np.isfinite(rated) & robot.kinematics.revolute, INERTIA_PER_TORQUE * rated, own)
+    by_torque = np.isfinite(rated) & robot.kinematics.revolute
+    prior = np.where(by_torque, INERTIA_PER_TORQUE * rated, own)
     values = np.where(identified > 0.0, identified, prior)
     listed = ", ".join(f"{value:.3g}" for value in values)
-    origin = "from rated torque" if np.isfinite(rated).all() else "where no rated torque is stated, as the links' own"
-    return values, (
+    origin = "from rated torque" if by_torque.all() else "where no rated torque is stated, as the links' own"
+    return values, in_units(
         f"Motor inertias are no identified numbers but a prior ({listed} kg m²; {origin}): they move the simulated arm "
-        "and are not in its measured torque."
+        "and are not in its measured torque.",
+        robot.units,
     )

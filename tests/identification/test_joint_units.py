@@ -7,21 +7,41 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from daemon.cli.diagnosis import finding_lines
 from identification.fit import FitSettings, fit_recordings
 from identification.mismatch.diagnosis import diagnose
+from identification.report import build_document
+from identification.report.document import Document, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Table
+from identification.report.units import in_units_of_joints
 from identification.robots import load_robot
-from identification.robots.joint_units import for_prismatic
+from identification.robots.joint_units import for_prismatic, in_units
 from tests.identification.synthetic import fourier_motion, recording_of
 
 AXIS = """<robot name="axis"><link name="base"/><link name="carriage"/>
 <joint name="x" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
  <limit lower="-1" upper="1" velocity="2" effort="400"/></joint></robot>"""
 REVOLUTE_WORDS = re.compile(r"\b[mk]?Nm\b|\bm?rad\b|torque\b")
+
+
+def texts_of(section: Section) -> Iterator[str]:
+    """What a reader of the page reads; not names of settings, nor of files."""
+    for block in section.blocks if section.name not in ("provenance", "recordings") else ():
+        if isinstance(block, Paragraph | Heading):
+            yield block.text
+        elif isinstance(block, Facts):
+            yield from (text for entry in block.entries for text in entry)
+        elif isinstance(block, Table):
+            yield from (block.caption, *block.head, *(cell for row in block.rows for cell in row[1:]))
+        else:
+            yield block.caption
+            for panel in block.panels:
+                yield from (panel.title, panel.x_label, panel.y_label, panel.description)
 
 
 @pytest.mark.parametrize(
@@ -31,11 +51,57 @@ REVOLUTE_WORDS = re.compile(r"\b[mk]?Nm\b|\bm?rad\b|torque\b")
         ("rad/Nm", "m/N"), ("rad/s", "m/s"), ("mrad", "mm"), ("1/rad²", "1/m²"),
         ("Nm/h", "N/h"), ("kg", "kg"), ("radius", "radius"),
         ("0.3 Nm at 1 rad/s", "0.3 N at 1 m/s"),
+        ("kg m²", "kg"), ("kg m^2", "kg"),
         ("a torque_offset, a torque sensor", "a torque_offset, a force sensor"),
     ],
 )  # fmt: skip
 def test_units_become_those_of_a_prismatic_joint(revolute: str, prismatic: str) -> None:
     assert for_prismatic(revolute) == prismatic
+
+
+UNITS = ("N", "Nm", "N")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("Joint 1: 2 Nm of torque. Joint 2: 3 Nm of torque.", "Joint 1: 2 N of force. Joint 2: 3 Nm of torque."),
+        ("RMS of joint 3: 4 mNm", "RMS of joint 3: 4 mN"),
+        ("joints 1 to 3 by 4 mNm", "joints 1 to 3 by 4 mNm (mN of prismatic joints)"),
+        ("RMS by joint, Nm", "RMS by joint, Nm (N of prismatic joints)"),
+    ],
+)  # fmt: skip
+def test_a_sentence_about_some_joints_is_in_their_units(text: str, expected: str) -> None:
+    assert in_units(text, UNITS) == expected
+    assert in_units(text, ("Nm",) * 3) == text
+    assert not REVOLUTE_WORDS.search(in_units(text, ("N",) * 3))
+
+
+def test_a_page_about_a_mixed_robot_gives_each_joint_its_own_units() -> None:
+    line = Line("after", np.arange(3.0), np.arange(3.0))
+    panels = tuple(Panel(f"Joint {j}", "velocity (rad/s)", "torque (Nm)", (line,), "RMS 2 Nm") for j in (1, 2))
+    wave = Panel("Joint 1", "phase of the wave (rad)", "torque (Nm)", (line,), "RMS 2 Nm")
+    size = Table("Size of the torque", ("parameter", "value", "unit"), (("phase", "1", "rad"),))
+    blocks = (Heading("1. Ripple, joint 1"), Facts((("RMS", "2 Nm"),)), size, Figure("", (*panels, wave)))
+    sections = (
+        Section("findings", "Findings", blocks),
+        Section("provenance", "Provenance", (Paragraph("torque band, Nm"),)),
+    )
+    page = in_units_of_joints(Document("Fit", "The model leaves 3 Nm on joint 1.", sections), UNITS)
+    findings, provenance = page.sections
+    _, facts, table, figure = findings.blocks
+    assert page.verdict == "The model leaves 3 N on joint 1."
+    assert isinstance(facts, Facts)
+    assert facts.entries == (("RMS", "2 N"),)
+    assert isinstance(table, Table)
+    assert (table.caption, table.rows) == ("Size of the force", size.rows)
+    assert isinstance(figure, Figure)
+    assert [(panel.x_label, panel.y_label, panel.description) for panel in figure.panels] == [
+        ("velocity (m/s)", "force (N)", "RMS 2 N"),
+        ("velocity (rad/s)", "torque (Nm)", "RMS 2 Nm"),
+        ("phase of the wave (rad)", "force (N)", "RMS 2 N"),
+    ]
+    assert provenance.blocks == (Paragraph("torque band, Nm"),)
 
 
 def test_a_diagnosis_of_a_prismatic_axis_speaks_of_forces(tmp_path: Path) -> None:
@@ -59,6 +125,10 @@ def test_a_diagnosis_of_a_prismatic_axis_speaks_of_forces(tmp_path: Path) -> Non
     for finding in found.findings:
         said += [finding.sentence, finding.separating_experiment or "", *(item.unit for item in finding.parameters)]
     said += [item.unit for item in found.minimum_detectable]
+    said += [line for finding in found.findings for line in finding_lines(finding, found.torque_units)]
+    for results in ({"fit": fit, "recordings": [recording]}, {"diagnosis": found, "robot": robot}):
+        document = build_document(**results)
+        said += [document.verdict, *(text for part in document.sections for text in texts_of(part))]
     wrong = [text for text in said if REVOLUTE_WORDS.search(text)]
     assert not wrong, wrong
     json.dumps(found.to_json())
