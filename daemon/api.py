@@ -82,6 +82,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
     tell arms apart; skip_ladder: an amplitude may be skipped, which the log then says.
     simulation: only a robot that says it is the fake one is moved; nobody is asked, and there is no ladder.
+    model_file: model.json that foresaw the torque, None = what is taken to be known of the arm; live views show it.
     diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
     """
 
@@ -119,6 +120,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     ladder_file: str | None = None
     skip_ladder: bool = False
     serial: str | None = None
+    model_file: str | None = None
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""
@@ -280,6 +282,7 @@ class RunEvent(Message, frozen=True, kw_only=True):
     kind: "starting", "waiting", "preflight", "session", "phase", "progress", "warning", "stopping", "finished" or
     "worker".
     period and periods are filled for "progress" and "phase"; rate in samples/s; missing counts sequence gaps so far.
+    port: UDP port of the run, under which its live view is found; 0: not known.
     """
 
     kind: str
@@ -291,6 +294,7 @@ class RunEvent(Message, frozen=True, kw_only=True):
     rate: float = 0.0
     missing: int = 0
     lost_in_handover: int = 0
+    port: int = 0
 
 
 class WorkerStatus(Message, frozen=True, kw_only=True):

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import os
 import signal
 import sys
@@ -44,16 +43,17 @@ from daemon.errors import DaemonError, LogIOError
 from daemon.event_text import event_name, event_sentence
 from daemon.json_files import read_json
 from daemon.link_diagnostics import diagnostics_of
+from daemon.live.broadcast import LiveBroadcast
 from daemon.log.cdr import SampleLabels
 from daemon.log.stream import DiskReserve, is_full
-from daemon.log.writer import LogWriter
+from daemon.log.writer import LogWriter, has_non_finite
 from daemon.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from daemon.outcome import keep_last_samples, loop_report_without_loop
 from daemon.supervision import Supervision
 from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
-from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
+from fri_client.messages import CommandMessage, FriVersion
 from fri_client.robot_counter import Order, RobotCounter
 
 __all__ = ["Recorder", "main"]
@@ -73,12 +73,17 @@ UNDECODABLE = 1001
 DISK_TROUBLE = 1002
 RECORDING_ENDED = 1003
 
+Report = Callable[[ControlMessage], None]
+
 
 class Recorder:
     """One recording: `run` drains the ring until the loop has finished and returns the process' exit code."""
 
-    def __init__(self, job: RecorderJob, ring: HandoverRing, report: Callable[[ControlMessage], None]) -> None:
-        """Open the file and report ready. Raises LogIOError when the disk refuses already."""
+    def __init__(self, job: RecorderJob, ring: HandoverRing, report: Report, live: LiveBroadcast | None = None) -> None:
+        """Open the file and report ready; live: who is shown what is recorded. Raises LogIOError when the disk refuses
+        already.
+        """
+        self._live = live
         self._job = job
         self._ring = ring
         self._report = report
@@ -166,9 +171,11 @@ class Recorder:
             record.command is not None,
             record.disposition == Disposition.DUPLICATE,
             record.disposition == Disposition.STALE,
-            _has_non_finite(message),
+            has_non_finite(message),
         )
         self._writer.write_sample(message, command, labels)
+        if self._live is not None and not labels.non_finite:
+            self._live.sample(message, command, record, receive_ns)
         if record.period >= 0 and record.disposition == Disposition.FRESH:
             self._samples_in_periods += 1
 
@@ -188,10 +195,13 @@ class Recorder:
             self._sequence_gaps -= 1
 
     def _write_event(self, record: HandoverRecord, time_ns: int) -> None:
+        sentence = event_sentence(record, self._ring.reason)
+        if self._live is not None:
+            self._live.event(sentence)
         self._writer.write_event(
             record.event_code,
             event_name(record.event_code),
-            event_sentence(record, self._ring.reason),
+            sentence,
             host_time_ns=time_ns,
             sample_index=record.index,
             joint=record.event_joint,
@@ -244,6 +254,8 @@ class Recorder:
             time.sleep(RETRY_S)
 
     def _tell(self) -> None:
+        if self._live is not None:
+            self._live.tick()
         now = time.monotonic()
         if now >= self._next_progress:
             self._next_progress = now + PROGRESS_S
@@ -338,14 +350,6 @@ class _DiskRefusedError(Exception):
         super().__init__(str(error))
 
 
-def _has_non_finite(message: MonitoringMessage) -> bool:
-    monitor = message.monitor_data
-    if monitor is None:
-        return False
-    total = sum(monitor.measured_joint_position or ()) + sum(monitor.measured_torque or ())
-    return not math.isfinite(total)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Entry of the process. Exit code: 0, 74 disk, 78 request, 70 otherwise; last words on stderr."""
     parser = argparse.ArgumentParser(prog="python -m daemon.recorder", description="Write the ring to an MCAP file.")
@@ -372,7 +376,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
-        code = Recorder(job, ring, report).run()
+        with LiveBroadcast(job.request, ring, context) as live:
+            code = Recorder(job, ring, report, live).run()
         if not ring.finished:
             # Nobody else is left to say how the run ended.
             loss = loop_report_without_loop(ring, None, "")

@@ -45,6 +45,7 @@ class RunNarrator:
 
     def __init__(self, request: RunRequest, ring: HandoverRing, observe: Observer) -> None:
         self._periods = request.periods
+        self._port = request.bind_port
         self._version = FriVersion.parse(request.fri_version)
         self._version_judged = False
         self._ring = ring
@@ -70,6 +71,7 @@ class RunNarrator:
                 rate=rate,
                 missing=status.missing,
                 lost_in_handover=self._ring.lost,
+                port=self._port,
             )
         )
 

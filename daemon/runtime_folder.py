@@ -1,7 +1,7 @@
 """The private folder for sockets and locks, one per user: where it is, what may stand in it, and the locks themselves.
 
-Here: `runtime_folder`, `default_endpoint` and the lock that keeps one UDP port for one supervisor. Used by the service,
-by its clients and by the foreground run.
+Here: `runtime_folder`, the endpoints in it and the lock that keeps one UDP port for one supervisor. Used by the
+service, by its clients, by the foreground run and by its watchers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
 
-__all__ = ["default_endpoint", "lock_port", "runtime_folder"]
+__all__ = ["default_endpoint", "live_endpoint", "lock_port", "runtime_folder"]
 
 _LONGEST_NAME = len("/daemon-65535")
 
@@ -49,6 +49,11 @@ def runtime_folder() -> Path:
 def default_endpoint(port: int) -> str:
     """Where the service of one UDP port is reached when nothing else is said: a socket in the private folder."""
     return f"ipc://{runtime_folder() / f'daemon-{port}'}"
+
+
+def live_endpoint(port: int) -> str:
+    """Where the recorder of the run on one UDP port broadcasts its live view: in the private folder as well."""
+    return f"ipc://{runtime_folder() / f'watch-{port}'}"
 
 
 @contextlib.contextmanager

@@ -182,6 +182,7 @@ def run(
         simulation=simulation,
         ladder_file=None if ladder is None else str(ladder.absolute()),
         skip_ladder=skip_ladder,
+        model_file=None if model is None else str(model.absolute()),
     )
     out = Path(lab.output) / run_id if out is None else out
     make_room(out)

@@ -49,6 +49,7 @@ __all__ = [
     "Attachment",
     "LogWriter",
     "count_messages",
+    "has_non_finite",
     "software_version",
 ]
 
@@ -298,6 +299,15 @@ class LogWriter:
         self._metadata["joint_states_velocity"] = "difference of measured positions over the robot's clock"
         self._writer.add_metadata(METADATA_NAME, self._metadata)
         self._metadata_written = True
+
+
+def has_non_finite(message: MonitoringMessage) -> bool:
+    """Whether a measured position or torque is no finite number."""
+    monitor = message.monitor_data
+    if monitor is None:
+        return False
+    total = sum(monitor.measured_joint_position or ()) + sum(monitor.measured_torque or ())
+    return not math.isfinite(total)
 
 
 def count_messages(path: Path) -> dict[str, int]:

@@ -1,0 +1,84 @@
+"""The live view on a terminal, drawn ten times a second: below the lines of `run`, or by itself in `watch`.
+
+In `run` it lives in a thread of its own, which reads the recorder's broadcast as any watcher does; the thread that
+keeps the heartbeat never waits for it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TextIO
+
+from daemon.cli.output import message
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from daemon.live.watcher import Watcher
+
+__all__ = ["REFRESH_S", "LiveScreen", "live_thread"]
+
+REFRESH_S = 0.1
+
+
+class LiveScreen:
+    """A part of the terminal that shows a watcher's newest screen; a context manager around rich's own."""
+
+    def __init__(self, stream: TextIO, *, transient: bool) -> None:
+        from rich.live import Live
+
+        from daemon.cli.terminal import console_of
+
+        self._console = console_of(stream)
+        self._ascii_only = not self._console.encoding.lower().startswith("utf")
+        self.live = Live(console=self._console, auto_refresh=False, transient=transient, vertical_overflow="crop")
+
+    def show(self, watcher: Watcher) -> None:
+        """Draw what the watcher knows now; nothing before it knows anything."""
+        from daemon.live.screen import drawn
+
+        screen = watcher.screen(width=self._console.width, ascii_only=self._ascii_only)
+        if screen is not None:
+            self.update(drawn(screen))
+
+    def update(self, what: RenderableType) -> None:
+        """Draw."""
+        self.live.update(what, refresh=True)
+
+
+@contextmanager
+def live_thread(port: int, stream: TextIO) -> Iterator[None]:
+    """Show the run on a UDP port while the block lasts; an error in here ends the view and says so, nothing else."""
+    done = threading.Event()
+    screen = LiveScreen(stream, transient=True)
+
+    def draw() -> None:
+        try:
+            _follow(port, screen, done)
+        except Exception as error:
+            if not done.is_set():
+                message(f"[warning] The live view ended: {type(error).__name__}: {error}. The run goes on.")
+
+    thread = threading.Thread(target=draw, name="live view", daemon=True)
+    with screen.live:
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join(2.0)
+
+
+def _follow(port: int, screen: LiveScreen, done: threading.Event) -> None:
+    from daemon.live.subscription import LiveSubscription
+    from daemon.live.watcher import Watcher
+
+    watcher = Watcher()
+    with LiveSubscription(port) as subscription:
+        while not done.wait(REFRESH_S):
+            watcher.take(subscription.receive(0.0))
+            screen.show(watcher)
+            if watcher.newest is not None and watcher.newest.ended:
+                return

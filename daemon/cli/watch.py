@@ -1,0 +1,180 @@
+"""The command `watch`: the run that goes on, seen from another terminal. It only reads."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
+
+from daemon.cli.app import app
+from daemon.cli.live_view import REFRESH_S, LiveScreen
+from daemon.cli.output import data, message
+from daemon.errors import DaemonError, MissingInputError
+
+if TYPE_CHECKING:
+    from daemon.live.frame import LiveFrame
+    from daemon.live.subscription import LiveSubscription
+    from daemon.live.watcher import Watcher
+
+_SILENCE_S = 10.0
+"""A recorder speaks twice a second; one that has not for so long is held or gone."""
+
+
+class NothingToWatchError(DaemonError):
+    """No run is being recorded where one was looked for."""
+
+    exit_code = 69
+
+
+@app.command()
+def watch(
+    run: Annotated[
+        Path | None, typer.Argument(metavar="[RUN]", help="Folder of the run; without one, the run that goes on.")
+    ] = None,
+    port: Annotated[int | None, typer.Option("--port", help="UDP port of the run, where several go on.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Print one screen and leave.")] = False,
+    json_file: Annotated[
+        str | None, typer.Option("--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.")
+    ] = None,
+) -> None:
+    """See a run as it goes on: phase, time left, link, and each joint beside its limits and the model. It only reads.
+
+    Any number of watchers cost the run nothing; Ctrl-C ends the watching, not the run. Piped: a line for each phase or
+    period.
+
+    Example: iiwa-ident watch
+    """
+    from daemon.live.subscription import LiveSubscription
+    from daemon.live.watcher import Watcher
+
+    if run is not None and (run / "run.json").is_file():
+        _show_ended(run)
+        return
+    watcher = Watcher()
+    with contextlib.ExitStack() as stack:
+        subscription = stack.enter_context(LiveSubscription(_port_of(run, port)))
+        with contextlib.suppress(KeyboardInterrupt):
+            if json_file is not None:
+                stream = sys.stdout if json_file == "-" else stack.enter_context(open(json_file, "w", encoding="utf-8"))
+                _write_frames(subscription, stream)
+            elif once:
+                _follow_once(subscription, watcher)
+            elif sys.stdout.isatty():
+                _follow_on_screen(subscription, watcher)
+            else:
+                _follow_in_lines(subscription, watcher)
+    if watcher.newest is not None and watcher.newest.ended:
+        data(f"The recording ended. {watcher.newest.event}".strip())
+        if watcher.remark:
+            data(watcher.remark)
+
+
+def _port_of(run: Path | None, port: int | None) -> int:
+    """The UDP port to listen for. Raises MissingInputError for a folder without a run, NothingToWatchError."""
+    from daemon.api import RunRequest
+    from daemon.json_files import read_json
+    from daemon.live.subscription import served_ports
+
+    if run is not None:
+        if not run.is_dir():
+            raise MissingInputError(str(run), "the folder of a run")
+        return read_json(run / "request.json", RunRequest).bind_port
+    served = served_ports()
+    if port is not None:
+        if port not in served:
+            raise NothingToWatchError(f"No run is being recorded on UDP port {port} by this user.")
+        return port
+    if not served:
+        raise NothingToWatchError("No run is being recorded by this user; `watch` sees one from its start to its end.")
+    if len(served) > 1:
+        speaking = [each for each in served if _speaks(each)]
+        if len(speaking) != 1:
+            raise typer.BadParameter(f"runs on UDP ports {', '.join(map(str, speaking or served))}: say --port.")
+        return speaking[0]
+    return served[0]
+
+
+def _speaks(port: int) -> bool:
+    from daemon.live.subscription import LiveSubscription
+
+    with LiveSubscription(port) as subscription:
+        return bool(subscription.receive(1.2))
+
+
+def _follow_on_screen(subscription: LiveSubscription, watcher: Watcher) -> None:
+    screen = LiveScreen(sys.stdout, transient=False)
+    deadline = time.monotonic() + _SILENCE_S
+    with screen.live:
+        while watcher.newest is None or not watcher.newest.ended:
+            time.sleep(REFRESH_S)
+            frames = subscription.receive(0.0)
+            watcher.take(frames)
+            screen.show(watcher)
+            if frames:
+                deadline = time.monotonic() + _SILENCE_S
+            elif time.monotonic() > deadline:
+                raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
+
+
+def _follow_in_lines(subscription: LiveSubscription, watcher: Watcher) -> None:
+    said = ("", -2)
+    while watcher.newest is None or not watcher.newest.ended:
+        watcher.take(_frames(subscription))
+        frame = watcher.newest
+        assert frame is not None
+        if (frame.phase, frame.period) != said:
+            said = (frame.phase, frame.period)
+            place = f", period {frame.period + 1} of {frame.periods}" if frame.period >= 0 else ""
+            data(
+                f"{frame.run_id}: {frame.phase.lower().replace('_', ' ')}{place}; {frame.received} received, "
+                f"{frame.late} late, {frame.missing} missing. {watcher.remark}".rstrip()
+            )
+            sys.stdout.flush()
+
+
+def _follow_once(subscription: LiveSubscription, watcher: Watcher) -> None:
+    """One screen, as soon as the motion of the arm is known, or of a link on which nothing moves."""
+    from daemon.cli.terminal import console_of
+    from daemon.live.screen import drawn
+
+    deadline = time.monotonic() + 1.0
+    while True:
+        known = watcher.take(_frames(subscription))
+        ascii_only = not (sys.stdout.encoding or "").lower().startswith("utf")
+        screen = watcher.screen(width=shutil.get_terminal_size((120, 40)).columns, ascii_only=ascii_only)
+        if screen is not None and (known or time.monotonic() > deadline):
+            console_of(sys.stdout).print(drawn(screen))
+            return
+
+
+def _write_frames(subscription: LiveSubscription, stream: TextIO) -> None:
+    from daemon.live.frame import encode_frame
+
+    ended = False
+    while not ended:
+        for frame in _frames(subscription):
+            stream.write(encode_frame(frame).decode() + "\n")
+            ended = frame.ended
+        stream.flush()
+
+
+def _frames(subscription: LiveSubscription) -> list[LiveFrame]:
+    frames = subscription.receive(_SILENCE_S)
+    if not frames:
+        raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
+    return frames
+
+
+def _show_ended(run: Path) -> None:
+    from daemon.api import RunOutcome
+    from daemon.json_files import read_json
+
+    outcome = read_json(run / "run.json", RunOutcome)
+    message(f"{run} has ended; there is nothing live to see.")
+    for sentence in outcome.sentences:
+        data(sentence)
