@@ -6,19 +6,24 @@ keeps the heartbeat never waits for it.
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
 from daemon.cli.output import message
+from daemon.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from daemon.live.watcher import Watcher
 
-__all__ = ["REFRESH_S", "LiveScreen", "live_thread"]
+__all__ = ["REFRESH_S", "LiveScreen", "live_served", "live_thread", "require_live"]
 
 REFRESH_S = 0.1
 
@@ -82,3 +87,37 @@ def _follow(port: int, screen: LiveScreen, done: threading.Event) -> None:
             screen.show(watcher)
             if watcher.newest is not None and watcher.newest.ended:
                 return
+
+
+def require_live() -> None:
+    """Raise ConfigurationError where `--live` cannot be served, before anything moves."""
+    if importlib.util.find_spec("foxglove") is None:
+        raise ConfigurationError("the package foxglove-sdk is needed: pip install 'iiwa-ident[live]'.", field="--live")
+
+
+@contextmanager
+def live_served(port: int) -> Iterator[subprocess.Popen[bytes]]:
+    """Serve the run on a UDP port to Foxglove and PlotJuggler while the block lasts, from a process of its own."""
+    from daemon.children import child_environment
+    from daemon.live.server import FOXGLOVE_PORT, LOOPBACK, PLOTJUGGLER_PORT, layouts_folder
+
+    require_live()
+    message(
+        f"Live for Foxglove at ws://{LOOPBACK}:{FOXGLOVE_PORT}, for PlotJuggler (ZMQ Subscriber, JSON) at "
+        f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "daemon.live.server", "--port", str(port)],
+        stdin=subprocess.PIPE, start_new_session=True, env=child_environment(),
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        assert process.stdin is not None
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

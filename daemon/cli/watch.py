@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.live_view import REFRESH_S, LiveScreen
+from daemon.cli.live_view import REFRESH_S, LiveScreen, live_served
 from daemon.cli.output import data, message
 from daemon.errors import DaemonError, MissingInputError
 
@@ -38,6 +38,9 @@ def watch(
     ] = None,
     port: Annotated[int | None, typer.Option("--port", help="UDP port of the run, where several go on.")] = None,
     once: Annotated[bool, typer.Option("--once", help="Print one screen and leave.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve it to Foxglove and PlotJuggler on this machine as well.")
+    ] = False,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.")
     ] = None,
@@ -57,7 +60,10 @@ def watch(
         return
     watcher = Watcher()
     with contextlib.ExitStack() as stack:
-        subscription = stack.enter_context(LiveSubscription(_port_of(run, port)))
+        found = _port_of(run, port)
+        if live:
+            stack.enter_context(live_served(found))
+        subscription = stack.enter_context(LiveSubscription(found))
         with contextlib.suppress(KeyboardInterrupt):
             if json_file is not None:
                 stream = sys.stdout if json_file == "-" else stack.enter_context(open(json_file, "w", encoding="utf-8"))

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.errors import DaemonError
@@ -21,6 +23,8 @@ from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
 __all__ = ["Watcher"]
+
+FloatArray = NDArray[np.float64]
 
 
 class Watcher:
@@ -46,6 +50,11 @@ class Watcher:
             self._modelled = known[-1]
         self.newest = frames[-1]
         return known
+
+    @property
+    def ratio(self) -> FloatArray | None:
+        """See `LiveResidual.ratio`."""
+        return self._residual.ratio
 
     @property
     def remark(self) -> str:
