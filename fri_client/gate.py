@@ -37,8 +37,9 @@ _IN_CYCLE = 0.8
 through the network, 0.1 ms each on a plain cable. Two commands have reached two cycles for sure if they left no nearer
 than a command period less this."""
 
-_EARLY = 20
-"""A message earlier than the robot can have sent it, by more than such a part of the period, gets no step."""
+_EARLY_NS = 50_000
+"""A message earlier than the robot can have sent it, by more than this, gets no step: its answer needs twice the way
+through the network, so at most that early it still comes after the robot's cycle has begun."""
 
 _WRAP = 0xFFFFFFFF
 
@@ -111,6 +112,11 @@ class CommandGate:
         self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
         self._at_ns = None
 
+    @property
+    def is_followed(self) -> bool:
+        """Whether a position went out that the robot may still stand on."""
+        return self._at_ns is not None
+
     def forget(self) -> None:
         """The robot does not command any more: the next position is the first one."""
         self._at_ns = None
@@ -122,7 +128,7 @@ class CommandGate:
         if self._at_ns is None:
             return Pace.FIRST
         early_ns = moment.cycle_ns - moment.time_ns
-        if moment.counter - self._at_counter & _WRAP < self._samples or early_ns > self._period_ns // _EARLY:
+        if moment.counter - self._at_counter & _WRAP < self._samples or early_ns > _EARLY_NS:
             return Pace.TOO_EARLY
         elapsed = moment.cycle_ns - self._at_ns
         edge = self._edge_ns

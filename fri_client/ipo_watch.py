@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["IpoWatch"]
+__all__ = ["STILL_MESSAGES", "STILL_RAD", "IpoWatch"]
 
 STILL_RAD = 2e-7
 """A joint counts as still within this: three steps of the robot's position numbers (6e-8 rad)."""

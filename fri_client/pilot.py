@@ -4,8 +4,9 @@ Here: what each session state is answered with, when a motion is prepared and be
 drop. Not here: bytes and sockets (`loop`), whether it may go out in this cycle of the robot (`gate`), the path
 (`motion`).
 
-Answers by state (PROTOCOL section 8). COMMANDING_WAIT, and COMMANDING_ACTIVE before the motion begins: the IPO
-position, judged by the guard like every other position. MONITORING_*: 1.x: the commanded joint position that the robot
+Answers by state (PROTOCOL section 8). COMMANDING_WAIT: the IPO position, judged by the guard like every other position.
+COMMANDING_ACTIVE before the motion begins: the same, as long as it stands still where the arm was commanded to; else no
+answer, for a step to it would be a command that nobody planned. MONITORING_*: 1.x: the commanded joint position that the robot
 just sent, as the vendor's client does, as long as the robot never commanded; afterwards, and in 2.x, a bare header, for
 a position in a forged message must not reach an arm that moves. IDLE: nothing.
 
@@ -123,15 +124,14 @@ class Pilot:
         self._is_step = False
         if session.state == _IDLE or monitor is None or monitor.measured_joint_position is None:
             return None
-        if not session.begun and not self._adapt():
-            return None
+        is_adapted = session.begun or self._adapt()
         pace = self._gate.pace(session.moment)
         if pace == Pace.STANDS and session.drop is not None:
             self._never_again = True
         if session.state < _COMMANDING_WAIT:
             return self._in_monitoring(message, pace)
         ipo = message.ipo_data
-        if ipo is None or ipo.joint_position is None:
+        if ipo is None or ipo.joint_position is None or not is_adapted:
             return None
         self._in_monitoring_for = 0
         measured = monitor.measured_joint_position
@@ -167,13 +167,19 @@ class Pilot:
         return self.motion.propose(measured)
 
     def _mirror(self, ipo: tuple[float, ...], pace: Pace) -> Answer:
-        """The IPO position, if it follows from what was mirrored before."""
+        """The IPO position, if it follows from what was mirrored before; once commands move the arm, if it stands on
+        it.
+        """
         guard = self.motion.guard
         if not guard.anchored or pace == Pace.FIRST or (pace == Pace.STANDS and not self._commanded):
+            if self._session.state == _ACTIVE and not self._ipo.is_still:
+                return None
             guard.anchor(ipo)
         elif pace == Pace.STANDS:
             guard.come_to_rest()
-        judged = guard.examine(ipo, None, stopping=True)
+        if self._commanded and not (guard.at_rest and guard.repeats(ipo, STILL_RAD)):
+            return None
+        judged = guard.examine(guard.command if self._commanded else ipo, None, stopping=True)
         return judged if isinstance(judged, Judged) else None
 
     def _begin(
@@ -188,10 +194,8 @@ class Pilot:
             cleared = self._start_gate.passes(ipo, *self._prepared_for)
             if session.state != _ACTIVE or not may_move:
                 return False
-            self.hindrance = session.obstacle(message) or self._far_from_ipo(measured, ipo) or self._ipo.clause()
-            if not self.hindrance and not (
-                guard.anchored and all(abs(a - b) <= STILL_RAD for a, b in zip(guard.position, ipo, strict=True))
-            ):
+            self.hindrance = session.obstacle(message) or self._ipo.clause() or self._far_from_ipo(measured, ipo)
+            if not self.hindrance and not (guard.anchored and guard.repeats(ipo, STILL_RAD)):
                 self.hindrance = "the robot's own position (IPO) was not mirrored yet"
             if not session.clock.is_settled and not self.hindrance:
                 self.hindrance = "too few messages came yet to know the robot's clock"
@@ -208,11 +212,15 @@ class Pilot:
         return True
 
     def _adapt(self) -> bool:
-        """Build the motion for the command period the robot states, where it is another; False where there is none."""
+        """Build the motion for the command period the robot states, where it is another; False where there is none, or
+        where the robot may stand on a position of ours: then it has not begun anew, whatever the message says.
+        """
         session = self._session
         if session.command_period_ms and session.send_period_ms:
             wanted = (session.command_period_ms / 1000.0, session.command_period_ms // session.send_period_ms)
             if wanted != self._prepared_for:
+                if self._gate.is_followed:
+                    return False
                 try:
                     self.motion = self._make_motion(*wanted)
                 except (FriError, SafetyError) as error:

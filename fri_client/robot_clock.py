@@ -28,8 +28,8 @@ one shows how early messages can be."""
 _EARLY = 0.25
 """Share of a period by which a message may be earlier than the earliest one seen: clocks are not perfectly even."""
 
-_LEARNT = 50
-"""By so small a part of a period at most one early message makes the next ones expected earlier."""
+_LEARNT_NS = 20_000
+"""By so little at most one early message makes the next ones expected earlier."""
 
 
 class Moment(NamedTuple):
@@ -103,7 +103,7 @@ class RobotClock:
         late = time_ns - due
         if late < 0:
             # A way that became quicker is learnt in small steps: one early message may be a forgery.
-            due, late = due - (-late if not self.is_settled else min(-late, self._period_ns // _LEARNT)), 0
+            due, late = due - (-late if not self.is_settled else min(-late, _LEARNT_NS)), 0
         if late < self._least_late_ns:
             self._least_late_ns = late
         self._noted += 1

@@ -206,9 +206,14 @@ class CommandGuard:
         """Whether the commands stand still: no velocity and no acceleration are left."""
         return not (any(self._velocity) or any(self._acceleration))
 
-    def repeats(self, command: Sequence[float]) -> bool:
-        """Whether a command is the last accepted one, to the bit."""
-        return tuple(command) == tuple(self._position)
+    @property
+    def command(self) -> tuple[float, ...]:
+        """Last accepted command, rad, to the bit."""
+        return tuple(self._position)
+
+    def repeats(self, command: Sequence[float], within_rad: float = 0.0) -> bool:
+        """Whether a command is the last accepted one, to the bit or within so much per joint."""
+        return all(abs(a - b) <= within_rad for a, b in zip(command, self._position, strict=True))
 
     def come_to_rest(self) -> None:
         """The robot stands on the last accepted command: velocity and acceleration are gone."""

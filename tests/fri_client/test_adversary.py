@@ -62,6 +62,28 @@ def test_sends_that_the_network_refuses(refused: int) -> None:
     assert_inside(play(Setting(duration_ms=1000), (Move("refuse", AT, refused),)))
 
 
+@pytest.mark.parametrize("move", [
+    Move("period", 36, 3, 5),
+    Move("period", 5, 3, 2),
+    Move("swap", 46),
+    Move("lose", 46, 1),
+])  # fmt: skip
+@pytest.mark.parametrize("send_period_ms", [1, 5, 10])
+def test_a_set_point_that_moves_is_not_followed_into_a_jump(move: Move, send_period_ms: int) -> None:
+    """One message that stated another period made the guard forget where the arm was: 2 188 % of a velocity limit.
+    A message lost before a motion: jerk 813 %.
+    """
+    setting = Setting(send_period_ms=send_period_ms, ipo_speed=0.4, duration_ms=150 * send_period_ms)
+    assert play(setting, (move,)).judgement.excess_count == 0
+
+
+@pytest.mark.parametrize("share", [0.93, 0.95, 0.98, 0.999])
+@pytest.mark.parametrize("at", [7, 55, 120])
+def test_a_forgery_just_before_its_time_at_a_long_period(share: float, at: int) -> None:
+    """Its answer came before the robot's cycle did: 1 376 % of an acceleration limit."""
+    assert_inside(play(Setting(send_period_ms=10, duration_ms=2500), (Move("forged", at, 1, share, "receive"),)))
+
+
 def test_a_re_entry_that_breaks_off_and_whose_next_command_is_refused_for_long() -> None:
     """Each refusal planned the re-entry anew, from where the first one began: jerk 702 % at a period of 5 ms."""
     refused = Move("refuse", 91, 7)

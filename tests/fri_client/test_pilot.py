@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from fixtures.judge import Judge
 from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
-from fri_client.ipo_watch import IpoWatch
+from fri_client.ipo_watch import STILL_MESSAGES, IpoWatch
 from fri_client.loop import FriLoop
 from fri_client.loop_result import LoopSettings
 from fri_client.messages import (
@@ -227,6 +227,8 @@ def test_commanding_active_from_the_first_message_begins_only_once_the_set_point
     with robot() as arm:
         arm.judge.begin(arm.clock.now, REST)
         mirrored = 0
+        for _ in range(STILL_MESSAGES):
+            assert position_of(arm.say(ACTIVE)) is None
         for _ in range(100):
             assert position_of(arm.say(ACTIVE))
             mirrored += arm.position == REST
