@@ -6,9 +6,9 @@ drop. Not here: bytes and sockets (`loop`), whether it may go out in this cycle 
 
 Answers by state (PROTOCOL section 8). COMMANDING_WAIT: the IPO position, judged by the guard like every other position.
 COMMANDING_ACTIVE before the motion begins: the same, as long as it stands still where the arm was commanded to; else no
-answer, for a step to it would be a command that nobody planned. MONITORING_*: 1.x: the commanded joint position that the robot
-just sent, as the vendor's client does, as long as the robot never commanded; afterwards, and in 2.x, a bare header, for
-a position in a forged message must not reach an arm that moves. IDLE: nothing.
+answer, for a step to it would be a command that nobody planned. MONITORING_*: 1.x: the commanded joint position that
+the robot just sent, as the vendor's client does, as long as the robot never commanded; afterwards, and in 2.x, a bare
+header, for a position in a forged message must not reach an arm that moves. IDLE: nothing.
 
 After a drop of the motion's session nothing resumes. What may still be sent is decided anew for each message:
 - COMMANDING_ACTIVE at the same IPO position, with no longer pause since our last command than the robot bridges: the
