@@ -84,6 +84,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     simulation: only a robot that says it is the fake one is moved; nobody is asked, and there is no ladder.
     model_file: model.json that foresaw the torque, None = what is taken to be known of the arm; live views show it.
     diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
+    gravity_m_s2: in the frame of the base, None: the arm stands on a floor.
     """
 
     run_id: str
@@ -121,6 +122,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     skip_ladder: bool = False
     serial: str | None = None
     model_file: str | None = None
+    gravity_m_s2: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""

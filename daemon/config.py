@@ -72,7 +72,7 @@ class FriSettings(_Section, frozen=True, kw_only=True):
 
 class RunSettings(_Section, frozen=True, kw_only=True):
     """What is driven and how it is stopped. external_torque_limit: Nm per joint; none = not watched. workspace_file,
-    serial: as in RunRequest.
+    serial, gravity_m_s2: as in RunRequest.
     """
 
     periods: int = 16
@@ -82,6 +82,7 @@ class RunSettings(_Section, frozen=True, kw_only=True):
     urdf_file: str | None = None
     workspace_file: str | None = None
     serial: str | None = None
+    gravity_m_s2: tuple[float, float, float] | None = None
     external_torque_limit: tuple[float, ...] | None = EXTERNAL_TORQUE_THRESHOLD_NM
     maximum_distance_to_measured: float = 0.1
     fit: bool = True
@@ -225,6 +226,14 @@ def _check(config: DaemonConfig, file: str) -> None:
         raise refuse(
             "run.external_torque_limit", f"7 positive torques in Nm are needed, {len(limits)} values stand there."
         )
+    if run.gravity_m_s2 is not None:
+        from identification.errors import RobotError
+        from identification.robots.installation import Installation
+
+        try:
+            Installation(run.gravity_m_s2)
+        except RobotError as error:
+            raise refuse("run.gravity_m_s2", str(error)) from error
     if not 0 <= realtime.priority <= 90:
         raise refuse(
             "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."

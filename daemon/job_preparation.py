@@ -122,6 +122,7 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
     try:
         from daemon.preparation import LEAD_IN_S, prepare_motion, write_run_request
         from daemon.tool import NO_TOOL, read_tool
+        from identification.robots import Installation
 
         source = None if job.trajectory_file is None else Path(job.trajectory_file)
         settings = dict(job.settings)
@@ -133,6 +134,7 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
             workspace=None if workspace is None else Path(workspace),
             tool=read_tool(settings.pop("tool", NO_TOOL), is_name=True),
             lead_in_s=settings.pop("lead_in_s", LEAD_IN_S),
+            installation=None if (gravity := settings.pop("gravity_m_s2", None)) is None else Installation(gravity),
         )
         meant_for = motion.trajectory.robot
         if meant_for and meant_for != job.robot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from pathlib import Path
 
 import msgspec
@@ -41,10 +42,16 @@ def metadata_of(job: RecorderJob) -> dict[str, str]:
         "date": now_text(),
         "serial": request.serial or "",
         "tool": request.tool,
+        **({} if request.gravity_m_s2 is None else {"installation": _stand_of(request.gravity_m_s2)}),
         **_tool_of(request).tags(),
         "seed": "" if request.seed is None else str(request.seed),
         "part": str(job.part),
     }
+
+
+def _stand_of(gravity: tuple[float, float, float]) -> str:
+    """As imported logs note it, which readers take for the arm that is fitted."""
+    return json.dumps({"gravity_m_s2": list(gravity), "locked_joints": {}})
 
 
 def _tool_of(request: RunRequest) -> Tool:

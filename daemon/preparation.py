@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.tool import Tool
-from daemon.torque_foresight import TorqueForesight, torque_foresight
+from daemon.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.workspace import Surroundings, WorkspaceFile, load_surroundings
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
+from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
 from safety.limits import limits_for
 from safety.preflight import preflight
 from safety.preflight_report import PreflightReport
@@ -37,6 +39,7 @@ class PreparedMotion:
     surroundings: what it was held against, the tool among them; workspace_file: where they are described, None: a floor
     alone. lead_in_s: end of the period that is driven before the first recorded one, s.
     foresight: what its torque was foreseen with, None: nothing is known of the arm, and no torque was checked.
+    installation: how the arm stands.
     """
 
     name: str
@@ -49,6 +52,7 @@ class PreparedMotion:
     workspace_file: Path | None
     foresight: TorqueForesight | None
     lead_in_s: float = LEAD_IN_S
+    installation: Installation = ON_THE_FLOOR
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""
@@ -70,12 +74,14 @@ def prepare_motion(
     model: Path | None = None,
     tool: Tool | None = None,
     lead_in_s: float = LEAD_IN_S,
+    installation: Installation | None = None,
 ) -> PreparedMotion:
     """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
 
     robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
     at the mounting face. model: a model.json to foresee the torque with, None: what is taken to be known of the arm.
-    tool: what it says stands before what the workspace file says of the tool.
+    tool: what it says stands before what the workspace file says of the tool; an empty one: nothing is on the flange.
+    installation: how the arm stands, None: as the model says, else on a floor.
     Raises TrajectoryError or ModelFileError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
     workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
@@ -83,11 +89,12 @@ def prepare_motion(
     arm = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
     surroundings = load_surroundings(arm, workspace, tool)
-    foresight = torque_foresight(arm, model, surroundings.tool)
+    stand = installation or (ON_THE_FLOOR if model is None else stand_of_model(model))
+    foresight = torque_foresight(arm, model, surroundings.tool, stand)
     report = check_table(table, arm, surroundings, foresight, lead_in_s)
     name = f"shipped excitation of {arm}" if source is None else str(source)
     return PreparedMotion(
-        name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight, lead_in_s
+        name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight, lead_in_s, stand
     )
 
 
@@ -151,6 +158,8 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
         workspace_file.write_bytes(msgspec.yaml.encode(around))
         settings["workspace_file"] = str(workspace_file.resolve())
     settings["tool"] = motion.surroundings.tool.describe()
+    if motion.installation != ON_THE_FLOOR:
+        settings["gravity_m_s2"] = motion.installation.gravity
     return RunRequest(
         run_id=settings.pop("run_id", None) or new_run_id(),
         robot=motion.robot,

@@ -18,6 +18,8 @@ from daemon.torque_foresight import torque_foresight
 from daemon.workspace import Surroundings
 from identification.excitation.fourier import Trajectory
 from identification.excitation.objective import Samples
+from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
 from safety.collision import ForbiddenBox, Workspace, self_collision_pairs
 from safety.geometry import RobotGeometry
 from safety.limits import limits_for
@@ -149,9 +151,11 @@ def room_of(around: Surroundings, start: FloatArray | None, period_s: float) -> 
     )
 
 
-def safe_in(around: Surroundings, robot: str, start: FloatArray | None) -> Callable[[Trajectory], bool]:
+def safe_in(
+    around: Surroundings, robot: str, start: FloatArray | None, installation: Installation = ON_THE_FLOOR
+) -> Callable[[Trajectory], bool]:
     """Whether the preflight accepts a trajectory in a cell, its start ramp from `start` included."""
-    foresight = torque_foresight(robot, None, around.tool)
+    foresight = torque_foresight(robot, None, around.tool, installation)
 
     def accepted(trajectory: Trajectory) -> bool:
         table = trajectory.table(TABLE_RATE_HZ)

@@ -6,6 +6,7 @@ Here: which model foresees it, and the torque along the table that is sent. Not 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +19,16 @@ from identification.errors import ModelFileError
 from identification.estimators.physical import PhysicalParameters
 from identification.excitation.nominal import nominal_parameters
 from identification.model_file import read_model
-from identification.robots import BUILT_IN_ROBOTS, load_robot
+from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
+from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M
 
-__all__ = ["TorqueForesight", "torque_foresight"]
+__all__ = ["TorqueForesight", "stand_of_model", "torque_foresight"]
 
 FloatArray = NDArray[np.float64]
+
+SAME_GRAVITY = 0.02
+"""m/s², by axis: what 9.81 leaves open of the gravity of a place."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,15 +54,21 @@ class TorqueForesight:
         return np.asarray(self.regressor.matrix(table, velocity, acceleration) @ self.values)
 
 
-def torque_foresight(robot: str, model_file: Path | None = None, tool: Tool | None = None) -> TorqueForesight | None:
+def torque_foresight(
+    robot: str,
+    model_file: Path | None = None,
+    tool: Tool | None = None,
+    installation: Installation = ON_THE_FLOOR,
+) -> TorqueForesight | None:
     """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
 
     robot: a built-in arm. tool: its load is added to Table 3, which is the bare arm's, and not to a model.json, which
-    may have been identified with the tool. Raises ModelFileNotFoundError (66) or ModelFileError (65), also for a model
-    of another arm.
+    may have been identified with the tool. installation: how the arm stands. Raises ModelFileNotFoundError (66) or
+    ModelFileError (65), also for a model of another arm, or of one that stands otherwise: on a wall more parameters
+    show in the torque than on a floor, so that a model from there does not foresee it.
     """
     if model_file is None:
-        built_in = load_robot(robot)
+        built_in = load_robot(robot, installation)
         nominal = nominal_parameters(built_in)
         if nominal is None:
             return None
@@ -75,8 +86,24 @@ def torque_foresight(robot: str, model_file: Path | None = None, tool: Tool | No
             file=model_file,
             field="robot",
         )
+    if not np.allclose(its_robot.gravity, installation.gravity, atol=SAME_GRAVITY):
+        raise ModelFileError(
+            f"{model_file.name} was identified with gravity {_listed(its_robot.gravity)} m/s² in the frame of the "
+            f"base, but the arm stands in {_listed(installation.gravity)}; a model of the arm as it stands is needed",
+            file=model_file,
+            field="installation",
+        )
     regressor = BaseRegressor(its_robot, model.options)
     return TorqueForesight(str(model_file), regressor, model.base_values(regressor))
+
+
+def stand_of_model(model_file: Path) -> Installation:
+    """How the arm of a model stands. Raises as `torque_foresight` does."""
+    return Installation(read_model(model_file).load_robot().installation.gravity)
+
+
+def _listed(gravity: Sequence[float] | FloatArray) -> str:
+    return f"({', '.join(f'{value:.3g}' for value in gravity)})"
 
 
 def _load_of(tool: Tool, links: int) -> PhysicalParameters:

@@ -103,8 +103,8 @@ class Surroundings:
 def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | None = None) -> Surroundings:
     """Shape of a built-in arm with its tool, and its surroundings; without a file a floor at the mounting face.
 
-    tool: what it says stands before what the file says of the tool. Raises MissingInputError (66), ConfigurationError
-    (78) naming file and field, GeometryError for an unknown robot.
+    tool: what it says stands before what the file says of the tool; an empty one takes that away. Raises
+    MissingInputError (66), ConfigurationError (78) naming file and field, GeometryError for an unknown robot.
     """
     geometry = load_geometry(robot)
     entry = WorkspaceFile() if file is None else read_settings(file, WorkspaceFile, "workspace")
@@ -116,7 +116,7 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
     if entry.tool is not None:
         check_tool(entry.tool, str(file), "tool.")
     if tool is not None:
-        entry = msgspec.structs.replace(entry, tool=tool.over(entry.tool))
+        entry = msgspec.structs.replace(entry, tool=None if tool == Tool() else tool.over(entry.tool))
     names = ["floor"]
     walls = []
     for place, wall in enumerate(entry.walls):

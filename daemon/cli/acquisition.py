@@ -13,6 +13,7 @@ from rich.table import Table
 from typer.core import TyperCommand
 
 from daemon.cli.app import app
+from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
@@ -38,7 +39,9 @@ AmplitudeOption = Annotated[
 ToolOption = Annotated[
     str | None,
     typer.Option(
-        "--tool", metavar="MASS@X,Y,Z", help="Tool: kg@m,m,m from the flange, or a file tool.yaml; default: none."
+        "--tool",
+        metavar="MASS@X,Y,Z",
+        help="Tool: kg@m,m,m from the flange, a file tool.yaml, or none; default: the workspace's.",
     ),
 ]
 
@@ -133,6 +136,8 @@ def check(
     workspace: WorkspaceOption = None,
     model: ModelOption = None,
     tool: ToolOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Draw the path into a .png or .svg file.")
     ] = None,
@@ -146,8 +151,9 @@ def check(
 
     carried = tool_from(tool)
     motion = prepare_motion(
-        trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=carried
-    )
+        trajectory, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=carried,
+        installation=installation_of(gravity, mount, None),
+    )  # fmt: skip
     if picture is not None:
         from daemon.picture import draw_motion
 
@@ -165,12 +171,15 @@ def check(
 
 
 def tool_from(text: str | None) -> Tool | None:
-    """The tool of `--tool`; raises a usage error for words that describe none, ConfigurationError for a file."""
+    """The tool of `--tool`, an empty one for "none", None where nothing is said.
+
+    Raises a usage error for words that describe no tool, ConfigurationError for a file.
+    """
     from daemon.errors import ConfigurationError
-    from daemon.tool import NO_TOOL, read_tool
+    from daemon.tool import Tool, read_tool
 
     try:
-        return read_tool(text or NO_TOOL)
+        return None if text is None else read_tool(text) or Tool()
     except ConfigurationError as error:
         if error.file is not None:
             raise

@@ -13,6 +13,7 @@ import typer
 from rich.table import Table
 
 from daemon.cli.app import app
+from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.protection import not_a_recording
 
@@ -59,6 +60,8 @@ def design(
         str | None,
         typer.Option("--from", metavar="POSE", help="Where the arm stands before: 0,0.5,0,-1.2,0,0.8,0 (rad)."),
     ] = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     reference: Annotated[
         str | None,
         typer.Option(
@@ -78,7 +81,6 @@ def design(
     """
     import numpy as np
 
-    from daemon.preparation import is_safe_motion
     from daemon.room import room_of, safe_in
     from daemon.workspace import load_surroundings
     from identification.base_parameters import BaseRegressor
@@ -91,18 +93,22 @@ def design(
     from identification.excitation.prediction import NoiseColour, predict_deviations, torque_noise
     from identification.excitation.reference import reference_trajectory
     from identification.robots import BUILT_IN_ROBOTS, load_robot
+    from identification.robots.installation import ON_THE_FLOOR
 
-    model = load_robot(robot)
+    stand = installation_of(gravity, mount, None) or ON_THE_FLOOR
+    model = load_robot(robot, stand)
     # Only the built-in arms have a geometry to check self-collision and workspace on.
     has_shape = model.name in BUILT_IN_ROBOTS
-    acceptable: Callable[[Trajectory], bool] | None = is_safe_motion if has_shape else None
+    if not has_shape and (workspace is not None or start is not None):
+        raise typer.BadParameter(f"--workspace and --from need the shape of the arm, and {robot} has none here.")
+    acceptable: Callable[[Trajectory], bool] | None = None
     room = None
-    if workspace is not None or start is not None:
-        if not has_shape:
-            raise typer.BadParameter(f"--workspace and --from need the shape of the arm, and {robot} has none here.")
+    if has_shape:
         around = load_surroundings(model.name, workspace)
         pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
-        acceptable, room = safe_in(around, model.name, pose), room_of(around, pose, period)
+        acceptable = safe_in(around, model.name, pose, stand)
+        if workspace is not None or start is not None:
+            room = room_of(around, pose, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     motion: Trajectory
     if reference is not None:
@@ -170,6 +176,16 @@ def design(
                 f"It keeps clear of everything, at {100 * shrunk:.0f} % of the amplitude it was found with. The price: "
                 f"the shipped motion, in free space, has cond {free['cond']:.2f} and log det {free['log_det']:.1f}."
             )
+            if predicted is not None and noise_nm is not None:
+                alone = predict_deviations(
+                    regressor, default_trajectory(model.name), noise_nm=noise_nm, periods=periods, colour=colour
+                )
+                grown = predicted.std / alone.std
+                most = int(np.argmax(grown))
+                data(
+                    f"σ of the base parameters is {np.median(grown):.2f} times as large (median), of "
+                    f"{predicted.names[most]} {grown[most]:.2f} times."
+                )
         for key, value in result.verified.items():
             data(f"  {key}: {value}")
         _show_predicted(predicted)

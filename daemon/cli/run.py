@@ -22,6 +22,7 @@ from daemon.cli.acquisition import (
     tool_from,
 )
 from daemon.cli.app import app
+from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.live_view import live_served, require_live
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.cli.run_view import run_shown
@@ -84,6 +85,8 @@ def run(
     workspace: WorkspaceOption = None,
     model: ModelOption = None,
     tool: ToolOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
     config: Annotated[
         Path | None,
         typer.Option("--config", metavar="FILE", help="Settings as of `daemon`; options given here stand before them."),
@@ -136,6 +139,7 @@ def run(
     from daemon.run_folder import make_room
     from daemon.service import run_acquisition
     from daemon.tool import read_tool
+    from identification.robots import Installation
 
     lab = DaemonConfig() if config is None else load_config(config)
     host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
@@ -161,7 +165,8 @@ def run(
     settings = lab.request_fields() | {name: each for name, each in given.items() if each is not None}
     arm, noted = settings.pop("robot"), settings.pop("tool")
     carried = read_tool(noted, is_name=True) if tool is None else tool_from(tool)
-    around = settings.pop("workspace_file")
+    around, noted_gravity = settings.pop("workspace_file"), settings.pop("gravity_m_s2")
+    stand = installation_of(gravity, mount, None)
     motion = prepare_motion(
         trajectory,
         robot=robot or (None if config is None else arm),
@@ -170,6 +175,7 @@ def run(
         model=model,
         tool=carried,
         lead_in_s=settings.pop("lead_in_s"),
+        installation=stand or (None if noted_gravity is None else Installation(noted_gravity)),
     )
     meant_for = motion.trajectory.robot
     if robot is None and meant_for not in ("", motion.robot):

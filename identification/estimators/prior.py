@@ -40,8 +40,6 @@ _THICKNESS_SHARE = 1.0 / 6.0
 _RADIUS_WITHOUT_STRETCHES_M = 0.1
 _DENSITY = 1000.0
 """kg/m³ of a link so thick, housing and hollow: an iiwa 14 (30 kg) has 1080, a Panda 760, a KUKA KR300 1900."""
-_TYPICAL_OFFSET = 1.0
-"""Nm (N): a constant torque is taken to be of this size, which matters only where nothing determines it."""
 _COVARIANCE_FLOOR = 1e-12
 _PRIOR_WEIGHT = 0.1
 """Of the divergence: the mass of one body is taken to be known to a factor of about four."""
@@ -67,7 +65,8 @@ class SettledParameters:
     physical: all pseudo-inertias are positive definite. full: (full,) dynamic parameters in the order of full_names.
     base_values: (p,) their base parameters. from_data: (full,) 0 to 1, the share by which the data narrow a parameter's
     variance below the prior's: 1 determined by the data, 0 left to the prior. misfit: root of the mean square of what
-    the base parameters were moved by, in σ: below 1 they were moved within what is known of them. prior: its name.
+    the base parameters were moved by, in σ: below 1 they were moved within what is known of them. moved: (p,) that of
+    each base parameter, with its sign. prior: its name.
     """
 
     physical: PhysicalParameters
@@ -75,6 +74,7 @@ class SettledParameters:
     base_values: FloatArray
     from_data: FloatArray
     misfit: float
+    moved: FloatArray
     prior: str
 
 
@@ -149,7 +149,9 @@ def settle_open_directions(
         x[:, :INERTIAL_COUNT], base.extra_of(full, "FV"), base.extra_of(full, "FS")
     )
     misfit = float(np.sqrt(program.distance_square(x) / len(base_values)))
-    return SettledParameters(physical, full, base.base_from_full(full), program.share_of_data(x), misfit, chosen.name)
+    values = base.base_from_full(full)
+    moved = (values - base_values) / np.sqrt(np.diag(covariance))
+    return SettledParameters(physical, full, values, program.share_of_data(x), misfit, moved, chosen.name)
 
 
 class _Program:
@@ -174,11 +176,13 @@ class _Program:
             self._units[link, INERTIAL_COUNT:, INERTIAL_COUNT:] = np.diag(self._typical[link])
 
     def _typical_effects(self, values: FloatArray, std: FloatArray, base: BaseRegressor) -> FloatArray:
-        """x₀ (n, effects): the estimate, at least its σ; a joint without an estimate of its own has the median's."""
+        """x₀ (n, effects): the estimate, at least its σ; a joint without an estimate of its own has the median's.
+
+        An offset is friction that differs by direction, so that its size is the Coulomb friction's.
+        """
         typical = np.ones((self._links, self._stride - INERTIAL_COUNT))
         for column, symbol in enumerate(base.options.symbols):
             if symbol == "OFF":
-                typical[:, column] = _TYPICAL_OFFSET
                 continue
             own = {
                 joint: max(values[base.names.index(name)], std[base.names.index(name)])
@@ -187,6 +191,9 @@ class _Program:
             }
             typical[:, column] = float(np.median(list(own.values()))) if own else 1.0
             typical[list(own), column] = list(own.values())
+        if {"OFF", "FS"} <= set(base.options.symbols):
+            offset, coulomb = (base.options.symbols.index(symbol) for symbol in ("OFF", "FS"))
+            typical[:, offset] = typical[:, coulomb]
         return typical
 
     def minimum(self) -> FloatArray:
@@ -247,9 +254,7 @@ class _Program:
         x = np.einsum("lij,lj->li", self._units, np.array(solution.x[:size]).reshape(links, stride))
         status = str(solution.status)
         if status not in ("Solved", "AlmostSolved") or not self._exists(x):
-            raise SolverError(
-                f"The program with a prior has no solution ({status}).", solver="Clarabel", status=status
-            )
+            raise SolverError(f"The program with a prior has no solution ({status}).", solver="Clarabel", status=status)
         return np.asarray(x, dtype=np.float64)
 
     def _exists(self, x: FloatArray) -> bool:

@@ -35,10 +35,11 @@ _SMALLEST_RELATIVE_SLACK = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origins:
-    """What the parameters of `settled` rest on, by name."""
+    """What the parameters of `settled` rest on, by name; base_names: of its base parameters."""
 
     names: tuple[str, ...]
     settled: SettledParameters
+    base_names: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The prior, and the share of the data of every parameter: 1 the data determine it, 0 the prior does."""
@@ -61,7 +62,7 @@ class Origins:
         if self.settled.misfit > _WORTH_SAYING:
             lines.append(
                 f"No real body has the base parameters within their σ: they were moved by {self.settled.misfit:.1f} "
-                "times σ (RMS). Physics that the model lacks does that: see diagnose."
+                f"times σ (RMS){self._most_moved()}. Physics that the model lacks does that: see diagnose."
             )
         for link, row in enumerate(shares, start=1):
             by_data = [symbol for symbol, share in zip(symbols, row, strict=True) if share >= _DETERMINED]
@@ -74,6 +75,14 @@ class Origins:
             parts = (("data", by_data), ("both", by_both), ("prior", by_prior))
             lines.append(f"Link {link}: " + "; ".join(f"{who}: {', '.join(what)}" for who, what in parts if what) + ".")
         return tuple(lines)
+
+    def _most_moved(self) -> str:
+        """The base parameter that real bodies contradict most, as part of a sentence."""
+        if not self.base_names:
+            return ""
+        most = int(np.argmax(np.abs(self.settled.moved)))
+        sigmas, value = abs(float(self.settled.moved[most])), float(self.settled.base_values[most])
+        return f", most of all {self.base_names[most]} by {sigmas:.1f} σ to {value:.4g}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +131,7 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         none = np.zeros(settled.physical.n)
         return ModelParameters(
             settled.physical, none if rotor is None else rotor, none if offset is None else offset,
-            Origins(regressor.full_names, settled),
+            Origins(regressor.full_names, settled, regressor.names),
         )  # fmt: skip
     if model.physical is None:
         raise ModelFileError(

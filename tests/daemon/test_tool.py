@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from daemon.cli.acquisition import tool_from
 from daemon.errors import ConfigurationError, MissingInputError
 from daemon.preparation import prepare_motion, write_run_request
 from daemon.tool import Tool, read_tool
@@ -107,6 +108,15 @@ def test_what_the_option_says_stands_before_the_workspace_file_and_both_go_into_
     assert kept.tool == Tool(name="old", length_m=0.2, radius_m=0.05, mass_kg=2.0, center_of_mass_m=(0.0, 0.0, 0.05))
     # Where the supervisor and the ladder look, they find the same surroundings.
     assert load_surroundings("iiwa14", request.workspace_file).digest == motion.surroundings.digest
+
+
+def test_none_takes_the_tool_of_the_workspace_file_away(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text("floor_height_m: -0.5\ntool: {name: old, length_m: 0.2, radius_m: 0.05}\n")
+    assert tool_from(None) is None
+    bare = load_surroundings("iiwa14", cell, tool_from("none"))
+    assert (bare.entry.floor_height_m, bare.entry.tool, bare.tool.describe()) == (-0.5, None, "none")
+    assert len(bare.geometry.capsules) == len(load_surroundings("iiwa14").geometry.capsules)
 
 
 def test_a_tool_of_the_workspace_file_stands_in_the_request(tmp_path: Path) -> None:

@@ -7,12 +7,13 @@ torques by Pinocchio of the numbers themselves.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError
 from identification.estimators import PhysicalParameters
 from identification.estimators.physical import pseudo_inertia
@@ -20,6 +21,7 @@ from identification.estimators.prior import BodyPrior, prior_of_bodies, settle_o
 from identification.excitation import default_trajectory
 from identification.export import export_model
 from identification.export.given_bodies import given_bodies
+from identification.export.parameters import Origins
 from identification.model_file import read_model
 from identification.robots import RobotModel, load_robot
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
@@ -69,6 +71,22 @@ def test_what_the_data_determine_stays_and_open_directions_are_bodies_of_a_links
     assert settled.physical.mass.sum() < 40.0  # KUKA states 30 kg
 
 
+def test_an_offset_is_as_large_as_the_friction_of_its_joint(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """An arm of a tonne has offsets of tens of Nm, like its Coulomb friction: what is known of one stays."""
+    base = BaseRegressor(iiwa14, RegressorOptions(offset=True))
+    offset = np.array([46.0, -80.0, 30.0, 12.0, 5.0, -3.0, 2.0])
+    full = 300.0 * base.full_from_physical(table3).reshape(7, -1)
+    full[:, -1] = offset
+    values = base.base_from_full(full.ravel())
+    std = 0.05 * np.abs(values) + 1e-3
+    std[[base.position_of(f"OFF_{joint}") for joint in range(1, 8)]] = 0.2 * np.abs(offset)
+    settled = settle_open_directions(values, np.diag(std**2), base)
+    moved = settled.moved[[base.position_of(f"OFF_{joint}") for joint in range(1, 8)]]
+    assert np.abs(moved).max() < 0.5
+    sentence = " ".join(Origins(base.full_names, replace(settled, misfit=2.0), base.names).sentences())
+    assert f"most of all {base.names[int(np.argmax(np.abs(settled.moved)))]} by" in sentence
+
+
 def test_each_parameter_says_whether_data_or_prior_determine_it(
     iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
@@ -105,9 +123,7 @@ def test_a_description_with_impossible_inertias_is_mended_just_enough(iiwa14: Ro
     assert np.abs(mended[[0, 1, 3, 4, 6]] - good[[0, 1, 3, 4, 6]]).max() < 1e-12
 
 
-def test_bodies_of_a_urdf_are_found_in_the_identified_robots_frames(
-    tmp_path: Path, table3: PhysicalParameters
-) -> None:
+def test_bodies_of_a_urdf_are_found_in_the_identified_robots_frames(tmp_path: Path, table3: PhysicalParameters) -> None:
     """The file has its base on the floor; the table of the paper measures from the shoulder."""
     physical, robot = consistent(table3), load_robot("iiwa14")
     file = tmp_path / "arm.urdf"
