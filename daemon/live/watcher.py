@@ -19,6 +19,8 @@ from daemon.live.screen import Screen
 from daemon.torque_foresight import TorqueForesight, torque_foresight
 from daemon.workspace import load_surroundings
 from identification.errors import IdentificationError
+from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
@@ -113,6 +115,7 @@ def _foresight_of(request: RunRequest) -> TorqueForesight | None:
     try:
         around = load_surroundings(request.robot, request.workspace_file)
         model = None if request.model_file is None else Path(request.model_file)
-        return torque_foresight(request.robot, model, around.tool)
+        stand = ON_THE_FLOOR if request.gravity_m_s2 is None else Installation(request.gravity_m_s2)
+        return torque_foresight(request.robot, model, around.tool, stand)
     except (DaemonError, IdentificationError, OSError):
         return None
