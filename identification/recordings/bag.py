@@ -6,6 +6,7 @@ decoded elsewhere (`fri_log`, `joint_states`).
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -25,13 +26,25 @@ from identification.errors import RecordingError
 from identification.recordings import archive
 from identification.recordings.unpacking import Allowance
 
-__all__ = ["BAG_SUFFIXES", "FRI_STATE_TOPIC", "JOINT_STATE", "METADATA_RECORD", "Bag", "Topic", "bag_files", "read_bag"]
+__all__ = [
+    "BAG_SUFFIXES",
+    "FRI_STATE_TOPIC",
+    "JOINT_STATE",
+    "METADATA_RECORD",
+    "Bag",
+    "Topic",
+    "bag_files",
+    "entries_of",
+    "read_bag",
+]
 
 FRI_STATE_TOPIC = "/fri/state"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 METADATA_RECORD = "iiwa_ident"
 BAG_SUFFIXES = (".mcap", ".db3")
 COMPRESSED = ".zstd"
+MOST_ENTRIES = 5000
+"""In a folder: a bag that is split every minute has as many in three days, and a run's folder has some twenty."""
 _COPY_BYTES = 2**20
 
 
@@ -83,14 +96,42 @@ class Bag:
 
 
 def bag_files(folder: Path) -> tuple[Path, ...]:
-    """The data files of a bag's folder in their order, .mcap or .db3 or these compressed; empty where it is no bag."""
+    """The data files of a bag's folder in their order, .mcap or .db3 or these compressed; empty where it is no bag.
+
+    Raises RecordingError for a folder that holds more than one bag or more files than a bag can.
+    """
     files = [
         file
-        for file in folder.iterdir()
-        if file.is_file() and file.name.removesuffix(COMPRESSED).endswith(BAG_SUFFIXES)
+        for file in entries_of(folder)
+        if file.name.removesuffix(COMPRESSED).endswith(BAG_SUFFIXES) and file.is_file()
     ]
+    names = list(dict.fromkeys(_name_of_bag(file.name) for file in files))
+    if len(names) > 1:
+        raise RecordingError(
+            f"{folder}: holds {len(files)} logs of different names ({', '.join(sorted(names)[:3])}, …), which are not "
+            "one recording; name those that are meant",
+            file=folder,
+        )
     # rosbag2 numbers them NAME_0, NAME_1, … NAME_10: by number, not by letter.
     return tuple(sorted(files, key=lambda file: [int(x) if x.isdigit() else x for x in _number_parts(file.name)]))
+
+
+def entries_of(folder: Path) -> list[Path]:
+    """What lies in a folder. Raises RecordingError where it is more than a run or a bag has, before all is listed."""
+    found = list(itertools.islice(folder.iterdir(), MOST_ENTRIES + 1))
+    if len(found) > MOST_ENTRIES:
+        raise RecordingError(
+            f"{folder}: holds more than {MOST_ENTRIES} files, which neither a run nor a ROS 2 bag does; name the "
+            "recording itself",
+            file=folder,
+        )
+    return found
+
+
+def _name_of_bag(file: str) -> str:
+    stem = file.split(".")[0]
+    head, _, tail = stem.rpartition("_")
+    return head if tail.isdigit() else stem
 
 
 def _number_parts(name: str) -> list[str]:

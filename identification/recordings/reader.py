@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from identification.errors import RecordingError, RecordingNotFoundError, RobotError
-from identification.recordings.bag import bag_files
+from identification.recordings.bag import bag_files, entries_of
 from identification.recordings.cleaning import build_recording, check_shapes
 from identification.recordings.csv_reader import read_csv
 from identification.recordings.joint_choice import for_robot, select_joints
@@ -116,11 +117,11 @@ def read_recording(
 def recording_file(path: Path) -> Path:
     """The recording that a path stands for: the file itself, a run folder's log, or the folder of a bag.
 
-    Raises RecordingError for a run whose log is in parts.
+    Raises RecordingError for a run whose log is in parts, and for a folder of thousands of files.
     """
     if not path.is_dir():
         return path
-    if list(path.glob(RUN_PARTS)) and not (path / RUN_BROKEN).is_file():
+    if fnmatch.filter((entry.name for entry in entries_of(path)), RUN_PARTS) and not (path / RUN_BROKEN).is_file():
         raise RecordingError(
             f"{path}: its recording is in parts; make it whole with: iiwa-ident recover {path}", file=path
         )

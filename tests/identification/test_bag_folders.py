@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from identification.errors import RecordingError
 from identification.recordings import read_recording, write_recording
-from identification.recordings.bag import bag_files
+from identification.recordings.bag import MOST_ENTRIES, bag_files
 from identification.recordings.reader import file_digest, recording_file
 from tests.identification.bags import JointMessage, messages_of, write_bag, write_mcap
 
@@ -111,3 +111,17 @@ def test_a_database_that_breaks_off_gives_its_rows_or_an_error(tmp_path: Path, m
 def test_an_import_of_a_bag_is_the_bag(tmp_path: Path, messages: list[JointMessage]) -> None:
     folder = write_bag(tmp_path / "bag", messages)
     assert_whole(write_recording(read_recording(folder, robot="iiwa14"), tmp_path / "import.mcap"))
+
+
+def test_a_folder_of_other_things_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    """Runs of a day side by side, or somebody's downloads, are not one recording."""
+    for name in ("monday.mcap", "tuesday_0.mcap", "tuesday_1.mcap"):
+        (tmp_path / name).write_bytes(b"never read")
+    with pytest.raises(RecordingError, match=r"3 logs of different names \(monday, tuesday"):
+        read_recording(tmp_path, robot="iiwa14")
+    crowd = tmp_path / "crowd"
+    crowd.mkdir()
+    for number in range(MOST_ENTRIES + 1):
+        (crowd / str(number)).touch()
+    with pytest.raises(RecordingError, match=f"more than {MOST_ENTRIES} files"):
+        recording_file(crowd)
