@@ -18,6 +18,12 @@ from fri_client.handover import EventCode, HandoverRing
 
 __all__ = ["StopHandle"]
 
+SIGNALS = {
+    int(signal.SIGINT): EventCode.OPERATOR_STOP,
+    int(signal.SIGTERM): EventCode.SIGNAL_STOP,
+    int(signal.SIGHUP): EventCode.TERMINAL_CLOSED,
+}
+
 
 class StopHandle:
     """Asks the loop of one acquisition to stop; usable from any thread, before, during and after the run.
@@ -85,9 +91,9 @@ class StopHandle:
         def stop(number: int, frame: FrameType | None) -> None:
             del frame
             self.signal_number = number
-            self.request(EventCode.OPERATOR_STOP if number == signal.SIGINT else EventCode.SIGNAL_STOP)
+            self.request(SIGNALS[number])
 
-        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        before = {number: signal.signal(number, stop) for number in SIGNALS}
         try:
             yield
         finally:

@@ -29,6 +29,7 @@ class EventCode(IntEnum):
     DISK_FULL = 16
     RAMP_ERROR = 17
     FAULT = 18
+    TERMINAL_CLOSED = 19
     # The session was lost for this run. value: DropReason, limit: session state after.
     SESSION_DROP = 30
     # How the arm is brought to rest. value: duration in s, limit: rows of the table on the way (0 off the path).

@@ -19,6 +19,7 @@ _PATIENCE_S = 1.5
 _SENTENCES = {
     EventCode.OPERATOR_STOP: "The operator asked for a stop.",
     EventCode.SIGNAL_STOP: "The supervising process was told to end.",
+    EventCode.TERMINAL_CLOSED: "The terminal of the run was closed, or the connection to it was lost.",
     EventCode.RECORDER_LOST: "The recorder was lost.",
     EventCode.DISK_FULL: "The disk refused further samples.",
     EventCode.SUPERVISOR_LOST: "The supervising process was lost.",

@@ -43,7 +43,8 @@ VERDICTS = {
 
 NOT_MEASURED = (
     "The noise was not measured, for which a recording needs two periods or more: how much of the misfit is noise "
-    "cannot be told."
+    "cannot be told. Given up with it: effects near the noise, and all that changes from one period to the next "
+    "(drift, pushes)."
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 

@@ -269,6 +269,8 @@ def test_a_closed_terminal_stops_the_arm_by_ramp_and_the_books_are_closed(
     assert (outcome.outcome, outcome.exit_code) == ("stopped", 130)
     assert outcome.loop is not None
     assert outcome.loop.standstill_confirmed
+    assert outcome.loop.reason == "TERMINAL_CLOSED"
+    assert outcome.sentences[0].startswith("The terminal of the run was closed")
     assert outcome.samples == outcome.loop.received
     names = {each.name for each in (tmp_path / "run").iterdir()}
     assert not {name for name in names if name.startswith("recorder")}

@@ -58,7 +58,11 @@ def test_asking_while_the_run_closes_its_ring_in_another_thread_is_safe() -> Non
 
 def test_signals_reach_the_ring_and_the_handlers_before_are_put_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
-    for number, code in ((signal.SIGTERM, EventCode.SIGNAL_STOP), (signal.SIGINT, EventCode.OPERATOR_STOP)):
+    for number, code in (
+        (signal.SIGTERM, EventCode.SIGNAL_STOP),
+        (signal.SIGINT, EventCode.OPERATOR_STOP),
+        (signal.SIGHUP, EventCode.TERMINAL_CLOSED),
+    ):
         handle, ring = StopHandle(), HandoverRing.create(8)
         with handle.attached(ring), handle.on_signals():
             os.kill(os.getpid(), number)
