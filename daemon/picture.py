@@ -18,22 +18,26 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from daemon.errors import ConfigurationError, LogIOError
-from daemon.preparation import TABLE_RATE_HZ, PreparedMotion
+from daemon.preparation import TABLE_RATE_HZ, PreparedMotion, start_row_of
 from safety.collision import ForbiddenBox, Workspace
+from safety.geometry import RobotGeometry
 from safety.limits import limits_for
+from safety.preflight import start_path
 
 __all__ = ["draw_motion"]
 
 FloatArray = NDArray[np.float64]
 
-_PATH, _LIMIT, _ARM, _OBSTACLE = "#1f5fa8", "#c0392b", "#8a8f98", "#d98c21"
+_PATH, _LIMIT, _ARM, _OBSTACLE, _RAMP = "#1f5fa8", "#c0392b", "#8a8f98", "#d98c21", "#2a7d4f"
 _VIEWS = ((0, 1, "from above"), (0, 2, "from the right"), (1, 2, "from the front"))
 _AXES = "xyz"
 _SHOWN_PAIRS = 6
+_SWEPT_POSES, _SWEPT_POSES_OF_RAMP = 40, 8
 
 
 def draw_motion(motion: PreparedMotion, file: Path) -> None:
-    """Write the picture of a motion: end-effector in three projections, seven joints over time, closest distances.
+    """Write the picture of a motion: the arm as it sweeps in three projections, its start ramp included, seven joints
+    over time, closest distances. The ramp begins in the middle of the motion, as in the preflight.
 
     The suffix of `file` chooses the format (.png or .svg). Raises ConfigurationError for another suffix, LogIOError
     where the file cannot be written.
@@ -60,19 +64,33 @@ def draw_motion(motion: PreparedMotion, file: Path) -> None:
 def _draw_projections(axes: Any, motion: PreparedMotion) -> None:
     geometry = motion.surroundings.geometry
     path = geometry.tip_path(motion.table)
-    _, arm = geometry.link_poses(motion.table[:1])
-    stick = np.vstack([np.zeros(3), arm[0], path[0]])
-    lowest, highest = (extreme(np.vstack([path, stick]), axis=0) for extreme in (np.min, np.max))
+    ramp = start_path(
+        motion.table, 1.0 / TABLE_RATE_HZ, limits_for(motion.robot), start_row_of(motion.table, motion.lead_in_s)
+    )
+    swept = motion.table[:: max(1, len(motion.table) // _SWEPT_POSES)]
+    before = motion.table[:0] if ramp is None else ramp.positions
+    # The ramp's own poses beside those of the motion: what the arm passes before the period begins.
+    swept = np.vstack([swept, before[:: max(1, len(before) // _SWEPT_POSES_OF_RAMP)]])
+    sticks = _sticks(geometry, swept)
+    stick, approach = sticks[0], geometry.tip_path(before) if len(before) else path[:0]
+    everything = np.vstack([path, approach, *sticks])
+    lowest, highest = (extreme(everything, axis=0) for extreme in (np.min, np.max))
     # One scale for all three views, so that they can be compared.
     middle, half = (lowest + highest) / 2.0, float((highest - lowest).max()) / 2.0 + 0.15
     for ax, (first, second, title) in zip(axes, _VIEWS, strict=True):
         _draw_surroundings(ax, motion.surroundings.workspace, first, second)
+        for number, each in enumerate(sticks):
+            ax.plot(
+                each[:, first], each[:, second], color=_ARM, linewidth=1.0, alpha=0.22, solid_joinstyle="round",
+                label="arm as it sweeps" if not number else None,
+            )  # fmt: skip
         ax.plot(
             stick[:, first], stick[:, second], color=_ARM, linewidth=3, alpha=0.6, solid_joinstyle="round",
             label="arm at the start",
         )  # fmt: skip
         closed = np.vstack([path, path[:1]])
         ax.plot(closed[:, first], closed[:, second], color=_PATH, linewidth=1.2, label="end-effector")
+        ax.plot(approach[:, first], approach[:, second], color=_RAMP, linewidth=1.2, linestyle=":", label="start ramp")
         ax.plot(path[0, first], path[0, second], "*", color=_PATH, markersize=13, label="start and end")
         ax.set_xlabel(f"{_AXES[first]} (m)")
         ax.set_ylabel(f"{_AXES[second]} (m)")
@@ -82,6 +100,13 @@ def _draw_projections(axes: Any, motion: PreparedMotion) -> None:
         ax.set_aspect("equal")
         ax.grid(alpha=0.25)
     axes[1].legend(loc="best", fontsize="small")
+
+
+def _sticks(geometry: RobotGeometry, poses: FloatArray) -> FloatArray:
+    """The arm as a line from base to end-effector for poses (N, 7) rad: (N, points, 3) m."""
+    _, joints = geometry.link_poses(poses)
+    tips = geometry.tip_path(poses)
+    return np.concatenate([np.zeros((len(poses), 1, 3)), joints, tips[:, None]], axis=1)
 
 
 def _draw_surroundings(ax: Axes, workspace: Workspace, first: int, second: int) -> None:

@@ -113,7 +113,6 @@ def check_table(
     # A table of another number of joints is the preflight's to refuse.
     fits = foresight is not None and table.shape[1:] == (foresight.regressor.robot.n,)
     torque = foresight.along(table, 1.0 / TABLE_RATE_HZ) if foresight is not None and fits else None
-    start_row = (len(table) - round(lead_in_s * TABLE_RATE_HZ)) % len(table)
     return preflight(
         table,
         1.0 / TABLE_RATE_HZ,
@@ -123,9 +122,14 @@ def check_table(
         workspace=around.workspace,
         self_collision_margin_m=around.margins.self_collision_m,
         workspace_margin_m=around.margins.workspace_m,
-        start_row=start_row,
+        start_row=start_row_of(table, lead_in_s),
         torque=torque,
     )
+
+
+def start_row_of(table: NDArray[np.float64], lead_in_s: float) -> int:
+    """Row of a table (N, 7) at 1 kHz where the start ramp hands over to it: the lead-in ends with the period."""
+    return (len(table) - round(lead_in_s * TABLE_RATE_HZ)) % len(table)
 
 
 def is_safe_motion(trajectory: Trajectory) -> bool:

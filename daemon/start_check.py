@@ -3,7 +3,7 @@ command.
 
 Here: the supervisor's answer to the loop's question (`fri_client.start_gate`). The very motion that the loop will
 drive is driven here through its start ramp, command by command, and the path is held against the arm's own shape and
-its surroundings. Not here: the distances (`safety.collision`), the margins (`workspace`).
+its surroundings, and so are the stops from it. Not here: the distances (`safety.collision`), the margins (`workspace`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,13 @@ from fri_client.motion_phase import MotionPhase
 from fri_client.start_gate import StartGate, StartQuestion
 from safety.errors import SafetyError
 from safety.limits import limits_for
+from safety.preflight import RAMP_SAMPLES_S, stops_on_path
 from safety.preflight_distance import SampledPath
 
 __all__ = ["StartCheck"]
+
+STOP_STRIDE_S = 0.01
+"""Stops on the ramp are planned from commands so far apart at first."""
 
 
 class StartCheck:
@@ -54,6 +58,8 @@ class StartCheck:
         ramp = SampledPath(path, question.command_period_s)
         checks, _ = self._distances.check([ramp], "start ramp")
         unsafe = [check.sentence for check in checks if not check.passed]
+        if not unsafe:
+            unsafe = self._unsafe_stops(path, ramp.period_s)
         if unsafe:
             return (
                 f"The arm cannot start from where it stands. {' '.join(unsafe)} Nothing was moved; jog the arm nearer "
@@ -62,6 +68,25 @@ class StartCheck:
             )
         nearest = min(checks, key=lambda check: check.value - check.limit)
         return f"Start from where the arm stands, {len(path) * ramp.period_s:.1f} s: {nearest.sentence}", True
+
+    def _unsafe_stops(self, path: np.ndarray, period_s: float) -> list[str]:
+        """What speaks against the stops from the ramp; empty where all are clear.
+
+        On the ramp each joint stops on its own and so leaves the path. A few stops settle it where there is room; where
+        there is little, one is planned from every command.
+        """
+        coarse = max(1, round(STOP_STRIDE_S / period_s))
+        for stride in (coarse, 1):
+            planned, stops = stops_on_path(path, period_s, self._limits, stride)
+            if stops is None:
+                return [planned.sentence]
+            checks, _ = self._distances.check_stops(
+                stops, RAMP_SAMPLES_S, "stop on the start ramp", every_row=stride == 1
+            )
+            unsafe = [check.sentence for check in checks if not check.passed]
+            if not unsafe:
+                break
+        return unsafe
 
     def _ramp(self, question: StartQuestion) -> np.ndarray:
         """The commands of the start ramp, (N, 7) rad, the arm's position in front."""

@@ -106,6 +106,29 @@ def preflight(
     return PreflightReport(tuple(checks), clearances)
 
 
+def start_path(
+    positions: FloatArray, sample_period_s: float, limits: JointLimits, start_row: int
+) -> SampledPath | None:
+    """The start ramp that the preflight of a repeated table looks at, from the mean of its rows to `start_row`.
+
+    positions: (N, n) rad. None where no ramp fits.
+    """
+    motion = _Motion.of(positions, sample_period_s, True, limits)
+    _, paths = _start(positions, motion, limits, sample_period_s, start_row, None)
+    return paths[0] if paths else None
+
+
+def stops_on_path(
+    positions: FloatArray, sample_period_s: float, limits: JointLimits, stride: int
+) -> tuple[Check, FloatArray | None]:
+    """The stops of each joint on its own from a path that is driven once, such as a start ramp.
+
+    positions: (N, n) rad, one row per sample_period_s. Planned from every `stride`-th row, as the loop would plan them
+    there: whether they fit, and where they go, (rows, m, n) rad every RAMP_SAMPLES_S, None where one does not fit.
+    """
+    return _stops(positions, _Motion.of(positions, sample_period_s, False, limits), limits, stride)
+
+
 @dataclass(frozen=True, slots=True)
 class _Motion:
     """Finite differences of a table as the guard sees them at each row, (N, n); rows without a past are left out."""

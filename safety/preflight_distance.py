@@ -50,7 +50,7 @@ class Distances:
     def check(self, paths: Sequence[SampledPath], along: str) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
         """Two checks, arm and surroundings, over all paths, and the smallest distance of every pair, closest first.
 
-        along: "motion", "stop" or "start ramp".
+        along: "motion", "stop", "start ramp" or "stop on the start ramp".
         """
         own: dict[str, Clearance] = {}
         outer: dict[str, Clearance] = {}
@@ -72,8 +72,13 @@ class Distances:
         )
         return checks, (*judged[0], *judged[1])
 
-    def check_stops(self, stops: FloatArray, period_s: float) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
+    def check_stops(
+        self, stops: FloatArray, period_s: float, along: str = "stop", *, every_row: bool = True
+    ) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
         """As `check`, of a stop from every row of a table: (rows, m, n) rad, sampled every period_s, the ends held.
+
+        every_row: False where rows lie between those given: a stop from such a row is taken to be no further from its
+        two neighbours here than they are from each other. along: "stop" or "stop on the start ramp".
 
         Distances are looked for from every 50th row, and from as many rows between as the proof needs: at no time are
         two stops further apart than sum_j reach_j (max |dq_j| + A_j T²/4), where the second term is what their
@@ -86,13 +91,16 @@ class Distances:
 
         def look(row: int) -> float:
             if row not in looked_at:
-                looked_at[row] = self.check([SampledPath(stops[row], period_s, row)], "stop")
+                looked_at[row] = self.check([SampledPath(stops[row], period_s, row)], along)
             return min(each.guaranteed_m - each.margin_m for each in looked_at[row][1])
 
         def apart(rows: slice, row: int) -> FloatArray:
             gap: FloatArray = (np.abs(stops[rows] - stops[row]).max(axis=1) + turn) @ reach
             return gap
 
+        neighbours = np.zeros(max(len(stops) - 1, 0))
+        if not every_row:
+            neighbours = (np.abs(np.diff(stops, axis=0)).max(axis=1) + turn) @ reach
         lessened: dict[int, float] = {}
         last = len(stops) - 1
         pending = [(begin, min(begin + STOP_ROWS, last)) for begin in range(0, last, STOP_ROWS)] or [(0, 0)]
@@ -101,12 +109,13 @@ class Distances:
             room, middle = min(look(begin), look(end)), (begin + end) // 2
             before, after = apart(slice(begin, middle + 1), begin), apart(slice(middle + 1, end + 1), end)
             # The stops at both ends stand for themselves without a bound; next to each other they need none.
-            widest = max(before[1:].max(initial=0.0), after[:-1].max(initial=0.0))
+            between = float(neighbours[begin:end].max(initial=0.0))
+            widest = max(before[1:].max(initial=0.0), after[:-1].max(initial=0.0)) + between
             if 0.0 <= room < widest and end - begin > 1:
                 pending += [(begin, middle), (middle, end)]
                 continue
-            lessened[begin] = max(lessened.get(begin, 0.0), float(before[1:].max(initial=0.0)))
-            lessened[end] = max(lessened.get(end, 0.0), float(after[:-1].max(initial=0.0)))
+            lessened[begin] = max(lessened.get(begin, 0.0), float(before[1:].max(initial=0.0)) + between)
+            lessened[end] = max(lessened.get(end, 0.0), float(after[:-1].max(initial=0.0)) + between)
         best: dict[str, Clearance] = {}
         for row, less in lessened.items():
             found = [replace(each, guaranteed_m=each.guaranteed_m - less) for each in looked_at[row][1]]
@@ -158,8 +167,9 @@ def _check(name: str, found: Sequence[Clearance], margin_m: float) -> Check:
         "motion": "Along the motion, ",
         "stop": "In a stop, ",
         "start ramp": "Along the start ramp, ",
+        "stop on the start ramp": "In a stop on the start ramp, ",
     }[closest.along]
     place = {"motion": f" in row {closest.row}", "stop": f" (from row {closest.row})"}.get(closest.along, "")
-    row = None if closest.along == "start ramp" else closest.row
+    row = None if "start ramp" in closest.along else closest.row
     sentence = start + nearest_sentence(closest, place)
     return Check(name, closest.kept, None, closest.guaranteed_m, margin_m, "m", sentence, row)

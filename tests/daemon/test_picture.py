@@ -12,8 +12,10 @@ from PIL import Image
 
 from daemon.errors import ConfigurationError, LogIOError
 from daemon.picture import draw_motion
-from daemon.preparation import PreparedMotion, prepare_motion
+from daemon.preparation import PreparedMotion, prepare_motion, start_row_of
 from safety.geometry import load_geometry
+from safety.limits import limits_for
+from safety.preflight import start_path
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,8 @@ def test_an_svg_names_axes_units_limits_and_surroundings(motion: PreparedMotion,
     for word in ("x (m)", "y (m)", "z (m)", "time (s)", "(rad), limits dashed", "A1", "A7", "fence", "camera post"):
         assert word in words, word
     assert "amplitude 0.5" in words
+    assert "arm as it sweeps" in words
+    assert "start ramp" in words
     assert ("NOT safe" in words) is not motion.preflight.safe
 
 
@@ -58,3 +62,12 @@ def test_the_end_effector_stands_where_the_arm_ends() -> None:
     poses[1, 1] = np.pi / 2
     assert geometry.tip_path(poses) == pytest.approx(np.array([[0, 0, 1.306], [0.946, 0, 0.36]]), abs=1e-9)
     assert geometry.with_tool(0.2, 0.05).tip_path(poses[:1])[0, 2] == pytest.approx(1.506)
+
+
+def test_the_start_ramp_of_the_picture_ends_where_the_motion_takes_over(motion: PreparedMotion) -> None:
+    row = start_row_of(motion.table, motion.lead_in_s)
+    ramp = start_path(motion.table, 0.001, limits_for("iiwa14"), row)
+    assert ramp is not None
+    np.testing.assert_allclose(ramp.positions[0], motion.table.mean(axis=0), atol=1e-9)
+    np.testing.assert_allclose(ramp.positions[-1], motion.table[row], atol=1e-6)
+    assert row == len(motion.table) - 1000  # the last second of the period leads in

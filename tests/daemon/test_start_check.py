@@ -26,7 +26,10 @@ from fri_client.codec import Codec
 from fri_client.handover import HandoverRing
 from fri_client.messages import FriVersion
 from fri_client.start_gate import SAME_POSITION_RAD, StartRefused
+from safety.collision import Plane, Workspace, workspace_clearances
 from safety.geometry import load_geometry
+from safety.limits import limits_for
+from safety.ramps import plan_stop_ramp
 
 from .producer import make_request
 
@@ -119,6 +122,47 @@ def test_a_box_between_the_arm_and_the_motion_keeps_the_gate_shut(ring: Handover
     assert "Nothing was moved" in sentence
     with pytest.raises(StartRefused, match="post"):
         ring.gate.passes(here, 0.001, 1)
+
+
+def test_a_stop_that_leaves_the_start_ramp_towards_a_wall_keeps_the_gate_shut(
+    ring: HandoverRing, tmp_path: Path
+) -> None:
+    """The motion turns back where the ramp hands over at speed; each joint stopped there on its own swings on.
+
+    How far the tool's end goes in y, along the ramp and in its stops, is worked out here; the wall stands between.
+    """
+    angle = 2 * np.pi * np.arange(2000) / 2000
+    table = np.array(REST) + np.array([0.25, 0, 0, 0, 0, 0, 0]) * np.sin(angle)[:, None]
+    request = make_request(tmp_path, lead_in_s=1.99)
+    np.save(tmp_path / "table.npy", table)
+    geometry, limits = load_geometry("iiwa14"), limits_for("iiwa14")
+    here = (-0.6, *REST[1:])
+    check = StartCheck(request, ring.gate)
+    ring.gate.passes(here, 0.001, 1)
+    assert ring.gate.question is not None
+    path = check._ramp(ring.gate.question)
+    velocity = np.gradient(path, 0.001, axis=0)
+    rest = [
+        plan_stop_ramp(path[row], velocity[row], np.zeros(7), limits).position_at(10.0)
+        for row in range(len(path) // 2, len(path), 20)
+    ]
+    reached, swung = (float(geometry.tip_path(np.array(each))[:, 1].max()) for each in (path, rest))
+    assert swung - reached > 0.004
+    tip = np.array([path[np.argmax(geometry.tip_path(path)[:, 1])]])
+    wall = Workspace(walls=(Plane("wall", (0.0, -1.0, 0.0), -5.0),))
+    beside = min(each.distance_m for each in workspace_clearances(tip, geometry, wall) if "wall" in each.pair)
+    housing = 5.0 - reached - beside  # how far the arm reaches beyond the tool's end
+    for share, clear in ((0.3, False), (1.5, True)):
+        place = reached + housing + 0.02 + share * (swung - reached)
+        (tmp_path / "cell.yaml").write_text(f"walls:\n- {{name: fence, normal: [0, -1, 0], offset_m: {-place}}}\n")
+        gate = HandoverRing.create(8).gate
+        request = make_request(tmp_path, lead_in_s=1.99, workspace_file=str(tmp_path / "cell.yaml"))
+        np.save(tmp_path / "table.npy", table)
+        walled = StartCheck(request, gate)
+        gate.passes(here, 0.001, 1)
+        sentence = walled.poll()
+        assert ("In a stop on the start ramp" in sentence and "fence" in sentence) is not clear, (share, sentence)
+        assert ("Nothing was moved" in sentence) is not clear
 
 
 def test_an_arm_beyond_its_limits_is_refused_with_the_joint(ring: HandoverRing, tmp_path: Path) -> None:
