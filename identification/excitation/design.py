@@ -45,7 +45,9 @@ _SHRINKING = (0.9, 0.8, 0.7, 0.6, 0.5)
 _SHRUNK = 2
 """Where no motion found is accepted, the best two are tried at these amplitudes."""
 _RESERVE_S = 2.5
-"""Kept of the budget, or half of a budget that is very short, for ranking and verification."""
+"""Kept of the budget, or half of a budget that is very short, for ranking and verification, besides the judgement."""
+_JUDGEMENTS = 1.5
+"""So many times what the judgement of one candidate took is kept for that of the best."""
 _LOOK_S = 0.25
 _HOPPING_SHARE = 0.95
 _HOPPED_FROM = 3
@@ -105,6 +107,7 @@ def design_excitation(
     problem = replace(_problem(robot, limits, settings, nominal), room=room)
     began = 0.0 if clock is None else clock()
     history: list[DesignProgress] = []
+    reserve_s = _RESERVE_S
     candidates: dict[int, tuple[float, FloatArray]] = {}
 
     def note(outcome: _Outcome, number: int, done: int, planned: int) -> None:
@@ -120,6 +123,17 @@ def design_excitation(
     def is_before(share: float) -> bool:
         return clock is None or settings.budget_s is None or clock() - began < share * settings.budget_s
 
+    def is_searching_time() -> bool:
+        return settings.budget_s is None or is_before(max(0.5, 1.0 - reserve_s / settings.budget_s))
+
+    def judgement_s() -> float:
+        """How long the caller takes to judge a candidate, on this machine beside what else runs on it; s."""
+        if clock is None or settings.budget_s is None or acceptable is None or not is_searching_time():
+            return 0.0
+        before = clock()
+        acceptable(_trajectory(problem, robot, min(candidates.values(), key=lambda found: found[0])[1]))
+        return clock() - before
+
     with _workers(problem) as run:
         for number, stage in enumerate(settings.stages, start=1):
             count = max(1, round(stage.part * settings.starts))
@@ -132,10 +146,13 @@ def design_excitation(
                 _Task(start, stage.iterations, stage.samples, candidates[start][1] if number > 1 else None)
                 for start in order
             ]
-            for done, outcome in enumerate(run(tasks, stage.budget_share, is_before), start=1):
+            for done, outcome in enumerate(run(tasks, stage.budget_share, is_before, is_searching_time), start=1):
                 note(outcome, number, done, len(tasks))
+                # While the others search on.
+                if number == done == 1:
+                    reserve_s += _JUDGEMENTS * judgement_s()
         if settings.budget_s is not None and clock is not None and is_before(_HOPPING_SHARE):
-            hops = run(_hops(candidates, settings), 1.0, is_before)
+            hops = run(_hops(candidates, settings), 1.0, is_before, is_searching_time)
             for done, outcome in enumerate(hops, start=1):
                 note(outcome, len(settings.stages) + 1, done, 0)
     return _best_result(robot, problem, candidates, history, acceptable, nominal)
@@ -160,8 +177,10 @@ class _Outcome:
     coefficients: FloatArray
 
 
-_Run = Callable[[Iterable[_Task], float, Callable[[float], bool]], Iterator[_Outcome]]
-"""Tasks, the share of the budget after which none begins, and whether it is before such a share."""
+_Run = Callable[[Iterable[_Task], float, Callable[[float], bool], Callable[[], bool]], Iterator[_Outcome]]
+"""Tasks, the share of the budget after which none begins, whether it is before such a share, and whether those under
+way may search on.
+"""
 
 
 def _hops(candidates: dict[int, tuple[float, FloatArray]], settings: DesignSettings) -> Iterator[_Task]:
@@ -247,7 +266,6 @@ def _workers(problem: Problem) -> Iterator[_Run]:
     # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
-    searching_share = 1.0 if settings.budget_s is None else max(0.5, 1.0 - _RESERVE_S / settings.budget_s)
     with (
         _one_blas_thread_each(),
         ProcessPoolExecutor(
@@ -259,7 +277,10 @@ def _workers(problem: Problem) -> Iterator[_Run]:
     ):
 
         def run_in_processes(
-            tasks: Iterable[_Task], begin_before: float, is_before: Callable[[float], bool]
+            tasks: Iterable[_Task],
+            begin_before: float,
+            is_before: Callable[[float], bool],
+            is_searching_time: Callable[[], bool],
         ) -> Iterator[_Outcome]:
             waiting = iter(tasks)
             pending: set[Future[_Outcome]] = set()
@@ -275,7 +296,7 @@ def _workers(problem: Problem) -> Iterator[_Run]:
                 if not pending:
                     return
                 # Searches under way are broken off in time for the ranking and the check at 1 kHz.
-                if not stop.is_set() and not is_before(searching_share):
+                if not stop.is_set() and not is_searching_time():
                     stop.set()
                 finished, pending = wait(pending, None if stop.is_set() else _LOOK_S, return_when=FIRST_COMPLETED)
                 for future in finished:
@@ -298,6 +319,11 @@ def _one_blas_thread_each() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def _trajectory(problem: Problem, robot: RobotModel, coefficients: FloatArray) -> FourierTrajectory:
+    a, b = np.split(coefficients, 2, axis=1)
+    return FourierTrajectory(1.0 / problem.settings.period_s, a, b, problem.offset, robot.name)
 
 
 def _figure(problem: Problem, trajectory: FourierTrajectory, achieved: dict[str, float]) -> float:
@@ -333,8 +359,7 @@ def _best_result(
     torque_of = None if problem.torque is None or nominal is None else foreseen_torque(regressor, nominal)
     ranked: list[tuple[float, int, FourierTrajectory, dict[str, float]]] = []
     for start, (_, coefficients) in sorted(candidates.items(), key=lambda entry: (entry[1][0], entry[0]))[:_RANKED]:
-        a, b = np.split(coefficients, 2, axis=1)
-        trajectory = FourierTrajectory(1.0 / settings.period_s, a, b, problem.offset, robot.name)
+        trajectory = _trajectory(problem, robot, coefficients)
         achieved = achieved_figures(regressor, trajectory, noise_nm=noise)
         ranked.append((_figure(problem, trajectory, achieved), start, trajectory, achieved))
     # The search smooths sign() and takes few samples; what is promised is ranked by the true figures.

@@ -204,3 +204,22 @@ def test_a_time_budget_is_used_up_by_hops_from_the_best_motions() -> None:
     plain = design_excitation(robot, limits, replace(settings, budget_s=None))
     assert not [event for event in plain.history if event.planned == 0]
     assert result.cond <= plain.cond
+
+
+def test_a_slow_judgement_is_counted_in_the_budget() -> None:
+    """Time is counted in finished searches and in judgements of 8 s each, as a preflight takes on a busy machine."""
+    robot, limits = load_robot("iiwa14"), iiwa_limits("iiwa14")
+    finished: list[DesignProgress] = []
+    judged: list[FourierTrajectory] = []
+
+    def acceptable(trajectory: FourierTrajectory) -> bool:
+        judged.append(trajectory)
+        return True
+
+    def clock() -> float:
+        return len(finished) + 8.0 * len(judged)
+
+    settings = DesignSettings(starts=2, stages=(Stage(1.0, 3, 0.5),), seed=1, budget_s=40.0)
+    design_excitation(robot, limits, settings, progress=finished.append, clock=clock, acceptable=acceptable)
+    assert len(judged) == 2
+    assert 30.0 <= clock() <= settings.budget_s
