@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -188,7 +188,7 @@ def design(
                 )
         for key, value in result.verified.items():
             data(f"  {key}: {value}")
-        _show_predicted(predicted)
+        _show_predicted(predicted, model.units)
         if effects:
             _show_effects(effects, periods)
 
@@ -215,12 +215,14 @@ def _show_progress(step: DesignProgress) -> None:
     message(f"stage {step.stage}/{step.stages}, {where}: best {step.best:.2f}")
 
 
-def _show_predicted(predicted: PredictedDeviations | None) -> None:
+def _show_predicted(predicted: PredictedDeviations | None, units: Sequence[str]) -> None:
+    from identification.robots.joint_units import in_units
+
     if predicted is None:
         data("No σ is predicted: state the torque noise of each joint with --noise.")
         return
     noise = ", ".join(f"{x:g}" for x in predicted.noise_nm)
-    data(f"σ that {predicted.periods} periods will give, torque noise {noise} Nm:")
+    data(in_units(f"σ that {predicted.periods} periods will give, torque noise {noise} Nm", units) + ":")
     for name, std, unit in zip(predicted.names, predicted.std, predicted.units, strict=True):
         data(f"  {name:<8} {std:.2g} {unit}")
 

@@ -20,6 +20,7 @@ from identification.export.arm import arm_of, with_distinct_names
 from identification.export.check import Agreement, check_export
 from identification.export.effects import effects_note
 from identification.export.given_bodies import given_bodies
+from identification.export.held_joints import fix_held_joints
 from identification.export.kinematic_urdf import arm_without_inertias
 from identification.export.mjcf import write_mjcf
 from identification.export.parameters import ModelParameters, Origins, parameters_of, refuse_inconsistent
@@ -150,6 +151,7 @@ def _skeleton(robot: RobotModel, target: Path) -> ElementTree.Element:
     source = Path(robot.source)
     builder = ElementTree.TreeBuilder(insert_comments=True)
     root = ElementTree.fromstring(source.read_text("utf-8"), parser=ElementTree.XMLParser(target=builder))
+    fix_held_joints(root, robot)
     move_meshes(root, source.resolve().parent, target.resolve().parent)
     return root
 

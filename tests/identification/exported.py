@@ -10,7 +10,7 @@ import numpy as np
 from identification.base_parameters import BaseRegressor
 from identification.estimators import PhysicalParameters
 from identification.model_file import Model, read_model, write_model
-from identification.robots import load_robot
+from identification.robots import Installation, load_robot
 
 
 def consistent(physical: PhysicalParameters) -> PhysicalParameters:
@@ -21,16 +21,24 @@ def consistent(physical: PhysicalParameters) -> PhysicalParameters:
 
 
 def model_of(
-    folder: Path, robot: str, physical: PhysicalParameters, *, rotor: Any = None, offset: Any = None, **more: Any
+    folder: Path,
+    robot: str,
+    physical: PhysicalParameters,
+    *,
+    rotor: Any = None,
+    offset: Any = None,
+    installation: Installation | None = None,
+    **more: Any,
 ) -> Model:
     """A model.json of a robot with these parameters, written to a folder and read back. more: further fields."""
     zeros = np.zeros(physical.n)
     rotor, offset = (zeros if values is None else np.asarray(values, float) for values in (rotor, offset))
     joints = range(physical.n)
-    base = BaseRegressor(load_robot(robot))
+    base = BaseRegressor(load_robot(robot, installation))
     data = {
         "format": "iiwa-ident/model/1",
         "robot": robot,
+        "installation": None if installation is None else installation.to_json(),
         "base_parameters": [
             {"name": name, "value": float(value), "std": 1e-4 * max(abs(float(value)), 1e-2), "unit": unit}
             for name, value, unit in zip(base.names, base.base_from_physical(physical), base.units, strict=True)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,18 @@ def test_kr300_fitted_on_one_run_predicts_the_other(shared_folder: Path) -> None
     physical = validate_model(result, [other]).row("kr300_b.npz, physical").percent
     assert np.all(physical < 45.0), physical.round(1)
     assert np.median(physical) < 18.0
+
+
+def test_the_exported_set_predicts_the_run_on_which_the_free_fit_fails(shared_folder: Path) -> None:
+    """It leaves more on the fitted run, as bodies have no negative inertia, and far less on the other."""
+    result = _fit(shared_folder, "kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, starts=1))
+    assert result.constrained is not None
+    assert result.consistent is not None
+    exported = replace(result, constrained=replace(result.constrained, base_values=result.consistent.base_values))
+    table = validate_model(exported, [read_recording(shared_folder / "recordings" / "kr300_b.npz")])
+    free, bodies = (table.row(f"kr300_b.npz, {label}").rms_nm for label in ("base", "physical"))
+    assert np.all(bodies < free)
+    assert bodies.sum() < 0.5 * free.sum()
 
 
 def test_kr300_standstill_does_not_enter_the_fit(shared_folder: Path) -> None:
