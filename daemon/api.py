@@ -7,11 +7,11 @@ process, the recorder, the worker and the command line import this module; it im
 
 from __future__ import annotations
 
-import ipaddress
 from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from daemon.endpoints import is_ipv4
 from daemon.errors import ConfigurationError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
@@ -49,15 +49,6 @@ WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all: immutable, keywords only, unknown fields refused."""
-
-
-def is_ipv4(text: str) -> bool:
-    """Whether a text is an IPv4 address; names are not looked up, because FRI's peers are fixed by their numbers."""
-    try:
-        ipaddress.IPv4Address(text)
-    except ValueError:
-        return False
-    return True
 
 
 # ---- what to do ------------------------------------------------------------------------------------------------------

@@ -26,8 +26,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from daemon.api import AUTO_VERSION, FitPipeline, is_ipv4
-from daemon.endpoints import endpoint_reason
+from daemon.api import AUTO_VERSION, FitPipeline
+from daemon.endpoints import endpoint_reason, is_ipv4
 from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion

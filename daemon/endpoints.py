@@ -1,4 +1,4 @@
-"""Which addresses the service may listen at: one rule, for the configuration's check and for the socket itself."""
+"""Which addresses there are to listen at: one rule, for the checks of settings and for the sockets themselves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ipaddress
 import os
 import re
 
-__all__ = ["LONGEST_SOCKET_PATH", "endpoint_reason"]
+__all__ = ["LONGEST_SOCKET_PATH", "endpoint_reason", "is_ipv4"]
 
 LONGEST_SOCKET_PATH = 107
 """Bytes; sun_path of unix(7) less its closing zero."""
@@ -35,3 +35,12 @@ def endpoint_reason(endpoint: str, *, with_keys: bool) -> str:
             "control.authorised_clients; `iiwa-ident keys` makes them)."
         )
     return ""
+
+
+def is_ipv4(text: str) -> bool:
+    """Whether a text is an IPv4 address; names are not looked up, because FRI's peers are fixed by their numbers."""
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        return False
+    return True

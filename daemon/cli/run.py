@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def _address(host: str | None) -> str | None:
-    from daemon.api import is_ipv4
+    from daemon.endpoints import is_ipv4
 
     if host is not None and not is_ipv4(host):
         raise typer.BadParameter(f"--robot-host '{host}' is no IPv4 address, such as 192.170.10.2.")
