@@ -18,6 +18,7 @@ from itertools import pairwise
 from daemon.fri_guess import VersionGuess, guess_version
 from daemon.host_checks import DoctorCheck
 from daemon.link_observation import LinkObservation, Mirror
+from daemon.load_check import check_load_at_rest
 from fri_client.messages import ConnectionQuality, SessionState
 
 __all__ = ["check_link", "grade_link"]
@@ -25,6 +26,7 @@ __all__ = ["check_link", "grade_link"]
 STALE_S = 0.5
 """No send period is longer than 0.1 s; a last message older than this means that the sender stopped."""
 FEWEST_TO_GRADE = 10
+_LOAD_MESSAGES = 500
 _STOPPED_REMEDY = (
     "find out why the robot stopped sending: its application has ended, which it also does where it wants to command "
     "and nobody answers; for this test it should stay in monitoring."
@@ -72,7 +74,9 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
     ]
     if observation.mirror is not None:
         checks.append(_answers(observation.mirror))
-    return checks
+    newest = (guess_version(each).message for _, _, each in observation.datagrams[-_LOAD_MESSAGES:])
+    load = check_load_at_rest([message for message in newest if message is not None])
+    return checks if load is None else [*checks, load]
 
 
 def _silence(observation: LinkObservation, host: str, port: int) -> DoctorCheck:

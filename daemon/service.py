@@ -52,6 +52,7 @@ from daemon.errors import (
 from daemon.host import software_versions
 from daemon.json_files import read_json, write_json
 from daemon.judgement import judged
+from daemon.load_check import with_load_check
 from daemon.log.parts import join_parts, part_path
 from daemon.outcome import (
     digests_of,
@@ -350,7 +351,7 @@ class _Acquisition:
             self._narrator.tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
         write_run_file(self._request, RUN_NAME, outcome)
         said = len(outcome.sentences)
-        outcome = judged(outcome)
+        outcome = with_load_check(judged(outcome))
         for sentence in outcome.sentences[said:]:
             self._narrator.remark(sentence)
         write_run_file(self._request, RUN_NAME, outcome)
