@@ -27,6 +27,8 @@ from safety.preflight import preflight
 from safety.preflight_report import PreflightReport
 
 TABLE_RATE_HZ = 1000.0
+T1_SPEED_M_S = 0.25
+"""Of the tool in the test mode T1 (ISO 10218-1: reduced speed)."""
 LEAD_IN_S = 1.0
 """Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
 
@@ -53,6 +55,13 @@ class PreparedMotion:
     foresight: TorqueForesight | None
     lead_in_s: float = LEAD_IN_S
     installation: Installation = ON_THE_FLOOR
+
+    def speed_sentence(self) -> str:
+        """How fast the end of the tool goes along the motion, and whether T1 lets it."""
+        path = self.surroundings.geometry.tip_path(self.table)
+        fastest = float(np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1).max()) * TABLE_RATE_HZ
+        verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
+        return f"The end-effector reaches {fastest:.2f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""

@@ -104,6 +104,7 @@ def show_preflight(motion: PreparedMotion) -> None:
     show_table(table)
     data("")
     data(motion.foresight_sentence())
+    data(motion.speed_sentence())
     if report.clearances:
         paths = list(dict.fromkeys(each.along for each in report.clearances))
         table = Table("distance between", *(f"{path} (proven)" for path in paths), "required", "result")

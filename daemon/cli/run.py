@@ -55,6 +55,7 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
     seconds = motion.trajectory.period_s * periods
     message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
+    message(motion.speed_sentence())
     tool = motion.surroundings.tool.describe()
     message(f"Tool: {tool}. Are the load data on the cabinet those of this tool?")
     message("Is the workspace clear, and the enabling switch in reach?")
@@ -135,6 +136,7 @@ def run(
     from daemon.cli.worker_view import wait_for_worker
     from daemon.commissioning import admit
     from daemon.config import DaemonConfig, load_config
+    from daemon.next_step import next_step
     from daemon.preparation import new_run_id, prepare_motion, write_run_request
     from daemon.run_folder import make_room
     from daemon.service import run_acquisition
@@ -215,6 +217,7 @@ def run(
     if not wants_json_on_stdout(json_file):
         view.show_outcome(outcome.sentences)
         data(f"Everything is in {outcome.out_dir}")
+        data(next_step(outcome, fit))
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)
     if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):

@@ -1,0 +1,64 @@
+"""Claims about the sentence after a run: it names a command that fits how the run ended."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.api import LoopReport, RunOutcome, WorkerStatus
+from daemon.next_step import next_step
+from daemon.preparation import T1_SPEED_M_S, prepare_motion
+
+from .producer import make_request
+
+FIT = WorkerStatus(job_id="one", phase="done", sentence="Done.")
+FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
+
+
+@pytest.mark.parametrize(
+    ("ended", "request_changes", "fit", "words"),
+    [
+        ({"outcome": "no_robot", "exit_code": 69}, {}, None, "iiwa-ident doctor"),
+        ({"outcome": "stopped", "exit_code": 1}, {}, None, "last_samples.json"),
+        ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
+        ({"outcome": "refused", "exit_code": 65}, {}, None, "mend"),
+        ({"exit_code": 1}, {}, None, "iiwa-ident recover"),
+        ({}, {"amplitude": 0.1, "simulation": False}, None, "--amplitude 0.25"),
+        ({}, {"amplitude": 0.1, "simulation": True}, None, "iiwa-ident fit"),
+        ({}, {"simulation": True}, FIT, "--heldout"),
+        ({}, {"simulation": True, "diagnose": True}, FIT, "report.html"),
+        ({}, {"simulation": True}, FAILED, "untouched"),
+    ],
+)
+def test_the_next_step_fits_the_end(
+    tmp_path: Path, ended: dict[str, Any], request_changes: dict[str, Any], fit: WorkerStatus | None, words: str
+) -> None:
+    values = {"outcome": "completed", "exit_code": 0, "standstill": True} | ended
+    report = LoopReport(
+        outcome=values["outcome"], reason="", sentence="", standstill_confirmed=values.pop("standstill")
+    )
+    outcome = RunOutcome(
+        run_id="one", sentences=(), out_dir="runs/one", loop=report, request=make_request(tmp_path, **request_changes),
+        recordings=("runs/one/recording.mcap",), **values,
+    )  # fmt: skip
+    sentence = next_step(outcome, fit)
+    assert words in sentence
+    assert sentence.startswith("Next: ")
+    assert "\n" not in sentence
+
+
+def test_the_first_rung_of_the_shipped_motion_is_slow_enough_for_t1_and_the_whole_motion_is_not() -> None:
+    """Truth: the end-effector's path by the arm's geometry, differenced here along its length."""
+    for amplitude, slow in ((0.1, True), (1.0, False)):
+        motion = prepare_motion(None, amplitude=amplitude)
+        path = motion.surroundings.geometry.tip_path(motion.table[::10])
+        speed = np.linalg.norm(np.diff(path, axis=0), axis=1).max() / 0.01
+        assert bool(speed < T1_SPEED_M_S) is slow
+        assert ("slow enough for T1" in motion.speed_sentence()) is slow
+        said = re.search(r"reaches (\S+) m/s", motion.speed_sentence())
+        assert said is not None
+        assert float(said[1]) == pytest.approx(speed, abs=0.01)
