@@ -9,8 +9,8 @@ the estimate over the draws, divided by the bound. The worst of 57 such ratios l
 above the truth; so the columns "paired" divide by the standard deviation, over the same draws without outliers, of the
 estimator that knows the noise's spectrum. That estimator reaches the bound, and scatter common to both cancels.
 
-Two bounds: of the spectral lines that the fit looks at (up to 10 Hz), and of all lines up to 50 Hz. The fit leaves the
-upper lines out on purpose: there the friction of a real joint is no sign function and biases FS by several σ.
+Two bounds: of the lines that the fit may look at (up to 40 Hz at this rate), and of all lines up to 50 Hz. Lines on
+which no torque stands above its noise are left out of a draw, and what that costs is in the table.
 """
 
 from __future__ import annotations
@@ -98,10 +98,19 @@ class Experiment:
         return np.einsum("rjp,rjq->pq", rows, weighted, optimize=True), weighted
 
     def periodic_block(self, noise: FloatArray, *, bound_outliers: bool = False) -> Block:
-        """The block of one draw: the columns stay, torque and noise are the draw's."""
+        """The block of one draw: the columns stay as far as its band goes, torque and noise are the draw's."""
         recording = self._recording(np.tile(self.clean, (PERIODS, 1)) + noise)
         signals = process_periodic(recording, bound_outliers=bound_outliers)
-        return replace(self.block, signals=signals, torque=signals.project(signals.torque))
+        rows = len(signals.used)
+        return replace(
+            self.block,
+            signals=signals,
+            torque=signals.project(signals.torque),
+            columns=self.block.columns[:rows],
+            fitted=self.block.fitted[:rows],
+            held_out=self.block.held_out[:rows],
+            scale=self.block.scale[:rows],
+        )
 
     def plain_block(self, noise: FloatArray) -> Block:
         """The block of one draw without periods: 40 s as one stretch of rows over time."""

@@ -8,6 +8,8 @@ detached worker.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,22 +27,32 @@ from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.prior import SettledParameters, settle_open_directions
+from identification.fitting.band import BandChoice, choose_low_pass
 from identification.fitting.blocks import Block, Evaluation, build_block, rms_over
-from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
-from identification.fitting.drives import choose_drive_parameters
+from identification.fitting.delay import TorqueDelay, earlier, estimate_delay, torque_rate
+from identification.fitting.drives import choose_drive_parameters, offsets_are_clear
 from identification.fitting.estimate import (
     Estimate,
     default_estimator,
     estimate_parameters,
     estimate_with_bounded_outliers,
 )
+from identification.fitting.friction_width import FrictionWidth, friction_width, width_sentence
 from identification.fitting.instruments import estimate_with_instruments, instrument_pairs
-from identification.fitting.processing import Processed, process, process_stretches
+from identification.fitting.misfit import misfit_over_noise
+from identification.fitting.processing import (
+    Processed,
+    check_recording,
+    process_stretches,
+    process_whole_periods,
+    process_without_periods,
+)
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.fitting.torque_sign import TorqueSign, judge_torque_sign
 from identification.recordings.independence import refuse_repeated
+from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 
@@ -51,6 +63,8 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the whole that is done, 0 to 1."""
 
 MOST_STATES = 2000
+WITHOUT_PART_IN_THE_BASE = ("physical", "bounds", "full_consistency", "starts", "seed", "check_torque_sign")
+"""Settings that only the programs with constraints ask for, or none."""
 LIBRARIES = ("iiwa-ident", "numpy", "scipy", "pin", "clarabel")
 
 
@@ -72,13 +86,14 @@ def fit_recordings(
     if not recordings:
         raise EstimationError("No recording was given to fit")
     refuse_repeated(recordings)
-    processed = []
-    for number, recording in enumerate(recordings):
-        report(f"processing {Path(recording.source.path).name}", 0.3 * number / len(recordings))
-        processed.append(process(recording, robot, settings))
-
+    recordings = [for_robot(recording, robot) for recording in recordings]
+    for recording in recordings:
+        check_recording(recording)
+    processed, band = _process_all(recordings, robot, settings, report)
+    if band is not None:
+        settings = replace(settings, low_pass_hz=band.low_pass_hz)
     report("regressor", 0.3)
-    regressor, blocks, facts = _blocks_with_drives(processed, robot, settings)
+    regressor, blocks, facts = _nominal_model(processed, robot, settings)
     report("least squares", 0.5)
     estimator, estimate = _estimate(blocks, regressor, processed, settings)
     delay = _delay(blocks, regressor, estimate, estimator)
@@ -133,12 +148,15 @@ def fit_recordings(
         feasibility=feasibility,
         rms=_rms_table(blocks, sets, noise_floor),
         noise_floor_nm=noise_floor,
+        misfit=misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values),
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
         notes=(
             *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
             *((unsettled,) if unsettled else ()),
+            *([] if band is None else [band.sentence]),
+            *_notes_on_model(regressor, settings),
         ),
         provenance=_provenance(processed, robot, regressor, settings, facts),
     )
@@ -166,26 +184,97 @@ def _build_blocks(processed: list[Processed], regressor: BaseRegressor, settings
     return blocks
 
 
-def _blocks_with_drives(
+def _process_all(
+    recordings: Sequence[Recording], robot: RobotModel, settings: FitSettings, report: Progress
+) -> tuple[list[Processed], BandChoice | None]:
+    """Every recording through its pipeline; the band of those without periods is chosen once, for all of them."""
+    found: list[Processed | None] = []
+    for number, recording in enumerate(recordings):
+        report(f"processing {Path(recording.source.path).name}", 0.25 * number / len(recordings))
+        found.append(process_whole_periods(recording, settings))
+    others = [recording for recording, item in zip(recordings, found, strict=True) if item is None]
+    band = None
+    if others and settings.low_pass_hz is None:
+        report("processing: which band to compare", 0.25)
+        band = choose_low_pass(others, BaseRegressor(robot, _options(_asked(robot, settings), settings)))
+        settings = replace(settings, low_pass_hz=band.low_pass_hz)
+    processed = [
+        process_without_periods(recording, settings) if item is None else item
+        for recording, item in zip(recordings, found, strict=True)
+    ]
+    return processed, band
+
+
+def _asked(robot: RobotModel, settings: FitSettings) -> dict[str, bool | None]:
+    """Whether each joint gets a rotor inertia and an offset; None: as the data say."""
+    asked = {
+        name: None if getattr(settings, name) == "auto" else getattr(settings, name) == "yes"
+        for name in ("rotor_inertia", "offset")
+    }
+    if robot.name in BUILT_IN_ROBOTS:
+        if asked["rotor_inertia"] is None:
+            asked["rotor_inertia"] = False  # their torque sensors sit behind the gear
+        if asked["offset"] is None and settings.pipeline == "paper":
+            asked["offset"] = False  # eq. (1) has none
+    return asked
+
+
+def _options(asked: dict[str, bool | None], settings: FitSettings) -> RegressorOptions:
+    """The largest model that may be wanted."""
+    wanted = {name: choice is not False for name, choice in asked.items()}
+    return RegressorOptions(**wanted, coulomb_velocity=settings.coulomb_velocity or 0.0)
+
+
+def _nominal_model(
     processed: list[Processed], robot: RobotModel, settings: FitSettings
 ) -> tuple[BaseRegressor, list[Block], dict[str, Any]]:
-    """Regressor and blocks with the drive parameters that the settings or the data ask for."""
-    choices: dict[str, bool | None] = {}
-    for name in ("rotor_inertia", "offset"):
-        choice = getattr(settings, name)
-        choices[name] = choice == "yes" if choice != "auto" else (False if robot.name in BUILT_IN_ROBOTS else None)
-    wanted = {name: choice is not False for name, choice in choices.items()}
-    velocity = settings.coulomb_velocity or 0.0
-    regressor = BaseRegressor(robot, RegressorOptions(**wanted, coulomb_velocity=velocity))
+    """Regressor and blocks with the rotor inertias, offsets and width of friction that settings or data ask for."""
+    asked = _asked(robot, settings)
+    facts: dict[str, Any] = {}
+    regressor = BaseRegressor(robot, _options(asked, settings))
     blocks = _build_blocks(processed, regressor, settings)
-    if None not in choices.values():
-        return regressor, blocks, {}
-    decision = choose_drive_parameters(blocks, regressor, **choices)
-    chosen = replace(regressor.options, rotor_inertia=decision.rotor_inertia, offset=decision.offset)
-    if chosen != regressor.options:
-        regressor = BaseRegressor(robot, chosen)
-        blocks = _build_blocks(processed, regressor, settings)
-    return regressor, blocks, {"drive_choice_held_out_cost": decision.scores}
+    known = all(block.signals.row_noise is not None for block in blocks)
+    if None in asked.values():
+        chosen = regressor.options
+        if known and asked["offset"] is None:
+            estimate = _estimate(blocks, regressor, processed, settings)[1].least_squares
+            clear = offsets_are_clear(estimate.values, estimate.std, regressor)
+            asked["offset"], chosen = clear, replace(chosen, offset=clear)
+        if None in asked.values():
+            decision = choose_drive_parameters(blocks, regressor, **asked)
+            facts["drive_choice_held_out_cost"] = decision.scores
+            chosen = replace(chosen, rotor_inertia=decision.rotor_inertia, offset=decision.offset)
+        if chosen != regressor.options:
+            regressor = BaseRegressor(robot, chosen)
+            blocks = _build_blocks(processed, regressor, settings)
+    if settings.coulomb_velocity is None and known:
+        width = _friction_width(blocks, regressor, processed, settings)
+        if width.velocity > 0.0:
+            facts["friction_width_gain"] = width.gain.tolist()
+            regressor = BaseRegressor(robot, replace(regressor.options, coulomb_velocity=width.velocity))
+            blocks = _build_blocks(processed, regressor, settings)
+    return regressor, blocks, facts
+
+
+def _notes_on_model(regressor: BaseRegressor, settings: FitSettings) -> list[str]:
+    """What the data chose of the nominal model."""
+    notes = []
+    if regressor.options.offset and settings.offset == "auto":
+        notes.append("Each joint has a constant torque besides (offset): the data ask for it on the arm as a whole")
+    if regressor.options.coulomb_velocity > 0.0 and settings.coulomb_velocity is None:
+        notes.append(width_sentence(regressor.options.coulomb_velocity))
+    return notes
+
+
+def _friction_width(
+    blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
+) -> FrictionWidth:
+    """Measured with the weights of the fit with sign(q̇)."""
+    blocks = [block for block in blocks if block.fitted.any()]
+    estimate = _estimate(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
+    values = estimate.least_squares.values
+    delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
+    return friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
 
 
 def _estimate(
@@ -316,10 +405,20 @@ def _provenance(
         "robot": {"name": robot.name, "source": Path(robot.source).name, "digest": robot.digest},
         "regressor": regressor.options.to_json(),
         "settings": settings.to_json(),
+        "digest": _digest(processed, robot, regressor, settings),
         "seed": settings.seed,
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},
         **facts,
     }
+
+
+def _digest(processed: list[Processed], robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> str:
+    """SHA-256 of all that the base parameters follow from: inputs, robot, options and settings, but for rounding."""
+    told = {name: value for name, value in settings.to_json().items() if name not in WITHOUT_PART_IN_THE_BASE}
+    options = {**regressor.options.to_json(), "coulomb_velocity": f"{regressor.options.coulomb_velocity:.4g}"}
+    inputs = [item.recording.source.sha256 for item in processed]
+    text = json.dumps([inputs, robot.digest, options, told], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _version(name: str) -> str:

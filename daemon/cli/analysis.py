@@ -149,6 +149,7 @@ def show_fit(result: FitResult) -> None:
         "of the unweighted fit, which takes all residuals as white and alike."
     )
     show_rms(result.rms, "RMS of measured minus modelled torque per joint", unit=result.robot.torque_unit)
+    data(result.misfit.sentence)
     if result.constrained is not None:
         show_certificate(result.to_model_json()["certificate"])
     if result.feasibility is not None:

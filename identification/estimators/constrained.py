@@ -42,6 +42,10 @@ _MARGIN = 1e-9
 # kg m², asked for by a cut of full consistency; and how many local minima are taken on, how often.
 _CONSISTENCY_MARGIN = 1e-6
 _STARTS_WITH_CUTS = 4
+# So many first starts whose costs differ by no more than this share of the least-squares cost are one minimum; those
+# that reach the same one differ by 4e-8, distinct ones by 1e-4 and more.
+_AGREEING_STARTS = 4
+_SAME_MINIMUM = 1e-6
 _MOST_CUTS = 40
 _SMALLEST_RELATIVE_COST = 1e-8
 # First barrier parameter: a large one leads every start along the central path to one and the same minimum, a small
@@ -135,9 +139,11 @@ def solve_constrained(
 ) -> ConstrainedResult:
     """Solve (10a)–(10d), corrected. problem: the reduced least-squares problem; its weights are the program's.
 
-    starts: how many; the first from the convex relaxation, the second from the pseudo-inertia program, the others
-    random inside the rules (seed). There are local minima, up to a few per cent apart where no feasible robot fits the
-    data well; a random start reaches the best of them about three times in ten, hence 16. full_consistency: also
+    starts: how many at most; the first from the convex relaxation, the second from the pseudo-inertia program, the
+    others random inside the rules (seed). There are local minima, up to a few per cent apart where no feasible robot
+    fits the data well; a random start then reaches the best of them about three times in ten, hence 16. Where the first
+    four, of three kinds, all converge to one cost, there is one minimum to speak of and no more are asked; one that
+    differs or does not converge, and all are. full_consistency: also
     ask for positive semidefinite pseudo-inertias, by cuts: S = ½ tr(I_C) 1 − I_C ⪰ 0 means vᵀ S v ≥ 0 for every v,
     which is linear in y, so the worst v of each link joins the rules until none is left. Raises SolverError if the
     rules contradict each other or no start converges to a set that meets them.
@@ -152,10 +158,15 @@ def solve_constrained(
         ("convex relaxation", program.inside(relaxation.start), _CENTRAL_BARRIER),
         ("pseudo-inertia program", program.inside(typical), _LOCAL_BARRIER),
     ]
-    for number in range(1, starts - 1):
-        point = program.random_point(generator, typical)
-        origins.append((f"random {number}, seed {seed}", point, _LOCAL_BARRIER))
-    ends = [(origin, program.solve_from(point, barrier)) for origin, point, barrier in origins[: max(starts, 1)]]
+    ends: list[tuple[str, InteriorPointResult]] = []
+    for number in range(max(starts, 1)):
+        if number >= len(origins):
+            point = program.random_point(generator, typical)
+            origins.append((f"random {number - 1}, seed {seed}", point, _LOCAL_BARRIER))
+        origin, point, barrier = origins[number]
+        ends.append((origin, program.solve_from(point, barrier)))
+        if number + 1 == _AGREEING_STARTS and _agree([end for _, end in ends]):
+            break
     ends.sort(key=lambda end: end[1].value)
     best = ends[0][1]
     if full_consistency:
@@ -194,6 +205,12 @@ def solve_constrained(
         certificate=certificate,
         rules=chosen,
     )
+
+
+def _agree(ends: list[InteriorPointResult]) -> bool:
+    """Whether all converged to one cost, in units of the least-squares cost."""
+    values = [end.value for end in ends]
+    return all(end.converged for end in ends) and max(values) - min(values) <= _SAME_MINIMUM
 
 
 def _made_consistent(program: ConstrainedProgram, points: list[FloatArray]) -> InteriorPointResult:

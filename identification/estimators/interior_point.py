@@ -60,9 +60,9 @@ def minimise_inside(
     smaller, the nearer the result is to the start. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
     Raises ValueError when the start is not strictly inside.
     """
-    transposed = matrix.T.tocsr()
+    rows = matrix.toarray()  # some hundred by a hundred: bookkeeping of sparse products costs more than the zeros
     point = start.copy()
-    slack = bound - matrix @ point
+    slack = bound - rows @ point
     if not np.all(slack > 0.0):
         raise ValueError("the start of an interior-point method must lie strictly inside the inequalities")
     barrier = initial_barrier
@@ -75,7 +75,7 @@ def minimise_inside(
     while iterations < maximum_iterations:
         iterations += 1
         gradient, hessian = derivatives(point)
-        lagrangian = gradient + transposed @ multiplier
+        lagrangian = gradient + multiplier @ rows
         scale = np.maximum(np.abs(point), 1e-3)
         stationarity = float(np.abs(lagrangian * scale).max())
         complementarity = float(slack @ multiplier) / len(slack)
@@ -89,17 +89,17 @@ def minimise_inside(
         if stationarity < 10.0 * barrier and np.abs(slack * multiplier - barrier).max() < 10.0 * barrier:
             barrier = max(min(0.2 * barrier, barrier**1.5), 0.1 * tolerance)
         weight = multiplier / slack
-        system = hessian + (transposed.multiply(weight) @ matrix).toarray()
-        pull = gradient + transposed @ (barrier / slack)
+        system = hessian + (rows.T * weight) @ rows
+        pull = gradient + (barrier / slack) @ rows
         step = -_solve_positive(system, pull)
-        slack_step = -(matrix @ step)
+        slack_step = -(rows @ step)
         multiplier_step = barrier / slack - multiplier - weight * slack_step
         length = _longest_step(slack, slack_step)
         slope = float(pull @ step)
         merit = value - barrier * float(np.log(slack).sum())
         for _ in range(40):
             trial = point + length * step
-            trial_slack = bound - matrix @ trial
+            trial_slack = bound - rows @ trial
             if np.all(trial_slack > 0.0):
                 trial_value = function(trial)
                 trial_merit = trial_value - barrier * float(np.log(trial_slack).sum())

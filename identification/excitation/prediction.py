@@ -16,7 +16,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory
 from identification.robots import RobotModel
-from identification.signals.periodic import PeriodicSettings, to_lines, torque_lines
+from identification.signals.periodic import PeriodicSettings, to_lines, widest_lines
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def predict_deviations(
     noise = torque_noise(regressor.robot, noise_nm)
     samples = round(trajectory.period_s * rate_hz)
     matrix = regressor.matrix(*trajectory.evaluate(np.arange(samples) / rate_hz))
-    lines = torque_lines(samples, trajectory.period_s, settings)
+    lines = widest_lines(samples, trajectory.period_s, settings)
     factor = (colour or NoiseColour()).row_factor(2 * lines + 1, trajectory.period_s, rate_hz)[:, None]
     information = np.zeros((regressor.size, regressor.size))
     for joint in range(n):

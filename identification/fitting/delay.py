@@ -72,7 +72,7 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     estimator: ols, weighted or maximum_likelihood. The model is linear in δ to (2π f δ)², 0.1 % for 5 ms at 1 Hz.
     """
     blocks = [block for block in blocks if block.fitted.any()]
-    rates = [block.signals.project(_torque_rate(block.signals, regressor, values)) for block in blocks]
+    rates = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
     joints = rates[0].shape[1]
     size = np.array([sum(float((rate[:, j] ** 2).sum()) for rate in rates) for j in range(joints)])
     moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
@@ -119,7 +119,7 @@ def _solve(
     return _MILLISECOND * result.values[-count:], _MILLISECOND * result.std[-count:]
 
 
-def _torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
+def torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
     """(S, n) Nm/s, time derivative of the modelled torque."""
     torque = regressor.matrix(signals.position, signals.velocity, signals.acceleration) @ values
     if signals.pipeline == "aperiodic":

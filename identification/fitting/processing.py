@@ -20,6 +20,7 @@ from identification.signals import (
     process_as_in_paper,
     process_periodic,
 )
+from identification.signals.periods import period_table
 
 SMALLEST_MOTION = 1e-3
 
@@ -60,30 +61,54 @@ def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> P
     """
     recording = for_robot(recording, robot)
     check_recording(recording)
-    if settings.flip_torque:
-        recording = replace(recording, torque=-recording.torque)
-    aperiodic = AperiodicSettings(low_pass_hz=settings.low_pass_hz)
+    whole = process_whole_periods(recording, settings)
+    return process_without_periods(recording, settings) if whole is None else whole
+
+
+def process_whole_periods(recording: Recording, settings: FitSettings) -> Processed | None:
+    """The recording through the paper's or the periodic pipeline; None where it has to go through the aperiodic one."""
     if settings.split is not None and settings.pipeline in ("periodic", "paper"):
         raise RecordingError(
             f"The {settings.pipeline} pipeline fits whole periods and cannot be split by time; "
             "hold out another recording instead, or use the aperiodic pipeline"
         )
+    recording = _upright(recording, settings)
     if settings.pipeline == "paper":
         signals = process_as_in_paper(recording)
         return Processed(recording, "paper", (signals,), tuple(signals.facts["notes"]))
+    if not _has_whole_periods(recording, settings):
+        return None
+    periodic = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
+    try:
+        signals = process_periodic(recording, periodic, bound_outliers=settings.estimator == "huber")
+    except RecordingError as error:
+        if settings.pipeline == "periodic" or error.field != "period_s":
+            raise
+        return None
+    return Processed(recording, "periodic", (signals,), tuple(signals.facts["notes"]))
+
+
+def process_without_periods(recording: Recording, settings: FitSettings) -> Processed:
+    """The recording through the aperiodic pipeline, with a note where it states a period that does not hold."""
+    recording = _upright(recording, settings)
     notes: tuple[str, ...] = ()
-    if settings.pipeline == "periodic" or (
-        settings.pipeline == "auto" and recording.is_periodic and settings.split is None
-    ):
-        periodic = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
+    if _has_whole_periods(recording, settings):
         try:
-            signals = process_periodic(recording, periodic, bound_outliers=settings.estimator == "huber")
-            return Processed(recording, "periodic", (signals,), tuple(signals.facts["notes"]))
+            period_table(recording)
         except RecordingError as error:
-            if settings.pipeline == "periodic" or error.field != "period_s":
-                raise
             notes = (f"{error}; used as not periodic",)
-    return Processed(recording, "aperiodic", tuple(process_aperiodic(recording, aperiodic)), notes)
+    stretches = process_aperiodic(recording, AperiodicSettings(low_pass_hz=settings.low_pass_hz))
+    return Processed(recording, "aperiodic", tuple(stretches), notes)
+
+
+def _upright(recording: Recording, settings: FitSettings) -> Recording:
+    return replace(recording, torque=-recording.torque) if settings.flip_torque else recording
+
+
+def _has_whole_periods(recording: Recording, settings: FitSettings) -> bool:
+    return settings.pipeline == "periodic" or (
+        settings.pipeline == "auto" and recording.is_periodic and settings.split is None
+    )
 
 
 def process_stretches(recording: Recording, settings: FitSettings) -> tuple[ProcessedSignals, ...]:

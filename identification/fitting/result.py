@@ -15,6 +15,7 @@ from identification.estimators.nearest import FeasibilityAnswer
 from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import SettledParameters
 from identification.fitting.delay import TorqueDelay
+from identification.fitting.misfit import Misfit
 from identification.fitting.rms import RmsTable, json_numbers
 from identification.fitting.settings import FitSettings
 from identification.fitting.torque_sign import TorqueSign
@@ -35,8 +36,8 @@ class FitResult:
     paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: of
     real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base parameters;
     None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were held out.
-    noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. torque_delay: of the torque
-    against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings,
+    noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each joint over
+    its noise. torque_delay: of the torque against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings,
     versions, seed.
     """
 
@@ -51,6 +52,7 @@ class FitResult:
     feasibility: FeasibilityAnswer | None
     rms: RmsTable
     noise_floor_nm: FloatArray
+    misfit: Misfit
     torque_sign: TorqueSign
     torque_delay: TorqueDelay
     pipelines: tuple[str, ...]
@@ -98,6 +100,7 @@ class FitResult:
             "effects": [],
             "rms_nm": self._rms_json(),
             "rms_table": self.rms.to_json(),
+            "misfit": self.misfit.to_json(),
             "certificate": self._certificate_json(),
             "provenance": {
                 **self.provenance,

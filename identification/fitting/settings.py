@@ -67,25 +67,25 @@ class Split:
 class FitSettings:
     """Settings of `fit_recordings`; the defaults suit a periodic recording of an arm with joint torque sensors.
 
-    pipeline: "auto" takes the periodic one where a recording has periods and no split is asked for, else the aperiodic.
-    low_pass_hz: cutoff of the aperiodic pipeline, None = 10 Hz or an eighth of the sampling rate.
-    motion_bandwidth_hz, torque_bandwidth_hz: of the periodic pipeline.
+    pipeline: "auto" takes the periodic one where a recording has periods and no split is asked for, else the
+    aperiodic. low_pass_hz: cutoff of the aperiodic pipeline, None = as the data ask (`fitting.band`).
+    motion_bandwidth_hz, torque_bandwidth_hz: most that the periodic pipeline looks at; the data may ask for less.
     split: text of a `Split`, None = fit all rows. estimator: as listed in `fitting.estimate`; "auto" is
     maximum_likelihood where the pipeline is periodic, ols where it is the paper's, weighted otherwise.
     delay_correction: shift the torque by the delay estimated against the position, one for all joints or one each;
-    "no" only reports it.
-    rotor_inertia, offset: whether each joint gets that parameter; "auto" = no for the built-in arms, whose torque
-    sensors sit behind the gear, else as `fitting.drives` decides. coulomb_velocity: rad/s (m/s) over which Coulomb
-    friction turns over on all joints, 0 or None = sign(q̇). flip_torque: turn the sign of all torques first.
-    check_torque_sign: refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible
-    parameters. bounds: entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency:
-    program (10) also asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
+    "no" only reports it. rotor_inertia, offset: whether each joint gets that parameter; "auto" = as
+    `fitting.drives` decides, but no rotor inertia for the built-in arms, whose torque sensors sit behind the gear.
+    coulomb_velocity: rad/s (m/s) over which Coulomb friction turns over on all joints, 0 = sign(q̇), None = as
+    `fitting.friction_width` decides. flip_torque: turn the sign of all torques first. check_torque_sign: refuse a
+    recording whose torque has the wrong sign. physical: also solve for physically feasible parameters. bounds:
+    entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency: program (10) also
+    asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
     """
 
     pipeline: Pipeline = "auto"
     low_pass_hz: float | None = None
     motion_bandwidth_hz: float = 20.0
-    torque_bandwidth_hz: float = 10.0
+    torque_bandwidth_hz: float = 60.0
     split: str | None = None
     estimator: Estimator = "auto"
     delay_correction: DelayCorrection = "no"

@@ -18,18 +18,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import dct, idct
 
-from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.fitting.blocks import build_block
-from identification.fitting.drives import choose_drive_parameters
 from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
 from identification.mismatch.motion import Motion
-from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial
 from identification.recordings.recording import Recording
-from identification.robots import BUILT_IN_ROBOTS, RobotModel
+from identification.robots import RobotModel
 from identification.signals.aperiodic import (
     AperiodicSettings,
     process_aperiodic,
@@ -109,26 +106,6 @@ def thinned_stretches(recording: Recording, settings: DiagnosisSettings) -> list
     return [
         _thinned(signals, cutoff) for signals in process_aperiodic(recording, AperiodicSettings(low_pass_hz=cutoff))
     ]
-
-
-def choose_regressor(
-    recordings: Sequence[Recording], robot: RobotModel, settings: DiagnosisSettings, split: Split | None
-) -> BaseRegressor:
-    """The nominal model of a robot: rotor inertias and offsets where held-out rows ask for them (`fitting.drives`).
-
-    Built-in arms have their torque sensors behind the gear and need none.
-    """
-    if robot.name in BUILT_IN_ROBOTS:
-        return BaseRegressor(robot)
-    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
-    blocks = []
-    for recording in recordings:
-        for signals in thinned_stretches(recording, settings):
-            block = build_block(signals, regressor, split, float(recording.time[0]), recording.duration_s)
-            if block is not None and block.fitted.any():
-                blocks.append(block)
-    decision = choose_drive_parameters(blocks, regressor, rotor_inertia=None, offset=None)
-    return BaseRegressor(robot, RegressorOptions(rotor_inertia=decision.rotor_inertia, offset=decision.offset))
 
 
 def build_aperiodic_evidence(
@@ -340,13 +317,9 @@ def weighted_by(evidence: Evidence, left: FloatArray) -> Evidence:
 
     A tenth: what a weight says is the ratio between joints and bands; as noise it would call any residual explained.
     """
-    band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency, side="left")
     size = np.sqrt(np.mean(evidence.torque**2, axis=0))
-    level = np.empty_like(evidence.torque)
-    for number in np.unique(band):
-        inside = band == number
-        counted = np.maximum(evidence.used[inside].sum(axis=0), 1)
-        level[inside] = np.sqrt((np.where(evidence.used[inside], left[inside], 0.0) ** 2).sum(axis=0) / counted)
+    counted = np.maximum(evidence.used.sum(axis=0), 1)
+    level = np.sqrt((np.where(evidence.used, left, 0.0) ** 2).sum(axis=0) / counted) * np.ones_like(left)
     white = np.zeros_like(level) if evidence.white_noise is None else evidence.white_noise
     return replace(evidence, noise=np.maximum(white, WEIGHT_SHARE * level + SMALLEST_WEIGHT * size + 1e-12))
 

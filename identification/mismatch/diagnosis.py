@@ -17,21 +17,22 @@ from scipy.stats import f as fisher
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
+from identification.fitting.friction_width import width_sentence
+from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
-from identification.mismatch.aperiodic_evidence import choose_regressor, default_split, weighted_by_result
+from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, Diagnosis
-from identification.mismatch.friction_transition import explains_better as turns_better
-from identification.mismatch.friction_transition import transition_sentence, transition_velocity
-from identification.mismatch.heldout import Residuals, residuals
+from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
+from identification.mismatch.nominal import after_findings, nominal_fit, residuals_of_fit, settings_of_fit
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
-from identification.mismatch.problem import Problem, build_problem
+from identification.mismatch.problem import Problem
 from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact, misfit_elsewhere
 from identification.mismatch.search import SearchResult, search
 from identification.mismatch.second_encoder import compare_encoders
@@ -49,9 +50,6 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 
-MOST_TRANSITIONS = 3
-"""Turns in which the width of the friction's transition and the effects beside it are found."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
@@ -67,7 +65,6 @@ class Explained:
     result: SearchResult
 
 
-Preparing = Callable[[BaseRegressor], Prepared]
 Unseen = Callable[[BaseRegressor, Problem, Trial], Prepared | None]
 
 
@@ -97,18 +94,19 @@ def diagnose(
     split = None
     if not heldout and not any(recording.repeats for recording in recordings):
         split = default_split(recordings) if settings.split is None else Split.parse(settings.split)
-    regressor = choose_regressor(recordings, robot, settings, split)
-    given = None if model is None else baseline_values(model, regressor)
+    report("nominal model", 0.02)
+    nominal = nominal_fit(recordings, robot, settings)
     report("data", 0.05)
-    faults = find_data_faults([*recordings, *heldout], regressor)
+    faults = find_data_faults([*recordings, *heldout], nominal.regressor)
     turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
     count = len(recordings)
     to_fit, physics = turned[:count], not any(map(stops_physics, faults[:count]))
     to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
+    if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
+        nominal = nominal_fit(to_fit, robot, settings)
+    settings, regressor = settings_of_fit(settings, nominal, heldout), nominal.regressor
+    given = None if model is None else baseline_values(model, regressor)
     report("evidence", 0.1)
-
-    def preparing(regressor: BaseRegressor) -> Prepared:
-        return prepare(to_fit, robot, regressor, settings, split)
 
     def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
         """What was not fitted, its effects acting on the torque of a trial's base parameters."""
@@ -118,11 +116,10 @@ def diagnose(
         values = extend(problem, trial.members).base[: regressor.size]
         return prepare(others, robot, regressor, settings, split, values)
 
-    fitted = preparing(regressor)
+    fitted = prepare(to_fit, robot, regressor, settings, split)
     report("search", 0.3)
     now = _explained(regressor, fitted, settings)
     inactive = now.library.candidates()[1]
-    now = _with_gentle_friction(now, preparing, settings)
     now = _with_push(now, unseen_by, settings)
     now = _with_drift(now, settings)
     regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
@@ -130,10 +127,10 @@ def diagnose(
     unseen = unseen_by(regressor, problem, result.trial)
     claims = build_findings(problem, result.library, result, fitted, unseen, settings, physics=physics)
     report("findings", 0.9)
-    nominal = extend(build_problem(fitted.evidences), ())
-    plain = residuals(nominal, fitted.evidences, now.library)
+    plain = residuals_of_fit(nominal, fitted.evidences, now.library)
     chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
-    baseline = _baseline(plain, chance < settings.consistency_probability, claims, problem.noise_is_measured)
+    found = chance < settings.consistency_probability
+    baseline = _baseline(nominal, plain, found, claims, problem.noise_is_measured)
     diagnosis = summarise(
         problem,
         result.library,
@@ -144,7 +141,8 @@ def diagnose(
         fitted,
         unseen,
         tuple(chain(*faults)),
-        regressor,
+        nominal,
+        after_findings(nominal, plain, claims.after),
         settings,
     )
     if given is not None:
@@ -153,7 +151,7 @@ def diagnose(
         )
         diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
     if regressor.options.coulomb_velocity > 0.0:
-        said = transition_sentence(regressor.options.coulomb_velocity)
+        said = width_sentence(regressor.options.coulomb_velocity)
         diagnosis = replace(diagnosis, notes=(*diagnosis.notes, said))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
@@ -173,20 +171,6 @@ def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSe
         problem = fitted.problem()
     result = search(problem, library, fitted.renewal(regressor), settings)
     return Explained(regressor, fitted, library, problem, result)
-
-
-def _with_gentle_friction(now: Explained, preparing: Preparing, settings: DiagnosisSettings) -> Explained:
-    """With friction that turns over as gently as all joints show, where less is needed beside it then."""
-    for turn in range(MOST_TRANSITIONS):
-        velocity = transition_velocity(now.problem, now.fitted, now.regressor, now.result, settings)
-        if velocity is None:
-            break
-        regressor = BaseRegressor(now.regressor.robot, replace(now.regressor.options, coulomb_velocity=velocity))
-        other = _explained(regressor, preparing(regressor), settings)
-        if not turns_better(other.result, now.result, settings, first=turn == 0):
-            break
-        now = other
-    return now
 
 
 def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
@@ -232,15 +216,19 @@ def _predicted_by_chance(claims: Claims) -> FloatArray:
     return np.asarray(fisher.sf(ratio, before.freedom, after.freedom), dtype=np.float64)
 
 
-def _baseline(nominal: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
-    """found: (n,) where misfit shows; a finding's joint is one in any case."""
-    excess, deviation = nominal.excess_energy, nominal.excess_deviation
+def _baseline(nominal: FitResult, left: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
+    """RMS and noise as the fit states them; the excess from the rows of the diagnosis, which the fit's are among.
+
+    found: (n,) where misfit shows; a finding's joint is one in any case.
+    """
+    excess, deviation = left.excess_energy, left.excess_deviation
     detected = found.copy()
     for finding in claims.findings:
         if finding.place.joint is not None:
             detected[finding.place.joint - 1] = True
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
-    return Baseline(nominal.rms_nm, nominal.noise_floor_nm, nominal.excess_nm, low, high, detected, measured)
+    noise = np.where(np.isfinite(nominal.noise_floor_nm), nominal.noise_floor_nm, left.noise_floor_nm)
+    return Baseline(nominal.rms.row("fit, base").rms_nm, noise, left.excess_nm, low, high, detected, measured)
 
 
 def _silent(phase: str, share: float) -> None:

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.sparse import csr_array
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
@@ -23,27 +21,13 @@ from identification.mismatch.noise import noise_of_mean
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-from identification.signals.periodic import (
-    MOTION_OVER_NOISE,
-    SMALLEST_AMPLITUDE,
-    differentiate_harmonics,
-    to_lines,
-)
-from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
+from identification.signals.periodic import PeriodicSettings, smooth_motion, to_lines, torque_lines
+from identification.signals.periods import PeriodTable, average_periods, period_table
 from identification.signals.processed import LinearOperator
+from identification.signals.standstill import over_standstills
 
-STANDSTILL_VELOCITY = 1e-3
-"""rad/s (m/s) below which a joint's direction of motion is not known."""
-STANDSTILL_MARGIN_S = 0.006
-"""Length around each such sample that is left out with it; no less than one sample on each side."""
-SHORTEST_STANDSTILL_S = 0.007
-"""A joint that is slower than that for less time turns round without resting (|q̈| above 0.3 rad/s²)."""
-LONGEST_STANDSTILL_SHARE = 0.2
 ABSENT = 1e-12
 """Share of the longest column below which the motion does not ask for a base parameter; it stays at zero."""
-BRIDGE_SUPPORT_S = 0.01
-"""Length of the samples on each side whose means carry the line over a standstill."""
-
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
@@ -166,10 +150,10 @@ def _periodic_evidence(
 ) -> Evidence:
     average = average_periods(table)
     samples, step = average.position.shape[0], average.sampling_period_s
-    position, velocity, acceleration = _smooth_motion(average, settings.motion_bandwidth_hz)
-    lines = min(max(30, int(settings.torque_bandwidth_hz * average.period_s)), (samples - 1) * 4 // 10)
-
-    bridge = _over_standstills(velocity, step)
+    bands = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
+    position, velocity, acceleration = smooth_motion(average, bands.motion_bandwidth_hz)
+    lines = torque_lines(average, bands)
+    bridge = over_standstills(velocity, step)
 
     def project(values: FloatArray) -> FloatArray:
         return to_lines(bridge(values), lines)
@@ -203,58 +187,6 @@ def _periodic_evidence(
     return complete_evidence(
         recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
     )
-
-
-def _over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
-    """Values (S, …) as they are, but on a straight line while a joint stands or turns round slowly.
-
-    A joint that is held by its dry friction takes any torque within it, and its neighbours feel the jerks of its
-    sticking, which are too fast for the motion's bandwidth: no column describes these samples. A joint that turns round
-    at once is not held; there its friction turns over, and without these samples most would be gone that shows a delay
-    of less than a millisecond. A joint that stands for long is not asked. The line goes through the means of samples
-    before and behind. Zeros instead would chop the slow noise, and all high lines would see the same few numbers of it,
-    as if each were news.
-
-    The line is not a wave's own course: of a wave's energy, up to twice the share of time that is bridged (averaged
-    over frequencies) appears on other lines of the same joint. Predicting these samples from 50 ms around (kriging)
-    leaves a tenth of that, but it carries on the jerk of the joint's sticking, which outlasts the bridged samples: on
-    an arm under feedback the noise rose by an eighth and a resonance was named that is not there.
-    """
-    standing = np.abs(velocity) < STANDSTILL_VELOCITY
-    standing &= standing.mean(axis=0) < LONGEST_STANDSTILL_SHARE
-    shortest = round(SHORTEST_STANDSTILL_S / step_s) | 1
-    resting = minimum_filter1d(standing.astype(np.int8), shortest, axis=0, mode="wrap")
-    standing = maximum_filter1d(resting, shortest, axis=0, mode="wrap").astype(np.bool_)
-    width = max(3, round(STANDSTILL_MARGIN_S / step_s)) | 1
-    bridged = maximum_filter1d(standing.any(axis=1).astype(np.int8), width, mode="wrap").astype(np.bool_)
-    samples, places = bridged.size, np.flatnonzero(bridged)
-    if places.size in (0, samples):
-        return _as_it_is
-    support = max(2, round(BRIDGE_SUPPORT_S / step_s))
-    known = np.flatnonzero(~bridged)
-    # Known samples on a circle: those of the period before stand in front, those of the next behind.
-    circle = np.concatenate([known - samples, known, known + samples])
-    after = np.searchsorted(circle, places)
-    near = np.arange(support)
-    before_times, after_times = circle[after[:, None] - 1 - near], circle[after[:, None] + near]
-    start, end = before_times.mean(axis=1), after_times.mean(axis=1)
-    share = ((places - start) / (end - start))[:, None]
-    halves = [np.broadcast_to(part / support, before_times.shape) for part in (1.0 - share, share)]
-    weights = np.concatenate(halves, axis=1)
-    columns = np.concatenate([before_times, after_times], axis=1) % samples
-    rows = np.repeat(np.arange(places.size), 2 * support)
-    line = csr_array((weights.ravel(), (rows, columns.ravel())), shape=(places.size, samples))
-
-    def bridge(values: FloatArray) -> FloatArray:
-        result = values.copy()
-        result[places] = (line @ values.reshape(samples, -1)).reshape(places.size, *values.shape[1:])
-        return result
-
-    return bridge
-
-
-def _as_it_is(values: FloatArray) -> FloatArray:
-    return values
 
 
 def complete_evidence(
@@ -299,30 +231,6 @@ def complete_evidence(
     values = fit_parameters([evidence])
     full = np.linalg.pinv(regressor.regrouping) @ values
     return replace(evidence, motion=replace(motion, torque=columns @ values, full_parameters=full))
-
-
-def _smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean position and its derivatives, each joint from the harmonics on which it stands above its own noise.
-
-    One number of harmonics for all joints would let the noise of the slowest joint into its acceleration. A joint that
-    shows none stands still: from the noise of its encoder, parameters would be fitted that no motion determines.
-    """
-    samples = average.position.shape[0]
-    cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
-    power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
-    noise = np.zeros_like(power) if average.position_spectrum is None else average.position_spectrum / average.periods
-    # Quantisation repeats with the motion: period differences do not show it, the lines above the band do.
-    if cap + 1 < len(power):
-        noise = np.maximum(noise, np.median(power[cap + 1 :], axis=0) / np.log(2.0))
-    floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
-    above = power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)
-    parts = []
-    for joint in range(average.position.shape[1]):
-        lines = np.flatnonzero(above[:, joint])
-        harmonics = int(lines[-1]) + 1 if lines.size else 0
-        parts.append(differentiate_harmonics(average.position[:, joint : joint + 1], average.period_s, harmonics))
-    position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
-    return position, velocity, acceleration
 
 
 def _first_row(recording: Recording, period: int) -> int:

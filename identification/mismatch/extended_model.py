@@ -45,6 +45,7 @@ def extended_model(
         rotor_inertia="yes" if regressor.options.rotor_inertia else "no",
         offset="yes" if regressor.options.offset else "no",
         coulomb_velocity=regressor.options.coulomb_velocity,
+        low_pass_hz=diagnosis.provenance["low_pass_hz"],
         check_torque_sign=False,
     )
     try:
@@ -56,7 +57,9 @@ def extended_model(
                 if is_called(recording, finding.where.get("recording", recording.source.path))
             ]
             faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
-            remaining.append(without_effects(upright(recording, faults), present, regressor, values))
+            remaining.append(
+                without_effects(upright(recording, faults), present, regressor, values, settings.low_pass_hz)
+            )
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
         note = f"Base parameters only: {error}"

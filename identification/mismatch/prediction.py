@@ -19,6 +19,7 @@ from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import build_evidence, with_parameters
 from identification.mismatch.motion import Motion
+from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.validation import RmsTable, validate_model
@@ -68,17 +69,22 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
 
 
 def without_effects(
-    recording: Recording, effects: Sequence[EffectJson], regressor: BaseRegressor, values: FloatArray
+    recording: Recording,
+    effects: Sequence[EffectJson],
+    regressor: BaseRegressor,
+    values: FloatArray,
+    low_pass_hz: float | None = None,
 ) -> Recording:
     """The recording with the effects' torque taken off each sample that has a place in a period or a stretch.
 
-    values: (p,) base parameters of the regressor, whose torque effects that depend on load see. Raises RecordingError
+    values: (p,) base parameters of the regressor, whose torque effects that depend on load see. low_pass_hz: of the
+    motion of recordings without periods. Raises RecordingError
     where the recording cannot be used.
     """
     if not effects:
         return recording
     torque = recording.torque.copy()
-    for evidence in build_evidence(recording, regressor.robot, regressor):
+    for evidence in build_evidence(recording, regressor.robot, regressor, DiagnosisSettings(low_pass_hz=low_pass_hz)):
         motion = with_parameters(evidence, regressor, values).motion
         taken = effects_torque(effects, motion)
         if motion.periodic:
@@ -106,7 +112,10 @@ def validate_with_effects(model: Model, recordings: Sequence[Recording]) -> RmsT
         return validate_model(model, recordings)
     regressor = BaseRegressor(model.load_robot(), model.options)
     values = model.base_values(regressor)
-    return validate_model(model, [without_effects(recording, effects, regressor, values) for recording in recordings])
+    band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
+    return validate_model(
+        model, [without_effects(recording, effects, regressor, values, band) for recording in recordings]
+    )
 
 
 def torque_along(

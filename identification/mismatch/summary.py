@@ -10,14 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from identification.base_parameters import BaseRegressor
+from identification.fitting.result import FitResult
 from identification.mismatch.between_recordings import difference_sentence, held_out_misfits
 from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence, rows_to_time
-from identification.mismatch.extension import extend
 from identification.mismatch.findings import (
     Baseline,
     Curve,
@@ -53,7 +52,8 @@ def summarise(
     fitted: Prepared,
     unseen: Prepared | None,
     faults: tuple[DataFault, ...],
-    regressor: BaseRegressor,
+    nominal: FitResult,
+    rms_after_nm: FloatArray,
     settings: DiagnosisSettings,
 ) -> Diagnosis:
     """Everything a diagnosis says beside its findings."""
@@ -63,7 +63,7 @@ def summarise(
     verdict = verdict_of(claims.findings, baseline, left.tolist(), heldout is not None and bool(heldout.misfits))
     curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
-        robot=regressor.robot.name,
+        robot=nominal.robot.name,
         verdict=verdict,
         mode="complete" if claims.trial.complete else "background",
         baseline=baseline,
@@ -72,7 +72,7 @@ def summarise(
         not_identifiable=hidden,
         minimum_detectable=detectable,
         heldout=heldout,
-        parameter_shift=_shift(problem, claims, regressor),
+        parameter_shift=_shift(nominal, claims),
         remaining=_remaining(claims, baseline, left, curves, faults, heldout),
         curves=curves,
         spectra=tuple(_spectra(fitted.evidences, claims.before, claims.after)),
@@ -80,12 +80,14 @@ def summarise(
         heldout_series=()
         if unseen is None or claims.heldout_before is None or claims.heldout_after is None
         else tuple(_series(unseen.evidences, claims.heldout_before, claims.heldout_after)),
-        rms_after_nm=claims.after.rms_nm,
+        rms_after_nm=rms_after_nm,
         notes=_notes(fitted, unseen),
         provenance={
             "library": len(library.effects),
             "candidates": len(result.candidates),
-            "regressor": regressor.options.to_json(),
+            "regressor": nominal.regressor.options.to_json(),
+            "low_pass_hz": settings.low_pass_hz,
+            "nominal_fit": nominal.provenance["digest"],
         },
     )
 
@@ -131,12 +133,15 @@ def _held_out(claims: Claims, fitted: Prepared, unseen: Prepared | None, setting
     )
 
 
-def _shift(problem: Problem, claims: Claims, regressor: BaseRegressor) -> tuple[ParameterShift, ...]:
-    before = extend(problem, ())
-    std = np.sqrt(np.maximum(np.diag(claims.extension.covariance), 0.0))
+def _shift(nominal: FitResult, claims: Claims) -> tuple[ParameterShift, ...]:
+    """From the fit to the parameters fitted with the findings; without findings there is nothing to shift."""
+    after, std = nominal.values, nominal.std
+    if claims.findings:
+        after = claims.extension.base
+        std = np.sqrt(np.maximum(np.diag(claims.extension.covariance), 0.0))
     return tuple(
-        ParameterShift(name, float(before.base[index]), float(claims.extension.base[index]), float(std[index]), unit)
-        for index, (name, unit) in enumerate(zip(regressor.names, regressor.units, strict=True))
+        ParameterShift(name, float(nominal.values[index]), float(after[index]), float(std[index]), unit)
+        for index, (name, unit) in enumerate(zip(nominal.names, nominal.regressor.units, strict=True))
     )
 
 

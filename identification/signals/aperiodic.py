@@ -2,7 +2,7 @@
 
 1. Gaps longer than a quarter of the low-pass's period split the recording into segments; very long segments are cut
    into overlapping pieces. 2. Within a piece, uneven time stamps are brought onto a uniform grid with a cubic spline;
-   even ones are taken as they are. 3. The position passes a zero-phase Butterworth low-pass and is differentiated
+   even ones are taken as they are. 3. The position passes a wide zero-phase Butterworth low-pass and is differentiated
    with a sixth-order central difference. 4. `project` sends the torque and every regressor column (signs of friction
    included) through the same low-pass, cuts the ends where it rings, and keeps every k-th row (about 2.5 rows per
    period of the cutoff frequency). 5. Rows in which a joint stands still are not used for that joint: its friction
@@ -27,6 +27,9 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 FILTER_ORDER = 4
+# The position passes a low-pass this many times wider than `project`, which q̈ and q̇ pass as well: at the same cutoff
+# they would be filtered twice where the torque is once (5 % of an inertia on a motion with content near 10 Hz).
+MOTION_OVER_CUTOFF = 2.0
 LONGEST_PIECE = 30_000
 ROWS_PER_CUTOFF_PERIOD = 2.5
 EVEN_STAMPS = 0.01
@@ -105,7 +108,7 @@ def _process_piece(
 ) -> ProcessedSignals:
     step = recording.sampling_period_s
     time, position, torque = uniform_grid(recording.time[rows], recording.position[rows], recording.torque[rows], step)
-    position = zero_phase_low_pass(position, step, cutoff_hz)
+    position = zero_phase_low_pass(position, step, min(MOTION_OVER_CUTOFF * cutoff_hz, 0.4 / step))
     velocity = sixth_order_difference(position, step)
     acceleration = sixth_order_difference(velocity, step)
     stride = max(1, int(1.0 / step / (ROWS_PER_CUTOFF_PERIOD * cutoff_hz)))

@@ -16,10 +16,12 @@ import numpy.typing as npt
 
 from identification.recordings.recording import Recording
 from identification.signals.outliers import FEWEST_PERIODS, clean_across_periods
-from identification.signals.periods import PeriodAverage, average_periods, period_table
+from identification.signals.periods import PeriodAverage, average_periods, period_table, smooth_over_lines
 from identification.signals.processed import ProcessedSignals, unchanged
+from identification.signals.standstill import over_standstills
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 # A line counts as motion when its power is this many times the noise power of the mean (chance of a noise line: 4e-6).
 MOTION_OVER_NOISE = 12.0
@@ -28,19 +30,22 @@ SMALLEST_AMPLITUDE = 1e-9
 # Share of the largest velocity below which a velocity is rounding of zero.
 ROUNDING = 1e-12
 FEWEST_LINES = 30
+LOWEST_BAND_HZ = 10.0
+# Deviations of the ratio of two powers by which a torque line must stand above the noise.
+TORQUE_OVER_NOISE = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class PeriodicSettings:
-    """Bandwidths in Hz. motion: cap of the position's harmonics; torque: lines compared on both sides of τ = Y π.
+    """Largest bandwidths in Hz. motion: of the position's harmonics; torque: of the lines compared on both sides.
 
-    The torque band is half the motion band: its upper lines already mix (through products and signs) what the motion
-    has above them. On a simulated arm with 16 periods, lines up to 60 Hz biased friction by 5 σ while they lowered σ
-    by no more than 1 %; up to 10 Hz the errors are those of the noise. A short period keeps at least 30 lines.
+    Within them the data decide: harmonics of the position that stand above their noise, lines of the torque that do.
+    Standstills are bridged (`standstill`): without that, lines above 10 Hz bias Coulomb friction by 5 σ, because a
+    joint held by its friction takes any torque. A short period keeps at least 30 lines, any period those up to 10 Hz.
     """
 
     motion_bandwidth_hz: float = 20.0
-    torque_bandwidth_hz: float = 10.0
+    torque_bandwidth_hz: float = 60.0
 
 
 def process_periodic(
@@ -59,9 +64,9 @@ def process_periodic(
         bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
     samples = average.position.shape[0]
-    harmonics = motion_harmonics(average, settings.motion_bandwidth_hz)
-    position, velocity, acceleration = differentiate_harmonics(average.position, average.period_s, harmonics)
-    lines = torque_lines(samples, average.period_s, settings)
+    position, velocity, acceleration = smooth_motion(average, settings.motion_bandwidth_hz)
+    lines = torque_lines(average, settings)
+    bridge = over_standstills(velocity, average.sampling_period_s)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
     noise = None
@@ -76,7 +81,7 @@ def process_periodic(
         velocity=velocity,
         acceleration=acceleration,
         torque=average.torque,
-        project=lambda values: to_lines(values, lines),
+        project=lambda values: to_lines(bridge(values), lines),
         used=np.ones((rows, recording.n), dtype=np.bool_),
         row_time=None,
         row_noise=noise,
@@ -88,8 +93,9 @@ def process_periodic(
             "periods": average.periods,
             "samples_per_period": samples,
             "period_s": average.period_s,
-            "motion_harmonics": harmonics,
+            "motion_harmonics": int(motion_harmonics(average, settings.motion_bandwidth_hz).max(initial=0)),
             "torque_lines": lines,
+            "band_hz": lines / average.period_s,
             "notes": list(average.notes),
             **bounded,
         },
@@ -98,23 +104,59 @@ def process_periodic(
     )
 
 
-def torque_lines(samples: int, period_s: float, settings: PeriodicSettings) -> int:
-    """Number B of spectral lines compared on both sides, for one period of so many samples."""
+def widest_lines(samples: int, period_s: float, settings: PeriodicSettings) -> int:
+    """Largest number of lines that may be compared for one period of so many samples: above, signs of q̇ alias."""
     wanted = max(FEWEST_LINES, int(settings.torque_bandwidth_hz * period_s))
-    return min(wanted, (samples - 1) // 2)
+    return min(wanted, (samples - 1) * 4 // 10)
 
 
-def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> int:
-    """Number H of harmonics kept: the last line up to bandwidth_hz on which some joint's mean position is no noise."""
+def torque_lines(average: PeriodAverage, settings: PeriodicSettings) -> int:
+    """Number B of lines compared on both sides: up to the last on which any joint's mean torque stands above its noise.
+
+    Power of the mean and of the noise are averaged over the same neighbouring lines; above the noise means by more
+    than four of the deviations that such a ratio has. A single period, whose noise is not known, has all of them.
+    """
+    samples = average.torque.shape[0]
+    widest = widest_lines(samples, average.period_s, settings)
+    if average.torque_spectrum is None:
+        return widest
+    power = smooth_over_lines(np.abs(np.fft.rfft(average.torque, axis=0)) ** 2 / samples)[: widest + 1]
+    noise = average.torque_spectrum[: widest + 1] / average.periods
+    number = np.arange(widest + 1)
+    averaged = 2.0 * np.maximum(3, number // 10) + 1.0
+    spread = np.sqrt(1.0 / averaged + 2.0 / (average.noise_freedom / 7.0 * averaged))
+    above = (power > (1.0 + TORQUE_OVER_NOISE * spread[:, None]) * noise).any(axis=1)
+    last = int(np.flatnonzero(above)[-1]) if above.any() else 0
+    return min(widest, max(last, FEWEST_LINES, int(LOWEST_BAND_HZ * average.period_s)))
+
+
+def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> IntArray:
+    """(n,) harmonics of each joint up to the last within bandwidth_hz on which its mean position is above its noise.
+
+    One number for all joints would let the noise of the slowest joint into its acceleration. A joint that shows none
+    stands still (0): from the noise of its encoder, parameters would be fitted that no motion determines.
+    """
     samples = average.position.shape[0]
     cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
     # Same units as the noise spectrum: |line|² / M, white noise of variance s² gives s².
     power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
+    noise = np.zeros_like(power) if average.position_spectrum is None else average.position_spectrum / average.periods
+    # Quantisation repeats with the motion: period differences do not show it, the lines above the band do.
+    if cap + 1 < len(power):
+        noise = np.maximum(noise, np.median(power[cap + 1 :], axis=0) / np.log(2.0))
     floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
-    spectrum = average.position_spectrum
-    noise = np.zeros_like(power) if spectrum is None else spectrum / average.periods
-    motion = (power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)).any(axis=1)
-    return int(np.flatnonzero(motion)[-1]) + 1 if motion.any() else 1
+    above = power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)
+    return np.where(above.any(axis=0), cap - np.argmax(above[::-1], axis=0), 0).astype(np.int64)
+
+
+def smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean position (M, n) of each joint's own harmonics with its first and second derivative, exact for these."""
+    parts = [
+        differentiate_harmonics(average.position[:, joint : joint + 1], average.period_s, int(harmonics))
+        for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz))
+    ]
+    position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
+    return position, velocity, acceleration
 
 
 def differentiate_harmonics(

@@ -10,7 +10,6 @@ import pytest
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.evidence import (
-    STANDSTILL_VELOCITY,
     Evidence,
     build_evidence,
     fit_parameters,
@@ -21,6 +20,7 @@ from identification.mismatch.extension import extend
 from identification.mismatch.problem import build_problem
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
+from identification.signals.standstill import STANDSTILL_VELOCITY
 from tests.identification.mismatch.plant import NOISE_NM, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 

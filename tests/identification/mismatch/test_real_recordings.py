@@ -49,8 +49,9 @@ def test_the_coupling_brings_the_wrist_of_the_tx40_near_its_other_joints(tx40: t
     assert before[4] > 0.5
     assert after[4] < 0.15
     assert after[5] < 0.13
-    # The joints share base parameters: one may give a little of what its neighbours gain, together they lose none.
-    assert np.all(after < 1.05 * before)
+    # The joints share base parameters: one may give a little of what its neighbours gain, together they lose none, and
+    # none is left worse than by the plain fit that others measured (recordings/README.md, 40 Hz).
+    assert np.all(after < np.maximum(before, [0.07, 0.08, 0.11, 0.13, 0.62, 0.29]))
     rms = (np.array(diagnosis.heldout.rms_before_nm), np.array(diagnosis.heldout.rms_after_nm))
     assert np.sum(rms[1][:4] ** 2) < np.sum(rms[0][:4] ** 2)
 

@@ -1,0 +1,81 @@
+"""How much of each joint's torque the fitted model leaves beyond the noise, where the recordings know their noise.
+
+Called by the fit, which says so; the diagnosis finds out what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.fitting.blocks import Block
+from identification.fitting.rms import json_numbers
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+DEVIATIONS = 5.0
+"""Of the energy that noise alone leaves, by which a misfit is beyond it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misfit:
+    """over_noise: (n,) RMS of the misfit over RMS of the noise, within the compared band; nan where noise is not known.
+
+    detected: (n,) whether it is more than noise would leave by chance.
+    """
+
+    over_noise: FloatArray
+    detected: BoolArray
+
+    @property
+    def known(self) -> bool:
+        """Whether the recordings tell their noise."""
+        return bool(np.isfinite(self.over_noise).all())
+
+    @property
+    def sentence(self) -> str:
+        """What an operator should know and do."""
+        if not self.known:
+            return (
+                "Misfit and noise cannot be told apart here, because no motion was repeated: record four periods or "
+                "more, or run `iiwa-ident diagnose`, which holds rows out."
+            )
+        ratios = ", ".join(f"{value:.1f}" for value in self.over_noise)
+        said = f"Misfit over noise, joints 1 to {self.over_noise.size}: {ratios}."
+        if not self.detected.any():
+            return f"{said} Nothing but noise is left."
+        joints = ", ".join(str(joint + 1) for joint in np.flatnonzero(self.detected))
+        several = "joints" if np.count_nonzero(self.detected) > 1 else "joint"
+        return (
+            f"{said} On {several} {joints} the model leaves more than noise, and σ does not hold there: run "
+            "`iiwa-ident diagnose`."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures as plain JSON types."""
+        return {"over_noise": json_numbers(self.over_noise), "detected": [bool(value) for value in self.detected]}
+
+
+def misfit_over_noise(blocks: Sequence[Block], values: FloatArray) -> Misfit:
+    """Energy of the residual of base parameters (p,) on the fitted rows against that of their noise."""
+    joints = blocks[0].torque.shape[1]
+    left, expected, spread = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+    for block in blocks:
+        noise = block.signals.row_noise
+        if noise is None:
+            return Misfit(np.full(joints, np.nan), np.zeros(joints, dtype=np.bool_))
+        residual = np.where(block.fitted, block.torque - block.columns @ values, 0.0)
+        power = np.where(block.fitted, noise**2, 0.0)
+        left += (residual**2).sum(axis=0)
+        expected += power.sum(axis=0)
+        # A line and its neighbours share one estimate of the noise: those errors add up within a neighbourhood.
+        shared = 2.0 * float(len(power)) / max(1.0, block.signals.noise_freedom) / 10.0
+        spread += 2.0 * (1.0 + shared) * (power**2).sum(axis=0)
+    beyond = left - expected
+    over = np.sqrt(np.maximum(beyond, 0.0) / np.maximum(expected, 1e-300))
+    return Misfit(over, beyond > DEVIATIONS * np.sqrt(spread))

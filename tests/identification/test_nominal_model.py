@@ -1,0 +1,116 @@
+"""Claims about what the data choose of the nominal model: offsets, the width of friction, the band, and what is said.
+
+Truth: Table 3 through Pinocchio's inverse dynamics plus torque written down here, and published answers of recordings.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from identification.estimators.physical import PhysicalParameters
+from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recordings import read_recording
+from identification.recordings.reader import robot_of
+from identification.robots import RobotModel, load_robot
+from tests.identification.mismatch.plant import Hidden, on_joint, record
+
+FloatArray = npt.NDArray[np.float64]
+
+BASE_ONLY = FitSettings(physical=False)
+OFFSETS_NM = np.array([0.5, -0.4, 0.3, 0.35, -0.25, 0.2, 0.15])
+DRAWS = 4
+
+
+def _coverage(iiwa14: RobotModel, table3: PhysicalParameters, hidden: Hidden) -> tuple[float, list[FitResult]]:
+    """Share of the true parameters of Table 3 within 95 % intervals, over several draws of noise."""
+    inside, results = [], []
+    for seed in range(DRAWS):
+        result = fit_recordings([record(iiwa14, table3, hidden, seed=seed)], iiwa14, BASE_ONLY)
+        truth = dict(zip(result.names, result.regressor.base_from_physical(table3), strict=True))
+        truth.update({f"OFF_{joint}": value for joint, value in enumerate(OFFSETS_NM, start=1)})
+        error = result.values - np.array([truth[name] for name in result.names])
+        inside.append(np.abs(error) < 1.959964 * result.std)
+        results.append(result)
+    return float(np.mean(np.concatenate(inside))), results
+
+
+def _offsets(q: FloatArray, dq: FloatArray, torque: FloatArray) -> FloatArray:
+    return np.tile(OFFSETS_NM, (len(q), 1))
+
+
+def test_offsets_on_the_whole_arm_are_chosen_and_intervals_hold(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    coverage, results = _coverage(iiwa14, table3, _offsets)
+    assert all(result.regressor.options.offset for result in results)
+    assert 0.90 < coverage < 0.99
+    assert not results[0].misfit.detected.any()
+    assert any("offset" in note for note in results[0].notes)
+
+
+@pytest.mark.parametrize("velocity", [5e-3, 2e-2, 8e-2])
+def test_a_width_of_friction_on_the_whole_arm_is_chosen_and_intervals_hold(
+    iiwa14: RobotModel, table3: PhysicalParameters, velocity: float
+) -> None:
+    def blunt(q: FloatArray, dq: FloatArray, torque: FloatArray) -> FloatArray:
+        return np.asarray(table3.coulomb * (np.tanh(dq / velocity) - np.sign(dq)))
+
+    coverage, results = _coverage(iiwa14, table3, blunt)
+    widths = [result.regressor.options.coulomb_velocity for result in results]
+    assert widths == pytest.approx([velocity] * DRAWS, rel=0.15)
+    assert 0.90 < coverage < 0.99
+    assert not results[0].misfit.detected.any()
+
+
+def test_a_clean_arm_gets_neither_and_nothing_but_noise_is_said(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    result = fit_recordings([record(iiwa14, table3)], iiwa14, BASE_ONLY)
+    assert (result.regressor.options.offset, result.regressor.options.coulomb_velocity) == (False, 0.0)
+    assert result.misfit.over_noise.max() < 0.5
+    assert "Nothing but noise" in result.misfit.sentence
+
+
+def test_what_three_joints_show_stays_theirs_and_the_diagnosis_is_named(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """1 Nm on a noise of 0.018: a fit that says nothing lets its intervals be believed."""
+
+    def on_three(q: FloatArray, dq: FloatArray, torque: FloatArray) -> FloatArray:
+        one = np.ones(len(q))
+        return on_joint(2, 1.0 * one) + on_joint(3, 0.5 * np.tanh(dq[:, 2] / 0.05)) + on_joint(5, 0.3 * one)
+
+    result = fit_recordings([record(iiwa14, table3, on_three)], iiwa14, BASE_ONLY)
+    assert not result.regressor.options.offset
+    assert result.misfit.detected[[1, 4]].all()
+    assert "iiwa-ident diagnose" in result.misfit.sentence
+    assert result.to_model_json()["misfit"]["detected"] == result.misfit.detected.tolist()
+
+
+def test_without_a_repeated_motion_the_fit_says_that_misfit_and_noise_are_one(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    result = fit_recordings([record(iiwa14, table3, periods=1)], iiwa14, BASE_ONLY)
+    assert not result.misfit.known
+    assert not result.misfit.detected.any()
+    assert "cannot be told apart" in result.misfit.sentence
+
+
+def test_emps_at_the_chosen_band_agrees_with_the_published_mass(shared_folder: Path) -> None:
+    """Janot, Gautier, Brunot: M = 95.109 ± 0.109 kg, Fv = 203.5 N s/m, Fc = 20.39 N, offset −3.165 N."""
+    recording = read_recording(shared_folder / "recordings" / "emps_a.npz")
+    result = fit_recordings([recording], load_robot(shared_folder / "recordings" / "emps.urdf"), BASE_ONLY)
+    found = {name: (value, std) for name, value, std in zip(result.names, result.values, result.std, strict=True)}
+    for name, published in (("M_1", 95.109), ("FV_1", 203.50), ("FS_1", 20.39), ("OFF_1", -3.165)):
+        value, std = found[name]
+        assert abs(value - published) < 2.0 * std, name
+    assert found["M_1"][1] < 0.2
+    assert result.settings.low_pass_hz is not None
+    assert any(f"Compared up to {result.settings.low_pass_hz:g} Hz" in note for note in result.notes)
+
+
+def test_resonances_of_the_panda_are_left_outside_the_chosen_band(shared_folder: Path) -> None:
+    """From 14 Hz on its joints ring, which no column describes: σ of the parameters grows with the band."""
+    recording = read_recording(shared_folder / "recordings" / "panda_excitation.npz")
+    result = fit_recordings([recording], load_robot(robot_of([recording])), BASE_ONLY)
+    assert result.settings.low_pass_hz == 10.0
