@@ -63,6 +63,10 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the whole that is done, 0 to 1."""
 
 MOST_STATES = 2000
+SMALL_DELAY_S = 1e-3
+"""A common delay up to this is a small change of the torque, which one column describes."""
+DELAYS_TAKEN_OFF = 3
+"""Times that the delay is taken off before the width of friction is believed: each leaves a fraction of the last."""
 WITHOUT_PART_IN_THE_BASE = ("physical", "bounds", "full_consistency", "starts", "seed", "check_torque_sign")
 """Settings that only the programs with constraints ask for, or none."""
 LIBRARIES = ("iiwa-ident", "numpy", "scipy", "pin", "clarabel")
@@ -269,12 +273,28 @@ def _notes_on_model(regressor: BaseRegressor, settings: FitSettings) -> list[str
 def _friction_width(
     blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
 ) -> FrictionWidth:
-    """Measured with the weights of the fit with sign(q̇)."""
+    """Measured with the weights of the fit with sign(q̇); again on the torque moved by its delay, where one is wide.
+
+    A delay of many samples is no small change of the torque: taken off, it must leave the friction as wide as before.
+    """
     blocks = [block for block in blocks if block.fitted.any()]
-    estimate = _estimate(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
-    values = estimate.least_squares.values
-    delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
-    return friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
+    width = FrictionWidth(0.0, np.zeros(regressor.robot.n))
+    for turn in range(1 + DELAYS_TAKEN_OFF):
+        estimate = _estimate(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
+        values = estimate.least_squares.values
+        delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
+        width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
+        if width.velocity == 0.0 or turn == DELAYS_TAKEN_OFF:
+            break
+        late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common
+        if abs(late) < SMALL_DELAY_S:
+            break
+        moved = [earlier(block.signals, np.full(block.signals.n, late)) for block in blocks]
+        blocks = [
+            replace(block, signals=signals, torque=signals.project(signals.torque))
+            for block, signals in zip(blocks, moved, strict=True)
+        ]
+    return width
 
 
 def _estimate(

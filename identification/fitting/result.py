@@ -32,13 +32,13 @@ class FitResult:
     """The outcome of `fit_recordings`.
 
     regressor: names, units and grouping of the p base parameters. estimator: the one used, never "auto".
-    least_squares: its values and their covariance on coloured noise (`fitting.covariance`). equation_15_std: (p,) the
-    paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent: of
-    real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base parameters;
-    None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were held out.
-    noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each joint over
-    its noise. torque_delay: of the torque against the position, before any correction. notes: sentences for the reader. provenance: inputs, settings,
-    versions, seed.
+    least_squares: its values and their covariance on coloured noise (`fitting.covariance`). equation_15_std: (p,)
+    the paper's standard deviations, of the unweighted fit on the same rows. constrained: program (10), consistent:
+    of real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base
+    parameters; None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were
+    held out. noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each
+    joint over its noise. torque_delay: of the torque against the position, before any correction. notes: sentences
+    for the reader. provenance: inputs, settings, versions, seed.
     """
 
     robot: RobotModel
