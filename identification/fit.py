@@ -115,15 +115,11 @@ def fit_recordings(
 
     constrained: ConstrainedResult | None = None
     consistent: SettledParameters | None = None
-    unsettled = ""
     feasibility: FeasibilityAnswer | None = None
     if settings.physical:
         report("parameters of real bodies", 0.6)
         rules = rules_for(robot).with_bounds(settings.bounds)
-        try:
-            consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
-        except SolverError as error:  # exact data, weighed a million million times against the prior
-            unsettled = f"No set of real bodies for simulators was found: {error}"
+        consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
         report("feasible parameters (program 10)", 0.7)
         constrained = solve_constrained(
             least_squares.reduced,
@@ -158,7 +154,6 @@ def fit_recordings(
         recordings=tuple(recordings),
         notes=(
             *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
-            *((unsettled,) if unsettled else ()),
             *([] if band is None else [band.sentence]),
             *_notes_on_model(regressor, settings),
         ),

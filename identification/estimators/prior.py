@@ -40,6 +40,9 @@ _THICKNESS_SHARE = 1.0 / 6.0
 _RADIUS_WITHOUT_STRETCHES_M = 0.1
 _DENSITY = 1000.0
 """kg/m³ of a link so thick, housing and hollow: an iiwa 14 (30 kg) has 1080, a Panda 760, a KUKA KR300 1900."""
+_FINEST = 1e-5
+"""Of what the prior leaves open of a base parameter, the share that its σ is never below: what exact data would weigh
+against the prior is more than a program in double precision can hold."""
 _COVARIANCE_FLOOR = 1e-12
 _PRIOR_WEIGHT = 0.1
 """Of the divergence: the mass of one body is taken to be known to a factor of about four."""
@@ -158,14 +161,9 @@ class _Program:
     """The program in x (n, 10 + effects), the dynamic parameters per link, and its curvature."""
 
     def __init__(self, values: FloatArray, covariance: FloatArray, base: BaseRegressor, prior: BodyPrior) -> None:
-        std = np.sqrt(np.diag(covariance))
-        correlation = covariance / np.outer(std, std) + _COVARIANCE_FLOOR * np.eye(len(std))
-        whiten = scipy.linalg.solve_triangular(np.linalg.cholesky(correlation), np.diag(1.0 / std), lower=True)
-        self._image = whiten @ base.regrouping
-        self._target = whiten @ values
         symbols = base.options.symbols
         self._links, self._stride = base.robot.n, INERTIAL_COUNT + len(symbols)
-        self._typical = self._typical_effects(values, std, base)
+        self._typical = self._typical_effects(values, np.sqrt(np.diag(covariance)), base)
         self._free = np.tile(np.array([symbol == "OFF" for symbol in symbols], dtype=np.bool_), (self._links, 1))
         # π of a link whose pseudo-inertia is L P̃ Lᵀ, B = L Lᵀ: the program counts in units of the prior body.
         basis = _BASIS.reshape(INERTIAL_COUNT, -1)
@@ -174,6 +172,13 @@ class _Program:
             scaled = np.einsum("ij,ajk,lk->ail", root, _BASIS, root).reshape(INERTIAL_COUNT, -1)
             self._units[link, :INERTIAL_COUNT, :INERTIAL_COUNT] = np.linalg.lstsq(basis.T, scaled.T, rcond=None)[0]
             self._units[link, INERTIAL_COUNT:, INERTIAL_COUNT:] = np.diag(self._typical[link])
+        in_units = np.einsum("ple,lef->plf", base.regrouping.reshape(-1, self._links, self._stride), self._units)
+        covariance = covariance + np.diag(_FINEST**2 * np.square(in_units).sum(axis=(1, 2)))
+        std = np.sqrt(np.diag(covariance))
+        correlation = covariance / np.outer(std, std) + _COVARIANCE_FLOOR * np.eye(len(std))
+        whiten = scipy.linalg.solve_triangular(np.linalg.cholesky(correlation), np.diag(1.0 / std), lower=True)
+        self._image = whiten @ base.regrouping
+        self._target = whiten @ values
 
     def _typical_effects(self, values: FloatArray, std: FloatArray, base: BaseRegressor) -> FloatArray:
         """x₀ (n, effects): the estimate, at least its σ; a joint without an estimate of its own has the median's.

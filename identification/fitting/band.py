@@ -1,9 +1,9 @@
 """Which low-pass recordings without periods go through: chosen from the data, one for the fit and the diagnosis.
 
-A narrow band leaves out what tells parameters apart (friction at a reversal has many harmonics), a wide one lets in
-what no column describes (resonances, noise). Both show in the standard deviations of the parameters on coloured
-residuals: the widest band whose deviations are nearly the smallest is taken. Called by the fit; the diagnosis takes
-over what the fit chose.
+The rule: the narrowest band that holds ten harmonics of the motion, which friction at its reversals has, and that costs
+no precision. What a wider one lets in besides is only what no column describes (resonances, noise); what costs
+precision shows in the standard deviations of the parameters on coloured residuals. Called by the fit; the diagnosis
+takes over what the fit chose.
 """
 
 from __future__ import annotations
@@ -19,14 +19,23 @@ from identification.errors import EstimationError
 from identification.fitting.blocks import Block, RowsOverTime, build_block
 from identification.fitting.estimate import estimate_parameters
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import AperiodicSettings, process_aperiodic
+from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, uniform_grid
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]
 
-CANDIDATES_HZ = (10.0, 14.0, 20.0, 28.0, 40.0, 60.0)
-NEARLY_THE_SMALLEST = 1.05
-"""Of the geometric mean of the parameters' standard deviations, against the best band."""
+LOWEST_HZ = 10.0
+WIDEST_HZ = 60.0
+STEP = 2.0**0.5
+"""Ratio of each band tried to the one before."""
+MOTION_SHARE = 0.95
+HARMONICS = 10.0
+"""The band is never below this multiple of the frequency up to which a joint has that share of its velocity."""
+SMALLEST_MOTION = 1e-3
+"""rad (m); a joint that moves less stands still."""
+NO_PRECISION = 1.01
+"""Geometric mean of the parameters' standard deviations, over that of the best band, up to which a band costs none: a
+hundredth is less than a deviation is known to from any residual of less than 5000 independent rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +49,11 @@ class BandChoice:
     def sentence(self) -> str:
         """What the reader is told."""
         if not self.deviations:
-            return f"Compared up to {self.low_pass_hz:g} Hz, the lowest band there is"
-        tried = ", ".join(f"{value:.2f} at {band:g}" for band, value in self.deviations.items())
+            return f"Compared up to {self.low_pass_hz:.3g} Hz, as wide as sampling and motion allow"
+        tried = ", ".join(f"{value:.2f} at {band:.3g}" for band, value in self.deviations.items())
         return (
-            f"Compared up to {self.low_pass_hz:g} Hz: the widest band that costs no precision (σ of the parameters "
-            f"against the best band: {tried} Hz)"
+            f"Compared up to {self.low_pass_hz:.3g} Hz: the narrowest band that holds ten harmonics of the motion and "
+            f"costs no precision (σ of the parameters against the best band: {tried} Hz)"
         )
 
 
@@ -54,8 +63,10 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
     Never above an eighth of the lowest sampling rate, where signs of velocity alias. The lowest candidate where no band
     determines the parameters. Raises RecordingError as `process_aperiodic` where a recording is too short for any.
     """
-    highest = min(1.0 / recording.sampling_period_s for recording in recordings) / 8.0
-    bands = [band for band in CANDIDATES_HZ if band <= highest] or [highest]
+    highest = min(highest_band(recording) for recording in recordings)
+    lowest = min(highest, max(band_of_motion(recording) for recording in recordings))
+    wider = int(np.log(highest / lowest) / np.log(STEP) + 1e-9)
+    bands = [lowest * STEP**number for number in range(wider + 1)]
     if len(bands) == 1:
         return BandChoice(bands[0], {})
     blocks = []
@@ -75,7 +86,24 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
         return BandChoice(bands[0], {})
     smallest = min(sizes.values())
     deviations = {band: size / smallest for band, size in sizes.items()}
-    return BandChoice(max(band for band, share in deviations.items() if share <= NEARLY_THE_SMALLEST), deviations)
+    return BandChoice(min(band for band, share in deviations.items() if share <= NO_PRECISION), deviations)
+
+
+def highest_band(recording: Recording) -> float:
+    """Hz above which signs of velocity alias, or nothing is looked for."""
+    return min(WIDEST_HZ, 1.0 / recording.sampling_period_s / 8.0)
+
+
+def band_of_motion(recording: Recording) -> float:
+    """Hz that hold ten harmonics of the motion: ten times the frequency below which every joint has its velocity."""
+    step = recording.sampling_period_s
+    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
+    velocity = np.gradient(position, axis=0) * np.hanning(len(position))[:, None]
+    power = np.cumsum(np.abs(np.fft.rfft(velocity, axis=0)) ** 2, axis=0)
+    line = np.array([np.searchsorted(column, MOTION_SHARE * column[-1]) for column in power.T])
+    moving = np.ptp(position, axis=0) > SMALLEST_MOTION
+    wanted = HARMONICS * float(line[moving].max(initial=0)) / (len(position) * step)
+    return float(min(max(LOWEST_HZ, round(wanted, 1)), highest_band(recording)))
 
 
 def _in_lines(block: Block) -> Block:

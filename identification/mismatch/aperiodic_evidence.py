@@ -20,9 +20,11 @@ from scipy.fft import dct, idct
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.fitting.band import band_of_motion
 from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
 from identification.mismatch.motion import Motion
+from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial
 from identification.recordings.recording import Recording
@@ -30,7 +32,6 @@ from identification.robots import RobotModel
 from identification.signals.aperiodic import (
     AperiodicSettings,
     process_aperiodic,
-    uniform_grid,
     zero_phase_low_pass,
 )
 from identification.signals.processed import ProcessedSignals
@@ -42,11 +43,6 @@ SAMPLES_PER_CUTOFF_PERIOD = 12.5
 """Of the thinned motion: enough for signs of velocity, which pass the low-pass after they are taken."""
 ROW_STRIDE = 5
 """Every so many samples of the thinned motion a row: 2.5 per period of the cutoff frequency."""
-MOTION_SHARE = 0.95
-CUTOFF_OVER_MOTION = 10.0
-"""The low-pass lies at this multiple of the frequency below which most of a joint's velocity is: friction at reversals
-has that many harmonics."""
-LOWEST_CUTOFF_HZ = 10.0
 BLOCKS_PER_RECORDING = 15
 HELD_OUT_EVERY = 3
 LONGEST_BLOCK_S = 2.0
@@ -56,6 +52,8 @@ MOST_STANDSTILL = 0.5
 WEIGHT_SHARE = 0.1
 SMALLEST_WEIGHT = 1e-6
 ROUNDS = 3
+MOST_ENERGY = 2.0
+"""Of what weights by joint alone leave on a joint, that weights by joint and band may leave."""
 NOISE_FREEDOM = 100.0
 
 
@@ -75,18 +73,10 @@ class Block:
 
 
 def low_pass_of(recording: Recording, settings: DiagnosisSettings) -> float:
-    """Cutoff in Hz: the one asked for, else ten times the frequency that holds 95 % of the velocity of every joint."""
-    rate = 1.0 / recording.sampling_period_s
+    """Cutoff in Hz: the one asked for, that of the fit, or what the motion alone asks for."""
     if settings.low_pass_hz is not None:
         return AperiodicSettings(low_pass_hz=settings.low_pass_hz).cutoff_hz(recording.sampling_period_s)
-    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, recording.sampling_period_s)
-    velocity = np.gradient(position, axis=0) * np.hanning(len(position))[:, None]
-    power = np.cumsum(np.abs(np.fft.rfft(velocity, axis=0)) ** 2, axis=0)
-    line = np.array([np.searchsorted(column, MOTION_SHARE * column[-1]) for column in power.T])
-    moving = np.ptp(position, axis=0) > 1e-3
-    fastest = float(line[moving].max(initial=0)) * rate / len(position)
-    wanted = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * fastest)
-    return float(min(wanted, rate / 8.0, settings.torque_bandwidth_hz))
+    return band_of_motion(recording)
 
 
 def default_split(recordings: Sequence[Recording]) -> Split:
@@ -316,10 +306,15 @@ def weighted_by(evidence: Evidence, left: FloatArray) -> Evidence:
     """The evidence with a tenth of what a model leaves (R, n), per joint and band, for noise; never less than white.
 
     A tenth: what a weight says is the ratio between joints and bands; as noise it would call any residual explained.
+    Per joint alone where the evidence has no noise by band.
     """
+    band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency, side="left") * evidence.noise_by_band
     size = np.sqrt(np.mean(evidence.torque**2, axis=0))
-    counted = np.maximum(evidence.used.sum(axis=0), 1)
-    level = np.sqrt((np.where(evidence.used, left, 0.0) ** 2).sum(axis=0) / counted) * np.ones_like(left)
+    level = np.empty_like(evidence.torque)
+    for number in np.unique(band):
+        inside = band == number
+        counted = np.maximum(evidence.used[inside].sum(axis=0), 1)
+        level[inside] = np.sqrt((np.where(evidence.used[inside], left[inside], 0.0) ** 2).sum(axis=0) / counted)
     white = np.zeros_like(level) if evidence.white_noise is None else evidence.white_noise
     return replace(evidence, noise=np.maximum(white, WEIGHT_SHARE * level + SMALLEST_WEIGHT * size + 1e-12))
 
@@ -332,9 +327,23 @@ def weighted_by_result(evidences: Sequence[Evidence], trial: Trial) -> tuple[Evi
 
 
 def _with_weights(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
-    """The evidence weighted by what the plain fit leaves, in three rounds, and its nominal torque."""
+    """The evidence weighted by what the plain fit leaves, in three rounds, and its nominal torque.
+
+    By joint and band, unless that more than doubles the energy that weights by joint alone leave on some joint: there
+    the bands that the model misfits count least and are misfitted the more, and what is left is the weights' own doing.
+    """
+    alike, by_band = (_in_rounds(replace(evidence, noise_by_band=chosen)) for chosen in (False, True))
+    energy = [
+        ((item.torque - item.nominal @ fit_parameters([item])) ** 2 * item.used).sum(axis=0)
+        for item in (alike, by_band)
+    ]
+    chosen = alike if np.any(energy[1] > MOST_ENERGY * energy[0]) else by_band
+    return with_parameters(chosen, regressor, fit_parameters([chosen]))
+
+
+def _in_rounds(evidence: Evidence) -> Evidence:
     size = np.sqrt(np.mean(evidence.torque**2, axis=0))
     evidence = replace(evidence, noise=np.tile(np.maximum(size, 1e-12), (len(evidence.torque), 1)))
     for _ in range(ROUNDS):
         evidence = weighted_by(evidence, evidence.torque - evidence.nominal @ fit_parameters([evidence]))
-    return with_parameters(evidence, regressor, fit_parameters([evidence]))
+    return evidence

@@ -45,6 +45,7 @@ class Evidence:
     band, which is weaker evidence. restore: rows (R, …) back to (S, …), nan where no row tells; None for the lines of
     a period. counted: samples behind the rows where those are not all of the motion's. white_noise:
     (R, n) Nm, level of the torque above the compared band where `noise` is more than that; None where it is measured.
+    noise_by_band: whether noise that stands in for a measured one may differ between bands.
     """
 
     recording: Recording
@@ -61,6 +62,7 @@ class Evidence:
     restore: LinearOperator | None = None
     counted: int | None = None
     white_noise: FloatArray | None = None
+    noise_by_band: bool = True
 
     @property
     def samples(self) -> int:

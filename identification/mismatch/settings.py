@@ -35,8 +35,8 @@ class DiagnosisSettings:
     largest_explanation: most effects that explain everything together by the noise alone; five smooth ones fitted a
     weak background down to the noise (seed 9021), so beyond three each must stand as beside a background.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
-    and harmonics of the position that count as motion. low_pass_hz: of recordings without periods, None = as the motion
-    asks (`aperiodic_evidence.low_pass_of`). split: text of a `Split`, rows of such recordings to hold out where no
+    and harmonics of the position that count as motion. low_pass_hz: of recordings without periods, None = that of
+    the fit (`fitting.band`). split: text of a `Split`, rows of such recordings to hold out where no
     other recording is; None = every third of fifteen blocks of time.
     """
 

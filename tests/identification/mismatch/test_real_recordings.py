@@ -50,7 +50,8 @@ def test_the_coupling_brings_the_wrist_of_the_tx40_near_its_other_joints(tx40: t
     assert after[4] < 0.15
     assert after[5] < 0.13
     # The joints share base parameters: one may give a little of what its neighbours gain, together they lose none, and
-    # none is left worse than by the plain fit that others measured (recordings/README.md, 40 Hz).
+    # none is left worse than by the plain fit that others measured (recordings/README.md, 40 Hz). A bound against the
+    # joint's own "before" would punish a better plain fit: that of joint 1 left 2.06 Nm once and leaves 1.69 now.
     assert np.all(after < np.maximum(before, [0.07, 0.08, 0.11, 0.13, 0.62, 0.29]))
     rms = (np.array(diagnosis.heldout.rms_before_nm), np.array(diagnosis.heldout.rms_after_nm))
     assert np.sum(rms[1][:4] ** 2) < np.sum(rms[0][:4] ** 2)
@@ -89,7 +90,7 @@ def test_the_emps_axis_has_the_asymmetric_friction_that_is_published(shared_fold
     size = friction.parameters[0]
     assert abs(size.value + 36.86) < 3.0 * np.hypot(size.std, 0.87)
     assert friction.confirmed
-    assert {item.effect for item in diagnosis.findings} == {"asymmetric_viscous_friction", "structural_resonance"}
+    assert [item.effect for item in diagnosis.findings] == ["asymmetric_viscous_friction"]
     assert diagnosis.heldout is not None
     assert [(item.recording, item.differs) for item in diagnosis.heldout.misfits] == [("emps_b.npz", True)]
 
