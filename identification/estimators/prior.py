@@ -173,7 +173,8 @@ class _Program:
             self._units[link, :INERTIAL_COUNT, :INERTIAL_COUNT] = np.linalg.lstsq(basis.T, scaled.T, rcond=None)[0]
             self._units[link, INERTIAL_COUNT:, INERTIAL_COUNT:] = np.diag(self._typical[link])
         in_units = np.einsum("ple,lef->plf", base.regrouping.reshape(-1, self._links, self._stride), self._units)
-        covariance = covariance + np.diag(_FINEST**2 * np.square(in_units).sum(axis=(1, 2)))
+        finest = _FINEST**2 * np.square(in_units).sum(axis=(1, 2))
+        covariance = covariance + np.diag(np.maximum(finest - np.diag(covariance), 0.0))
         std = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(std, std) + _COVARIANCE_FLOOR * np.eye(len(std))
         whiten = scipy.linalg.solve_triangular(np.linalg.cholesky(correlation), np.diag(1.0 / std), lower=True)

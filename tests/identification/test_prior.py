@@ -169,3 +169,14 @@ def test_a_covariance_in_the_file_is_read_in_the_order_of_the_regressor(tmp_path
     broken = model_of(tmp_path, str(file), physical, base_covariance=rows[:-1])
     with pytest.raises(ModelFileError, match="base_covariance"):
         broken.base_covariance(base)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 1e-6])
+def test_exact_data_are_kept_to_their_digits(iiwa14: RobotModel, table3: PhysicalParameters, noise: float) -> None:
+    """Weighed a million million times against the prior: the program ended in a numerical error."""
+    base = BaseRegressor(iiwa14)
+    truth = base.base_from_physical(table3)
+    covariance = np.diag((noise * np.maximum(np.abs(truth), 1e-2)) ** 2 + 1e-30)
+    settled = settle_open_directions(truth, covariance, base)
+    np.testing.assert_allclose(settled.base_values, truth, atol=1e-6)
+    assert np.linalg.eigvalsh(pseudo_inertia(settled.full.reshape(7, -1)[:, :10])).min() > 0.0

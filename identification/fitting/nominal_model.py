@@ -1,0 +1,199 @@
+"""The nominal model of a fit: what settings leave open, the data choose, before any parameter is settled.
+
+The band of recordings without periods, rotor inertias, offsets and the width of friction; then the rows of the fit and
+the estimator on them. Called by the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import EstimationError, RecordingError
+from identification.fitting.band import BandChoice, choose_low_pass
+from identification.fitting.blocks import Block, build_block
+from identification.fitting.delay import earlier, estimate_delay, torque_rate
+from identification.fitting.drives import choose_drive_parameters, offsets_are_clear
+from identification.fitting.estimate import (
+    Estimate,
+    default_estimator,
+    estimate_parameters,
+    estimate_with_bounded_outliers,
+)
+from identification.fitting.friction_width import FrictionWidth, friction_width, width_sentence
+from identification.fitting.instruments import estimate_with_instruments, instrument_pairs
+from identification.fitting.processing import (
+    Processed,
+    process_stretches,
+    process_whole_periods,
+    process_without_periods,
+)
+from identification.fitting.settings import FitSettings, Split
+from identification.recordings.recording import Recording
+from identification.robots import BUILT_IN_ROBOTS, RobotModel
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of the whole that is done, 0 to 1."""
+
+SMALL_DELAY_S = 1e-3
+"""A common delay up to this is a small change of the torque, which one column describes."""
+DELAYS_TAKEN_OFF = 3
+"""Times that the delay is taken off before the width of friction is believed: each leaves a fraction of the last."""
+
+
+def process_all(
+    recordings: Sequence[Recording], robot: RobotModel, settings: FitSettings, report: Progress
+) -> tuple[list[Processed], BandChoice | None]:
+    """Every recording through its pipeline; the band of those without periods is chosen once, for all of them."""
+    found: list[Processed | None] = []
+    for number, recording in enumerate(recordings):
+        report(f"processing {Path(recording.source.path).name}", 0.25 * number / len(recordings))
+        found.append(process_whole_periods(recording, settings))
+    others = [recording for recording, item in zip(recordings, found, strict=True) if item is None]
+    band = None
+    if others and settings.low_pass_hz is None:
+        report("processing: which band to compare", 0.25)
+        band = choose_low_pass(others, BaseRegressor(robot, _options(_asked(robot, settings), settings)))
+        settings = replace(settings, low_pass_hz=band.low_pass_hz)
+    processed = [
+        process_without_periods(recording, settings) if item is None else item
+        for recording, item in zip(recordings, found, strict=True)
+    ]
+    return processed, band
+
+
+def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings: FitSettings) -> list[Block]:
+    """The rows of every stretch. Raises RecordingError where none is left to fit."""
+    split = None if settings.split is None else Split.parse(settings.split)
+    blocks = []
+    for item in processed:
+        start, duration = float(item.recording.time[0]), item.recording.duration_s
+        for stretch in item.stretches:
+            block = build_block(stretch, regressor, split, start, duration)
+            if block is not None:
+                blocks.append(block)
+    if not any(block.fitted.any() for block in blocks):
+        raise RecordingError(
+            "No row is left to fit: the robot stands still in all of the recording, or all is held out"
+        )
+    return blocks
+
+
+def choose_nominal_model(
+    processed: list[Processed], robot: RobotModel, settings: FitSettings
+) -> tuple[BaseRegressor, list[Block], dict[str, Any]]:
+    """Regressor and blocks with the rotor inertias, offsets and width of friction that settings or data ask for."""
+    asked = _asked(robot, settings)
+    facts: dict[str, Any] = {}
+    regressor = BaseRegressor(robot, _options(asked, settings))
+    blocks = build_blocks(processed, regressor, settings)
+    known = all(block.signals.row_noise is not None for block in blocks)
+    if None in asked.values():
+        chosen = regressor.options
+        if known and asked["offset"] is None:
+            estimate = estimate_with(blocks, regressor, processed, settings)[1].least_squares
+            clear = offsets_are_clear(estimate.values, estimate.std, regressor)
+            asked["offset"], chosen = clear, replace(chosen, offset=clear)
+        if None in asked.values():
+            decision = choose_drive_parameters(blocks, regressor, **asked)
+            facts["drive_choice_held_out_cost"] = decision.scores
+            chosen = replace(chosen, rotor_inertia=decision.rotor_inertia, offset=decision.offset)
+        if chosen != regressor.options:
+            regressor = BaseRegressor(robot, chosen)
+            blocks = build_blocks(processed, regressor, settings)
+    if settings.coulomb_velocity is None and known:
+        width = _friction_width(blocks, regressor, processed, settings)
+        if width.velocity > 0.0:
+            facts["friction_width_gain"] = width.gain.tolist()
+            regressor = BaseRegressor(robot, replace(regressor.options, coulomb_velocity=width.velocity))
+            blocks = build_blocks(processed, regressor, settings)
+    return regressor, blocks, facts
+
+
+def notes_on_model(regressor: BaseRegressor, settings: FitSettings) -> list[str]:
+    """What the data chose of the nominal model."""
+    notes = []
+    if regressor.options.offset and settings.offset == "auto":
+        notes.append("Each joint has a constant torque besides (offset): the data ask for it on the arm as a whole")
+    if regressor.options.coulomb_velocity > 0.0 and settings.coulomb_velocity is None:
+        notes.append(width_sentence(regressor.options.coulomb_velocity))
+    return notes
+
+
+def estimate_with(
+    blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
+) -> tuple[str, Estimate]:
+    """The estimator that the settings name, by name, and what it finds."""
+    estimator: str = settings.estimator
+    if estimator == "auto":
+        estimator = default_estimator({item.pipeline for item in processed})
+    if estimator == "huber":
+        return estimator, estimate_with_bounded_outliers(blocks, regressor)
+    if estimator == "instrumental":
+        if settings.split is not None:
+            raise EstimationError(
+                "The instrumental estimator fits whole recordings; hold out another recording instead"
+            )
+        pairs = [
+            pair
+            for item in processed
+            for pair in instrument_pairs(
+                item.recording, item.stretches, regressor, lambda half: process_stretches(half, settings)
+            )
+        ]
+        if len(pairs) != len(blocks):
+            raise EstimationError("A stretch without usable rows leaves the instruments without their counterpart")
+        return estimator, estimate_with_instruments(blocks, pairs, regressor.names)
+    return estimator, estimate_parameters(blocks, regressor.names, estimator)
+
+
+def _asked(robot: RobotModel, settings: FitSettings) -> dict[str, bool | None]:
+    """Whether each joint gets a rotor inertia and an offset; None: as the data say."""
+    asked = {
+        name: None if getattr(settings, name) == "auto" else getattr(settings, name) == "yes"
+        for name in ("rotor_inertia", "offset")
+    }
+    if robot.name in BUILT_IN_ROBOTS:
+        if asked["rotor_inertia"] is None:
+            asked["rotor_inertia"] = False  # their torque sensors sit behind the gear
+        if asked["offset"] is None and settings.pipeline == "paper":
+            asked["offset"] = False  # eq. (1) has none
+    return asked
+
+
+def _options(asked: dict[str, bool | None], settings: FitSettings) -> RegressorOptions:
+    """The largest model that may be wanted."""
+    wanted = {name: choice is not False for name, choice in asked.items()}
+    return RegressorOptions(**wanted, coulomb_velocity=settings.coulomb_velocity or 0.0)
+
+
+def _friction_width(
+    blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
+) -> FrictionWidth:
+    """Measured with the weights of the fit with sign(q̇); again on the torque moved by its delay, where one is wide.
+
+    A delay of many samples is no small change of the torque: taken off, it must leave the friction as wide as before.
+    """
+    blocks = [block for block in blocks if block.fitted.any()]
+    width = FrictionWidth(0.0, np.zeros(regressor.robot.n))
+    for turn in range(1 + DELAYS_TAKEN_OFF):
+        estimate = estimate_with(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
+        values = estimate.least_squares.values
+        delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
+        width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
+        if width.velocity == 0.0 or turn == DELAYS_TAKEN_OFF:
+            break
+        late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common
+        if abs(late) < SMALL_DELAY_S:
+            break
+        moved = [earlier(block.signals, np.full(block.signals.n, late)) for block in blocks]
+        blocks = [
+            replace(block, signals=signals, torque=signals.project(signals.torque))
+            for block, signals in zip(blocks, moved, strict=True)
+        ]
+    return width

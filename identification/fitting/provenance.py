@@ -1,0 +1,69 @@
+"""Where the numbers of a fit come from: inputs, robot, settings, versions, and one digest. Called by the fit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from identification.base_parameters import BaseRegressor
+from identification.fitting.processing import Processed
+from identification.fitting.settings import FitSettings
+from identification.robots import RobotModel
+
+WITHOUT_PART_IN_THE_BASE = ("physical", "bounds", "full_consistency", "starts", "seed", "check_torque_sign")
+"""Settings that only the programs with constraints ask for, or none."""
+LIBRARIES = ("iiwa-ident", "numpy", "scipy", "pin", "clarabel")
+
+
+def provenance(
+    processed: list[Processed],
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    settings: FitSettings,
+    facts: dict[str, Any],
+) -> dict[str, Any]:
+    """Plain JSON types. facts: what the data chose of the nominal model, and on what grounds."""
+    return {
+        "inputs": [
+            {
+                "file": Path(item.recording.source.path).name,
+                "sha256": item.recording.source.sha256,
+                "kind": item.recording.source.kind,
+                "samples": item.recording.samples,
+                "pipeline": item.pipeline,
+                "import_report": item.recording.report.to_json(),
+                "stretches": [
+                    {name: value for name, value in stretch.facts.items() if name != "notes"}
+                    for stretch in item.stretches
+                ],
+            }
+            for item in processed
+        ],
+        "robot": {"name": robot.name, "source": Path(robot.source).name, "digest": robot.digest},
+        "regressor": regressor.options.to_json(),
+        "settings": settings.to_json(),
+        "digest": _digest(processed, robot, regressor, settings),
+        "seed": settings.seed,
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},
+        **facts,
+    }
+
+
+def _digest(processed: list[Processed], robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> str:
+    """SHA-256 of all that the base parameters follow from: inputs, robot, options and settings, but for rounding."""
+    told = {name: value for name, value in settings.to_json().items() if name not in WITHOUT_PART_IN_THE_BASE}
+    options = {**regressor.options.to_json(), "coulomb_velocity": f"{regressor.options.coulomb_velocity:.4g}"}
+    inputs = [item.recording.source.sha256 for item in processed]
+    text = json.dumps([inputs, robot.digest, options, told], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
