@@ -17,7 +17,6 @@ from scipy.stats import f as fisher
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
-from identification.fitting.friction_width import width_sentence
 from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
@@ -29,7 +28,7 @@ from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
-from identification.mismatch.nominal import after_findings, nominal_fit, residuals_of_fit, settings_of_fit
+from identification.mismatch.nominal import after_findings, nominal_fit, notes_of_fit, residuals_of_fit, settings_of_fit
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
@@ -150,9 +149,7 @@ def diagnose(
             *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
         )
         diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
-    if regressor.options.coulomb_velocity > 0.0:
-        said = width_sentence(regressor.options.coulomb_velocity)
-        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, said))
+    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *notes_of_fit(nominal)))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.fit import fit_recordings
+from identification.fitting.nominal_model import notes_on_model
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
 from identification.mismatch.evidence import Evidence
@@ -43,11 +44,25 @@ def nominal_fit(recordings: Sequence[Recording], robot: RobotModel, settings: Di
 
 
 def settings_of_fit(settings: DiagnosisSettings, fit: FitResult, heldout: Sequence[Recording]) -> DiagnosisSettings:
-    """The settings with the band of the fit, as far as the rates of what is held out allow."""
+    """The settings with the band of the fit, as far as the rates of what is held out allow.
+
+    Offsets that the data chose are effects of as many joints: what is named beside them is the less an explanation of
+    few (an arm of no hidden effect, five joints of which had a constant torque, became bending crosstalk).
+    """
+    if fit.regressor.options.offset:
+        room = max(0, settings.largest_explanation - fit.regressor.robot.n)
+        settings = replace(settings, largest_explanation=room)
     band = fit.settings.low_pass_hz
     if band is not None and settings.low_pass_hz is None:
         band = min([band, *(1.0 / recording.sampling_period_s / 8.0 for recording in heldout)])
     return replace(settings, low_pass_hz=band)
+
+
+def notes_of_fit(fit: FitResult) -> list[str]:
+    """What the reader must know of the model that the findings stand beside."""
+    band = fit.settings.low_pass_hz
+    compared = [] if band is None else [f"Compared up to {band:.3g} Hz, as the fit of these recordings is"]
+    return [*compared, *notes_on_model(fit.regressor, fit.settings)]
 
 
 def residuals_of_fit(fit: FitResult, evidences: Sequence[Evidence], library: Library) -> Residuals:
