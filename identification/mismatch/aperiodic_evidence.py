@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ from identification.mismatch.trial import Trial
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import (
+    ROWS_PER_CUTOFF_PERIOD,
     AperiodicSettings,
     process_aperiodic,
     zero_phase_low_pass,
@@ -47,6 +49,9 @@ BLOCKS_PER_RECORDING = 15
 HELD_OUT_EVERY = 3
 LONGEST_BLOCK_S = 2.0
 FEWEST_ROWS = 8
+GUARD_PERIODS = 1.0
+"""Of the cutoff frequency: what is trimmed of a held-out block, half at each end."""
+EDGE_PERIODS = AperiodicSettings().edge_periods
 MOST_STANDSTILL = 0.5
 """Share of a block in which a joint may stand still before the block says nothing on that joint."""
 WEIGHT_SHARE = 0.1
@@ -79,10 +84,24 @@ def low_pass_of(recording: Recording, settings: DiagnosisSettings) -> float:
     return band_of_motion(recording)
 
 
-def default_split(recordings: Sequence[Recording]) -> Split:
-    """Every third of fifteen blocks of time held out, for recordings of which none is."""
-    duration = min(recording.duration_s for recording in recordings)
-    return Split("blocks", (duration / BLOCKS_PER_RECORDING, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
+def default_split(recordings: Sequence[Recording], settings: DiagnosisSettings) -> Split:
+    """Every third of fifteen blocks of time held out, for recordings of which none is; fewer blocks of a short one.
+
+    Raises RecordingError for a recording too short for three blocks.
+    """
+    shortest = min(recordings, key=lambda recording: recording.duration_s)
+    cutoff = low_pass_of(shortest, settings)
+    block = (FEWEST_ROWS / ROWS_PER_CUTOFF_PERIOD + GUARD_PERIODS + EDGE_PERIODS) / cutoff
+    blocks = min(BLOCKS_PER_RECORDING, int(shortest.duration_s / block))
+    if blocks < HELD_OUT_EVERY:
+        raise RecordingError(
+            f"{Path(shortest.source.path).name}: {shortest.duration_s:.2g} s are too short to hold each third block of "
+            f"time out at a low-pass of {cutoff:.3g} Hz, which takes {HELD_OUT_EVERY * block:.2g} s; record longer, or "
+            "give another recording with --heldout",
+            file=shortest.source.path,
+            field="t",
+        )
+    return Split("blocks", (shortest.duration_s / blocks, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
 
 
 def thinned_stretches(recording: Recording, settings: DiagnosisSettings) -> list[ProcessedSignals]:

@@ -92,7 +92,7 @@ def diagnose(
     refuse_shared_samples(recordings, heldout)
     split = None
     if not heldout and not any(recording.repeats for recording in recordings):
-        split = default_split(recordings) if settings.split is None else Split.parse(settings.split)
+        split = default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)
     report("nominal model", 0.02)
     nominal = nominal_fit(recordings, robot, settings)
     report("data", 0.05)

@@ -102,7 +102,7 @@ def test_a_split_that_leaves_no_block_is_refused(
 ) -> None:
     with pytest.raises(RecordingError, match="no block of time"):
         build_aperiodic_evidence(recording, iiwa14, iiwa14_base, SETTINGS, Split.parse("blocks:0.1:3"), held_out=True)
-    assert default_split([recording]).kind == "blocks"
+    assert default_split([recording], SETTINGS).kind == "blocks"
 
 
 def test_a_plain_robot_without_periods_has_no_mismatch(recording: Recording, iiwa14: RobotModel) -> None:
@@ -122,3 +122,29 @@ def test_a_hidden_effect_is_found_without_periods_and_checked_on_other_blocks(
     assert (finding.effect, finding.place.joint) == ("stribeck_friction", 4)
     assert finding.confirmed
     assert finding.coefficients[0] == pytest.approx(1.5, rel=0.15)
+
+
+def _first(recording: Recording, seconds: float) -> Recording:
+    rows = slice(0, int(seconds / recording.sampling_period_s))
+    return replace(
+        recording, time=recording.time[rows], position=recording.position[rows], torque=recording.torque[rows]
+    )
+
+
+def test_a_short_recording_gets_fewer_blocks_and_a_shorter_one_is_refused_before_any_work(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """Below 6.3 s it was refused after half of the work, for blocks that were shorter than the filter."""
+    short = _first(recording, 4.0)
+    split = default_split([short], SETTINGS)
+    for held_out in (False, True):
+        build_aperiodic_evidence(short, iiwa14, iiwa14_base, SETTINGS, split, held_out=held_out)
+    phases: list[str] = []
+    with pytest.raises(RecordingError, match=r"1 s are too short .* takes 1\.9 s; record longer"):
+        diagnose(
+            [_first(recording, 1.0)],
+            iiwa14,
+            settings=replace(SETTINGS, low_pass_hz=10.0),
+            progress=lambda phase, share: phases.append(phase),
+        )
+    assert not phases
