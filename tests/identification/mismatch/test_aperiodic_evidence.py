@@ -140,11 +140,11 @@ def test_a_short_recording_gets_fewer_blocks_and_a_shorter_one_is_refused_before
     for held_out in (False, True):
         build_aperiodic_evidence(short, iiwa14, iiwa14_base, SETTINGS, split, held_out=held_out)
     phases: list[str] = []
-    with pytest.raises(RecordingError, match=r"1 s are too short .* takes 1\.9 s; record longer"):
+    with pytest.raises(RecordingError, match=r"0.99 s are too short .* takes 1\.9 s; record longer"):
         diagnose(
             [_first(recording, 1.0)],
             iiwa14,
             settings=replace(SETTINGS, low_pass_hz=10.0),
-            progress=lambda phase, share: phases.append(phase),
+            progress=lambda phase, _: phases.append(phase),
         )
     assert not phases
