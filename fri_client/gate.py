@@ -136,9 +136,10 @@ class CommandGate:
             if elapsed < self._period_ns // 2:
                 return Pace.TOO_EARLY
             edge = self._phase_ns
-        elif moment.time_ns - self._left_ns < self._landed_ns:
+        elif moment.time_ns - self._left_ns < (self._landed_ns if self._clock.is_settled else self._period_ns):
             return Pace.TOO_EARLY
-        if elapsed < self._bridged_ns - edge:
+        # By a message that was read late the robot may be a cycle further than the message says.
+        if moment.time_ns - self._at_ns < self._bridged_ns - edge:
             return Pace.NEXT
         return Pace.STANDS if elapsed > self._bridged_ns + edge else Pace.UNCLEAR
 
@@ -157,7 +158,12 @@ class CommandGate:
         if guard is None or judged.generation != guard.generation:
             return None
         pace = self.pace(moment)
-        is_late = not self._clock.simulated and self._clock_ns() - moment.time_ns > self._in_cycle_ns
+        is_late = False
+        if not self._clock.simulated:
+            now_ns = self._clock_ns()
+            is_late = now_ns - moment.time_ns > self._in_cycle_ns
+            if pace == Pace.NEXT and now_ns - (self._at_ns or now_ns) > self._bridged_ns:
+                return None
         if (pace != Pace.NEXT or is_late) and not self._is_harmless(judged, pace, is_late=is_late):
             return None
         if not self._channel.send(datagram, address):

@@ -62,6 +62,27 @@ def test_sends_that_the_network_refuses(refused: int) -> None:
     assert_inside(play(Setting(duration_ms=1000), (Move("refuse", AT, refused),)))
 
 
+@pytest.mark.parametrize("where", ["receive", "clock", "waiting"])
+@pytest.mark.parametrize("setting", [
+    Setting(duration_ms=1200), Setting(2, 2, duration_ms=2400), Setting(5, duration_ms=2400),
+])  # fmt: skip
+@pytest.mark.parametrize("beyond", [0.2, 0.5, 0.9, 0.95])
+def test_a_stall_that_ends_where_the_bridge_does(setting: Setting, beyond: float, where: str) -> None:
+    """By a message that was read late the robot was a cycle further, and stood: 1 907 % of an acceleration limit."""
+    period_ms = setting.send_period_ms * setting.receive_multiplier
+    stalls = (Move("stall", at, 1, 10.0 + beyond * period_ms, where) for at in (74, 101, 250))
+    for stall in stalls:
+        assert_inside(play(setting, (stall,)))
+
+
+@pytest.mark.parametrize("share", [0.28, 0.6, 0.9, 0.97])
+def test_a_forgery_while_the_robots_clock_is_not_known_again(share: float) -> None:
+    """After a restart of the counter its answer followed the last one in the same cycle: 5 733 %."""
+    for at in (208, 215, 226):
+        restart = Move("counter_for_good", 201, 1, -31026)
+        assert_inside(play(Setting(duration_ms=1000), (restart, Move("forged", at, 4, share, "receive"))))
+
+
 @pytest.mark.parametrize("move", [
     Move("period", 36, 3, 5),
     Move("period", 5, 3, 2),
