@@ -36,6 +36,8 @@ class Rig:
         self.channel = SimulatedChannel(self.clock)
         self.robot_clock = RobotClock()
         self.robot_clock.simulated = simulated
+        for steps in range(30):  # enough messages to know when the robot sends
+            self.robot_clock.note(min(steps, 1), steps * period_ms * MS, period_ms)
         self.gate = CommandGate(self.channel, self.robot_clock, self.clock)
         self.guard = CommandGuard(IIWA14_R820, period_ms * 1e-3)
         self.gate.use(self.guard, period_ms * 1e-3, 1)
