@@ -17,7 +17,6 @@ from scipy.stats import f as fisher
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
-from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
@@ -28,7 +27,14 @@ from identification.mismatch.extension import extend
 from identification.mismatch.findings import Baseline, Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
-from identification.mismatch.nominal import after_findings, nominal_fit, notes_of_fit, residuals_of_fit, settings_of_fit
+from identification.mismatch.nominal import (
+    Nominal,
+    after_findings,
+    nominal_fit,
+    nominal_of,
+    residuals_of,
+    settings_of_fit,
+)
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
@@ -94,16 +100,17 @@ def diagnose(
     if not heldout and not any(recording.repeats for recording in recordings):
         split = default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)
     report("nominal model", 0.02)
-    nominal = nominal_fit(recordings, robot, settings)
+    fit = nominal_fit(recordings, robot, settings)
     report("data", 0.05)
-    faults = find_data_faults([*recordings, *heldout], nominal.regressor)
+    faults = find_data_faults([*recordings, *heldout], BaseRegressor(robot) if fit is None else fit.regressor)
     turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
     count = len(recordings)
     to_fit, physics = turned[:count], not any(map(stops_physics, faults[:count]))
     to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
     if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
-        nominal = nominal_fit(to_fit, robot, settings)
-    settings, regressor = settings_of_fit(settings, nominal, heldout), nominal.regressor
+        fit = nominal_fit(to_fit, robot, settings)
+    settings = settings_of_fit(settings, fit, heldout)
+    regressor = BaseRegressor(robot) if fit is None else fit.regressor
     given = None if model is None else baseline_values(model, regressor)
     report("evidence", 0.1)
 
@@ -116,6 +123,7 @@ def diagnose(
         return prepare(others, robot, regressor, settings, split, values)
 
     fitted = prepare(to_fit, robot, regressor, settings, split)
+    nominal = nominal_of(fit, regressor, fitted.evidences)
     report("search", 0.3)
     now = _explained(regressor, fitted, settings)
     inactive = now.library.candidates()[1]
@@ -126,7 +134,7 @@ def diagnose(
     unseen = unseen_by(regressor, problem, result.trial)
     claims = build_findings(problem, result.library, result, fitted, unseen, settings, physics=physics)
     report("findings", 0.9)
-    plain = residuals_of_fit(nominal, fitted.evidences, now.library)
+    plain = residuals_of(nominal, fitted.evidences, now.library)
     chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
     found = chance < settings.consistency_probability
     baseline = _baseline(nominal, plain, found, claims, problem.noise_is_measured)
@@ -149,7 +157,7 @@ def diagnose(
             *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
         )
         diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
-    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *notes_of_fit(nominal)))
+    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)
@@ -213,7 +221,7 @@ def _predicted_by_chance(claims: Claims) -> FloatArray:
     return np.asarray(fisher.sf(ratio, before.freedom, after.freedom), dtype=np.float64)
 
 
-def _baseline(nominal: FitResult, left: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
+def _baseline(nominal: Nominal, left: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
     """RMS and noise as the fit states them; the excess from the rows of the diagnosis, which the fit's are among.
 
     found: (n,) where misfit shows; a finding's joint is one in any case.
@@ -225,7 +233,7 @@ def _baseline(nominal: FitResult, left: Residuals, found: BoolArray, claims: Cla
             detected[finding.place.joint - 1] = True
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
     noise = np.where(np.isfinite(nominal.noise_floor_nm), nominal.noise_floor_nm, left.noise_floor_nm)
-    return Baseline(nominal.rms.row("fit, base").rms_nm, noise, left.excess_nm, low, high, detected, measured)
+    return Baseline(nominal.rms_nm, noise, left.excess_nm, low, high, detected, measured)
 
 
 def _silent(phase: str, share: float) -> None:

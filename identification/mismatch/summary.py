@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from identification.fitting.result import FitResult
 from identification.mismatch.between_recordings import difference_sentence, held_out_misfits
 from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
@@ -33,6 +32,7 @@ from identification.mismatch.findings import (
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.localisation import best_curve
+from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
 from identification.mismatch.search import SearchResult
@@ -52,7 +52,7 @@ def summarise(
     fitted: Prepared,
     unseen: Prepared | None,
     faults: tuple[DataFault, ...],
-    nominal: FitResult,
+    nominal: Nominal,
     rms_after_nm: FloatArray,
     settings: DiagnosisSettings,
 ) -> Diagnosis:
@@ -63,7 +63,7 @@ def summarise(
     verdict = verdict_of(claims.findings, baseline, left.tolist(), heldout is not None and bool(heldout.misfits))
     curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
-        robot=nominal.robot.name,
+        robot=nominal.regressor.robot.name,
         verdict=verdict,
         mode="complete" if claims.trial.complete else "background",
         baseline=baseline,
@@ -87,7 +87,7 @@ def summarise(
             "candidates": len(result.candidates),
             "regressor": nominal.regressor.options.to_json(),
             "low_pass_hz": settings.low_pass_hz,
-            "nominal_fit": nominal.provenance["digest"],
+            "nominal_fit": nominal.digest,
         },
     )
 
@@ -133,7 +133,7 @@ def _held_out(claims: Claims, fitted: Prepared, unseen: Prepared | None, setting
     )
 
 
-def _shift(nominal: FitResult, claims: Claims) -> tuple[ParameterShift, ...]:
+def _shift(nominal: Nominal, claims: Claims) -> tuple[ParameterShift, ...]:
     """From the fit to the parameters fitted with the findings; without findings there is nothing to shift."""
     after, std = nominal.values, nominal.std
     if claims.findings:
@@ -141,7 +141,7 @@ def _shift(nominal: FitResult, claims: Claims) -> tuple[ParameterShift, ...]:
         std = np.sqrt(np.maximum(np.diag(claims.extension.covariance), 0.0))
     return tuple(
         ParameterShift(name, float(nominal.values[index]), float(after[index]), float(std[index]), unit)
-        for index, (name, unit) in enumerate(zip(nominal.names, nominal.regressor.units, strict=True))
+        for index, (name, unit) in enumerate(zip(nominal.regressor.names, nominal.regressor.units, strict=True))
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from identification.errors import UndeterminedParametersError
 from identification.estimators.physical import PhysicalParameters
 from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.mismatch.diagnosis import diagnose
@@ -18,6 +19,7 @@ from identification.model_file import read_model, write_model
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
 FloatArray = npt.NDArray[np.float64]
 BASE_ONLY = FitSettings(physical=False)
@@ -84,3 +86,21 @@ def test_the_nominal_model_of_the_ur10_is_as_good_as_its_fit(shared_folder: Path
     assert found.heldout is not None
     # A third of the rows were not fitted; the plain fit of the others leaves little more there.
     assert np.all(np.asarray(found.heldout.rms_before_nm) < 2.0 * fitted)
+
+
+def test_a_motion_of_one_joint_is_diagnosed_although_it_leaves_parameters_open(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """`fit` refuses it; a torque of q³ on the joint that moves is still told."""
+    random = np.random.default_rng(5)
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=2000, seed=3)
+    still = np.arange(7) != 5
+    q[:, still], dq[:, still], ddq[:, still] = 0.4, 0.0, 0.0
+    torque = inverse_dynamics(iiwa14, table3, q, dq, ddq) + on_joint(6, 0.5 * q[:, 5] ** 3)
+    measured = np.tile(torque, (8, 1)) + 0.05 * random.normal(size=(16000, 7))
+    recording = recording_of(np.tile(q, (8, 1)), measured, period_s=10.0, periods=8)
+    with pytest.raises(UndeterminedParametersError):
+        fit_recordings([recording], iiwa14, BASE_ONLY)
+    diagnosis = diagnose([recording], iiwa14)
+    assert diagnosis.baseline.detected[5]
+    assert any("leaves parameters open" in note for note in diagnosis.notes)
