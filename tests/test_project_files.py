@@ -115,3 +115,14 @@ def test_links_between_pages_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         if not re.match(r"\w+:", target) and not target.startswith("#"):
             assert (page.parent / target.split("#")[0]).exists(), target
+
+
+def test_the_application_for_the_cabinet_says_first_that_nobody_compiled_it() -> None:
+    code = (ROOT / "packaging" / "sunrise" / "IiwaIdentOverlay.java").read_text(encoding="utf-8")
+    assert code.startswith("// NOT COMPILED AND NOT RUN BY THIS PROJECT.")
+    assert "Nobody here could compile or\nrun it" in (ROOT / "docs" / "operator.md").read_text(encoding="utf-8")
+    assert "SEND_PERIOD_MS = 1;" in code
+    assert "ClientCommandMode.POSITION" in code
+    asked, opened, moved = (code.index(text) for text in ("operatorAgrees()", "new FRISession(", "lbr.move("))
+    assert asked < opened < moved
+    assert "displayModalDialog" not in code[opened:moved]
