@@ -126,3 +126,11 @@ def test_the_application_for_the_cabinet_says_first_that_nobody_compiled_it() ->
     asked, opened, moved = (code.index(text) for text in ("operatorAgrees()", "new FRISession(", "lbr.move("))
     assert asked < opened < moved
     assert "displayModalDialog" not in code[opened:moved]
+
+
+def test_the_readme_says_what_every_page_is_for() -> None:
+    table = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Reading on")[2]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("| [")]
+    purposes = {page: purpose for pages, purpose in rows for page in re.findall(r"\]\((\S+?)\)", pages)}
+    assert {page.relative_to(ROOT).as_posix() for page in ROOT.glob("docs/*.md")} <= set(purposes)
+    assert all(len(purpose.split()) >= 4 for purpose in purposes.values())
