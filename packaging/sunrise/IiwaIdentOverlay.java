@@ -14,12 +14,15 @@
 //       IllegalStateException of FRISession.close; its issue 33: about 5 s before the next session
 //   [4] github.com/moveit/moveit_experimental, sunrise_os/AcmeFRI/src/application/HandGuideFromCurrPos.java:
 //       createFromTemplate, attachTo, super.dispose
-//   [5] KUKA's own examples, package com.kuka.roboticsAPI.directServo.examples: LBR.getOperationMode, OperationMode.T1
+//   [5] KUKA's sample com.kuka.roboticsAPI.directServo.samples.DirectServoSampleSimpleJointMotion, in public copies:
+//       LBR.getOperationMode, OperationMode.T1
 //   [6] github.com/lbr-stack/lbr_fri_ros2_stack: UDP ports 30200 to 30209
 // Not certain, because no public page of KUKA says it:
 //   (a) that getLoadData().getMass() of a tool template is in kg; public applications print it, none states the unit;
 //   (b) that a tool counts in the external torque as soon as attachTo was called; `iiwa-ident doctor` shows the effect;
 //   (c) which exception, if any, move() throws when the client ends. CommandInvalidException is what [2] catches.
+//   (d) in which versions LBR has getOperationMode: [5] is old, newer public applications ask
+//       lbr.getSafetyState().getOperationMode(); take that one if the first does not compile.
 package application;
 
 import java.util.concurrent.TimeUnit;
