@@ -57,6 +57,10 @@ class Pace(IntEnum):
     STANDS = 4
 
 
+_FIRST, _TOO_EARLY, _NEXT, _UNCLEAR, _STANDS = Pace
+"""Looked up at every tick: the names of an enumeration are slow."""
+
+
 class CommandGate:
     """`pace` for a message, then `send` for a position that the guard judged, or `send_header`.
 
@@ -125,23 +129,23 @@ class CommandGate:
 
     def pace(self, moment: Moment) -> Pace:
         """The pace at which an answer to the message of that moment would arrive."""
-        if self._at_ns is None:
-            return Pace.FIRST
-        early_ns = moment.cycle_ns - moment.time_ns
-        if moment.counter - self._at_counter & _WRAP < self._samples or early_ns > _EARLY_NS:
-            return Pace.TOO_EARLY
-        elapsed = moment.cycle_ns - self._at_ns
-        edge = self._edge_ns
-        if self._clock.simulated:
-            if elapsed < self._period_ns // 2:
-                return Pace.TOO_EARLY
+        at_ns = self._at_ns
+        if at_ns is None:
+            return _FIRST
+        cycle_ns, time_ns, counter = moment
+        if counter - self._at_counter & _WRAP < self._samples or cycle_ns - time_ns > _EARLY_NS:
+            return _TOO_EARLY
+        clock, edge, bridged = self._clock, self._edge_ns, self._bridged_ns
+        if clock.simulated:
+            if cycle_ns - at_ns < self._period_ns // 2:
+                return _TOO_EARLY
             edge = self._phase_ns
-        elif moment.time_ns - self._left_ns < (self._landed_ns if self._clock.is_settled else self._period_ns):
-            return Pace.TOO_EARLY
+        elif time_ns - self._left_ns < (self._landed_ns if clock.is_settled else self._period_ns):
+            return _TOO_EARLY
         # By a message that was read late the robot may be a cycle further than the message says.
-        if moment.time_ns - self._at_ns < self._bridged_ns - edge:
-            return Pace.NEXT
-        return Pace.STANDS if elapsed > self._bridged_ns + edge else Pace.UNCLEAR
+        if time_ns - at_ns < bridged - edge:
+            return _NEXT
+        return _STANDS if cycle_ns - at_ns > bridged + edge else _UNCLEAR
 
     def robot_stands(self, time_ns: int) -> bool:
         """Whether the robot has had no command for longer than it bridges, or none at all."""
@@ -151,20 +155,10 @@ class CommandGate:
         """Send the position that was judged, as that datagram. When it left, ns; 0: the network refused it; None: the
         gate did.
 
-        moment: of the message that it answers. Nothing goes out that was judged after another command than
-        the last one, at a pace that does not allow it, or for a cycle that is over.
+        moment: of the message that it answers.
         """
         guard = self.guard
-        if guard is None or judged.generation != guard.generation:
-            return None
-        pace = self.pace(moment)
-        is_late = False
-        if not self._clock.simulated:
-            now_ns = self._clock_ns()
-            is_late = now_ns - moment.time_ns > self._in_cycle_ns
-            if pace == Pace.NEXT and self._at_ns is not None:  # by now the bridge may be over
-                is_late = is_late or now_ns - self._at_ns > self._bridged_ns
-        if (pace != Pace.NEXT or is_late) and not self._is_harmless(judged, pace, is_late=is_late):
+        if guard is None or not self.admits(judged, moment):
             return None
         if not self._channel.send(datagram, address):
             return 0
@@ -175,6 +169,24 @@ class CommandGate:
         self._at_ns, self._at_counter = moment.cycle_ns, moment.counter
         guard.accept(judged)
         return left_ns
+
+    def admits(self, judged: Judged, moment: Moment) -> bool:
+        """Whether that position may go out now, in answer to the message of that moment; nothing is changed by asking.
+
+        Not one that was judged after another command than the last one, at a pace that does not allow it, or for a
+        cycle that is over.
+        """
+        guard = self.guard
+        if guard is None or judged.generation != guard.generation:
+            return False
+        pace = self.pace(moment)
+        is_late = False
+        if not self._clock.simulated:
+            now_ns = self._clock_ns()
+            is_late = now_ns - moment.time_ns > self._in_cycle_ns
+            if pace is _NEXT and self._at_ns is not None:  # by now the bridge may be over
+                is_late = is_late or now_ns - self._at_ns > self._bridged_ns
+        return (pace is _NEXT and not is_late) or self._is_harmless(judged, pace, is_late=is_late)
 
     def _is_harmless(self, judged: Judged, pace: Pace, *, is_late: bool) -> bool:
         """Whether a position may go out at another pace than the next one, or late."""

@@ -193,6 +193,9 @@ class FriLoop:
         if self.session.clock.simulated or spare <= 0 or self._channel.wait(spare * 1e-9):
             return
         self._ahead.rehearse(bytes(self._view[:size]))
+        moment, foreseen = self._next_moment(due + _REHEARSAL_NS), self._ahead.foreseen
+        if moment is not None and foreseen is not None:
+            self._gate.admits(foreseen.judged, moment)
         if not self._stop_watch.is_asked:
             self._channel.is_waiting()
 
@@ -221,11 +224,8 @@ class FriLoop:
         if session.clock.simulated:
             message = self._codec.decode_monitoring(datagram)
             time_ns = session.clock.time_of(message, receive_ns)
-        clock = session.clock
-        if not clock.admits(1, time_ns):
-            return False
-        moment = Moment(clock.cycle_of(1, time_ns), time_ns, self._ahead.counter)
-        send_ns = self._gate.send(foreseen.judged, command, address, moment)
+        moment = self._next_moment(time_ns)
+        send_ns = None if moment is None else self._gate.send(foreseen.judged, command, address, moment)
         if send_ns is None:
             return False
         # All that the answer did not have to wait for, and the proof that it was the right one.
@@ -238,6 +238,13 @@ class FriLoop:
         self._journal.note_session(session, receive_ns)
         self._finish(_Newest(message, datagram, address, _FRESH, receive_ns, due=True), send_ns, command)
         return True
+
+    def _next_moment(self, time_ns: int) -> Moment | None:
+        """Of the message after the newest, if it came at that time; None where the robot cannot have sent it yet."""
+        clock = self.session.clock
+        if not clock.admits(1, time_ns):
+            return None
+        return Moment(clock.cycle_of(1, time_ns), time_ns, self._ahead.counter)
 
     def _receive_all(self, size: int, address: Address, receive_ns: int) -> None:
         """The datagram in the buffer and all that waits behind it; then one answer, to the newest message."""

@@ -75,7 +75,7 @@ class RobotClock:
     def admits(self, steps: int, time_ns: int) -> bool:
         """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
         due = self._due_ns
-        if due is None or not self.is_settled:
+        if due is None or (self._settling and not self.simulated):
             return True
         return time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
 
