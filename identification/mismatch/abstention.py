@@ -292,7 +292,7 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
         there = now.heldout_after.log_likelihood - other.log_likelihood
         if removal_score(exam.problem, trial, index, settings) + there < settings.complete_score:
             return False
-        # A true effect gains a²/2 there, with a deviation of a; and what comes out even refutes nothing.
+        # A true effect gains a²/2 there, with a deviation of a. One that gains nothing is not refuted by that alone.
         expected = now.heldout_after.squared_distance(other)
         return there >= min(-EVEN, 0.5 * expected - REFUTED * float(np.sqrt(expected)))
     gain = float((other.excess_energy[joints] - now.heldout_after.excess_energy[joints]).sum())
