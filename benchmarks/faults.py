@@ -34,8 +34,8 @@ commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault
   *none*: nothing moved.
 - **v, a, j**: largest velocity, acceleration and jerk of the commands the robot accepted, in percent of the
   joint limits ([limits.md](limits.md)), over stretches of commands that came in time. In rows "robot by the clock" this
-  machine decides which of the robot's cycles a command reaches, so a and j may be the machine's; what such a robot is sent
-  is judged in simulated time (`python -m benchmarks.adversary`).
+  machine decides which of the robot's cycles a command reaches, so a and j may be the machine's; what such a robot is
+  sent is judged in simulated time (`python -m benchmarks.adversary`).
 - **Code**: exit code; 130: interrupted, −9: the supervisor itself was killed.
 - **File**: what readers that share no code with the writer found in `recording.mcap`.
 
