@@ -127,7 +127,7 @@ class MotionProgram:
     @property
     def periods_completed(self) -> int:
         """Periods of which every command went out."""
-        return max(0, self._on_path - self._lead_in) // len(self._path)
+        return min(self._periods, max(0, self._on_path - self._lead_in) // len(self._path))
 
     @property
     def commanded(self) -> bool:
@@ -280,6 +280,10 @@ class MotionProgram:
             self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))
         self.guard.come_to_rest()
         self._re_entry_step = 0
+        if start >= self._start_ticks + self._lead_in + self._total - 1:  # broken off again and again, past the end
+            self._start_done, self._on_path = self._start_ticks, self._lead_in + self._total
+            self._re_entry = ReEntry(start, 0, [])
+            return
         self._re_entry = plan_re_entry(
             start, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
         )
@@ -349,7 +353,8 @@ class MotionProgram:
     def _upcoming(self) -> Sequence[float] | None:
         """The next command of ramp, lead-in, table or re-entry; None when the table is done. Nothing moves."""
         if self._re_entry is not None:
-            return self._re_entry.positions[self._re_entry_step]
+            positions = self._re_entry.positions
+            return positions[self._re_entry_step] if positions else None
         if self.phase == _START_RAMP and self._step < self._start_ticks and self._start_ramp is not None:
             return self._start_ramp.position_at(self._step * self.command_period_s)
         if self._on_path >= self._lead_in + self._total:

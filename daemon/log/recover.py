@@ -283,10 +283,8 @@ def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
             try:
                 for item in readable_items(source, found):
                     if not started:
-                        # A file whose header is lost is taken for one of ours.
-                        copy.writer.start(
-                            profile="ros2" if found.profile is None else found.profile, library="iiwa-ident recover"
-                        )
+                        # What is recovered is a log of ours, whatever is left of its header.
+                        copy.writer.start(profile="ros2", library="iiwa-ident recover")
                         started = True
                     if isinstance(item, RawAttachment):
                         if source == sources[0]:

@@ -76,7 +76,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         yield FaultCase(f"session-state-{state}", f"one message that claims {name}", "ramp", "dropped", 1, (words,),
                         faults=(fault("session_state", value=state),), session=PROMPT)  # fmt: skip
     yield FaultCase(
-        "ipo-moves", "the robot's own set-point of joint 3 moves", "held", "not_started", 69,
+        "ipo-moves", "the robot's own set-point of joint 3 moves", "none", "not_started", 69,
         (r"set-point \(IPO\) of joint 3 moves at 0.005 rad/s",), request={"command_timeout_s": 3.0},
         faults=({"fault": "ipo_moves", "after_state": "COMMANDING_WAIT", "cycles": 10**6, "joint": 3, "value": 0.005},),
     )  # fmt: skip

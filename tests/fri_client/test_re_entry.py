@@ -83,6 +83,23 @@ def test_after_each_pause_the_robot_sees_a_motion_inside_every_limit_that_drives
         assert mine[: len(theirs)] == pytest.approx(theirs, abs=1e-12)
 
 
+def test_re_entries_that_break_off_again_and_again_end_where_the_path_does() -> None:
+    """None of them was ever finished, so the end of the path was never seen, and the arm was driven on and on."""
+    drive = Drive(program())
+    drive.tick(4700)
+    for _ in range(200):
+        drive.motion.resume_from_rest()
+        drive.tick(60)
+    drive.tick(60_000)
+    assert drive.motion.phase == MotionPhase.DONE
+    assert drive.motion.stop_reason is None
+    assert drive.motion.periods_completed == 2
+    end = np.array(sine_table()[-1])
+    assert np.abs(np.array(drive.commands[-1]) - end).max() < 0.05
+    for path, count in zip(drive.motion.commanded_paths(), range(1000), strict=False):
+        assert np.all(np.isfinite(path)), count
+
+
 @pytest.mark.parametrize("into", [0, 1, 40, 140])
 def test_a_stop_or_a_drop_after_a_pause_begins_where_the_arm_stands(into: int) -> None:
     ends: tuple[Callable[[MotionProgram], None], ...] = (lambda m: m.stop(OPERATOR), lambda m: m.latch())
