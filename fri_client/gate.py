@@ -9,7 +9,8 @@ the network, or lost to a stall in between. The gate adds the robot's time (`Pac
 
 - Too early: the robot may still be in the cycle of the last command, or cannot have sent this message yet. A second
   command would replace the first, and both steps would reach the arm as one. Nothing goes out; the robot bridges a
-  cycle without a command.
+  cycle without a command. An answer that left near the end of its cycle may have reached the next one: what counts is
+  the latest cycle that it may have reached.
 - Next: one step follows the last one. Up to 10 ms without a command the robot bridges (`re_entry`).
 - Unclear: on the edge of that time. Nothing goes out until it is over for sure.
 - Stands: the robot has had no command for longer, and stands on the last one. The next begins from rest.
@@ -69,6 +70,7 @@ class CommandGate:
     """
 
     __slots__ = (
+        "_apart_by_ns",
         "_apart_ns",
         "_at_counter",
         "_at_ns",
@@ -79,10 +81,12 @@ class CommandGate:
         "_edge_ns",
         "_in_cycle_ns",
         "_landed_ns",
+        "_latest_ns",
         "_left_ns",
         "_period_ns",
         "_phase_ns",
         "_samples",
+        "_send_period_ns",
         "guard",
         "last_send_ns",
     )
@@ -91,11 +95,13 @@ class CommandGate:
         self._channel = channel
         self._clock = clock
         self._clock_ns = clock_ns
-        self._at_ns: int | None = None  # time of the message that the last position answered
+        self._at_ns: int | None = None  # beginning of the cycle whose message the last position answered
+        self._latest_ns = 0  # beginning of the latest cycle that it may have reached
         self._at_counter = 0
         self._left_ns = 0  # when that position left
         self._landed_ns = 0  # so much later it has reached the robot for sure, before the message that came then left
         self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._in_cycle_ns = self._apart_ns = 0
+        self._send_period_ns = self._apart_by_ns = 0
         self._samples = 1
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
@@ -112,6 +118,8 @@ class CommandGate:
         # At which message of several the robot's command cycle begins is not told: it may end with the next one.
         self._in_cycle_ns = int(_IN_CYCLE * period_ns / samples_per_command)
         self._apart_ns = period_ns - self._in_cycle_ns
+        self._send_period_ns = period_ns // samples_per_command
+        self._apart_by_ns = period_ns - self._send_period_ns // 2
         self._phase_ns = (period_ns - period_ns // samples_per_command) // 2
         self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
         self._at_ns = None
@@ -137,19 +145,19 @@ class CommandGate:
             return _TOO_EARLY
         clock, edge, bridged = self._clock, self._edge_ns, self._bridged_ns
         if clock.simulated:
-            if cycle_ns - at_ns < self._period_ns // 2:
-                return _TOO_EARLY
             edge = self._phase_ns
         elif time_ns - self._left_ns < (self._landed_ns if clock.is_settled else self._period_ns):
+            return _TOO_EARLY
+        if cycle_ns - self._latest_ns < self._apart_by_ns:
             return _TOO_EARLY
         # By a message that was read late the robot may be a cycle further than the message says.
         if time_ns - at_ns < bridged - edge:
             return _NEXT
-        return _STANDS if cycle_ns - at_ns > bridged + edge else _UNCLEAR
+        return _STANDS if cycle_ns - self._latest_ns > bridged + edge else _UNCLEAR
 
     def robot_stands(self, time_ns: int) -> bool:
         """Whether the robot has had no command for longer than it bridges, or none at all."""
-        return self._at_ns is None or time_ns - self._at_ns > self._bridged_ns + self._edge_ns
+        return self._at_ns is None or time_ns - self._latest_ns > self._bridged_ns + self._edge_ns
 
     def send(self, judged: Judged, datagram: bytes, address: Address, moment: Moment) -> int | None:
         """Send the position that was judged, as that datagram. When it left, ns; 0: the network refused it; None: the
@@ -166,7 +174,11 @@ class CommandGate:
         # What waits already may be the next message, sent before this command came, and read after any stall.
         disturbed = self._channel.is_waiting()
         self._landed_ns = self._apart_ns + disturbed * self._period_ns
-        self._at_ns, self._at_counter = moment.cycle_ns, moment.counter
+        cycle_ns, _, self._at_counter = moment
+        self._at_ns = self._latest_ns = cycle_ns
+        if not self._clock.simulated:  # on the grid of messages: at which of several a cycle begins is not told
+            send_ns = self._send_period_ns
+            self._latest_ns += (left_ns - cycle_ns + send_ns - self._in_cycle_ns) // send_ns * send_ns
         guard.accept(judged)
         return left_ns
 

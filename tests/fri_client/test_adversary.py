@@ -83,18 +83,31 @@ def test_a_forgery_while_the_robots_clock_is_not_known_again(share: float) -> No
         assert_inside(play(Setting(duration_ms=1000), (restart, Move("forged", at, 4, share, "receive"))))
 
 
+@pytest.mark.parametrize("value", [0.99, 1.2, 2.5])
+@pytest.mark.parametrize(("period", "multiplier"), [(1, 1), (1, 2), (2, 2), (5, 1), (10, 1)])
+def test_messages_that_arrive_unevenly(period: int, multiplier: int, value: float) -> None:
+    """An answer that left near the end of its cycle reached the next one, and the next answer reached it too: hundreds
+    of commands at up to 143 % of the velocity limit and 8 235 % of the acceleration limit.
+    """
+    setting = Setting(send_period_ms=period, receive_multiplier=multiplier, duration_ms=250 * period)
+    assert_inside(play(setting, (Move("jitter", 52, 150, value),)))
+
+
 @pytest.mark.parametrize("move", [
     Move("period", 36, 3, 5),
     Move("period", 5, 3, 2),
     Move("swap", 46),
     Move("lose", 46, 1),
 ])  # fmt: skip
+@pytest.mark.parametrize("ipo_speed", [0.07, 0.4])
 @pytest.mark.parametrize("send_period_ms", [1, 5, 10])
-def test_a_set_point_that_moves_is_not_followed_into_a_jump(move: Move, send_period_ms: int) -> None:
+def test_a_set_point_that_moves_is_not_followed_into_a_jump(
+    move: Move, send_period_ms: int, ipo_speed: float
+) -> None:
     """One message that stated another period made the guard forget where the arm was: 2 188 % of a velocity limit.
     A message lost before a motion: jerk 813 %.
     """
-    setting = Setting(send_period_ms=send_period_ms, ipo_speed=0.4, duration_ms=150 * send_period_ms)
+    setting = Setting(send_period_ms=send_period_ms, ipo_speed=ipo_speed, duration_ms=150 * send_period_ms)
     assert play(setting, (move,)).judgement.excess_count == 0
 
 

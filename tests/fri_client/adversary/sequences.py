@@ -26,6 +26,7 @@ KINDS: dict[str, tuple[int, float, float, bool]] = {
     "state": (4, 0.0, 9.0, True),
     "counter": (12, -5000.0, 5000.0, True),
     "counter_for_good": (1, -100000.0, 100000.0, True),
+    "jitter": (200, 0.2, 2.5, False),
     "stamp": (5, -2000.0, 2000.0, False),
     "forged": (10, 0.02, 0.98, False),
     "stale": (1, 0.1, 40.0, False),

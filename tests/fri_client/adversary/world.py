@@ -273,6 +273,9 @@ class World:
                 datagrams = [message, message]
             case "late":
                 delay += int(value * 1e6)
+            case "jitter":
+                share = np.random.default_rng([move.at, self.active_messages]).uniform(0.0, value)
+                delay += int(share * self.period_ns)
             case "swap":
                 self.held_back.append(self._message(**claim))
                 datagrams = []
