@@ -32,7 +32,6 @@ _CHUNK = struct.Struct("<QQQI")
 class Found:
     """Everything the bytes gave, in file order; ids as in the original."""
 
-    profile: str | None = None
     schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     channels: dict[int, tuple[int, str, str, dict[str, str]]] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
@@ -182,14 +181,12 @@ def _decompress(packed: bytes, compression: str, size: int) -> bytes:
 
 
 def _plain_record(opcode: int, content: bytes, found: Found) -> RawMessage | None:
-    """Note a schema, channel, header or metadata; give back a message. Raises ValueError on a malformed record."""
+    """Note a schema, channel or metadata; give back a message. Raises ValueError on a malformed record."""
     cursor = _Cursor(content)
     if opcode == Opcode.MESSAGE:
         channel, sequence, log_time, publish_time = _MESSAGE.unpack(cursor.take(_MESSAGE.size))
         return RawMessage(channel, sequence, log_time, publish_time, cursor.rest())
-    if opcode == Opcode.HEADER:
-        found.profile = cursor.text()
-    elif opcode == Opcode.SCHEMA:
+    if opcode == Opcode.SCHEMA:
         number = cursor.integer(2)
         name, encoding = cursor.text(), cursor.text()
         found.schemas[number] = (name, encoding, cursor.take(cursor.integer(4)))

@@ -96,8 +96,6 @@ def test_re_entries_that_break_off_again_and_again_end_where_the_path_does() -> 
     assert drive.motion.periods_completed == 2
     end = np.array(sine_table()[-1])
     assert np.abs(np.array(drive.commands[-1]) - end).max() < 0.05
-    for path, count in zip(drive.motion.commanded_paths(), range(1000), strict=False):
-        assert np.all(np.isfinite(path)), count
 
 
 @pytest.mark.parametrize("into", [0, 1, 40, 140])
