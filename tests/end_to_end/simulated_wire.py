@@ -39,6 +39,8 @@ class SimulatedWire:
     now_ns: int = 1_000_000_000
     beside: Callable[[], None] = lambda: None
     """Called in each of the robot's cycles, for what other processes do beside the loop."""
+    held_up: tuple[int, int] | None = None
+    """Every so many waits the robot's process wakes up so much later than it wanted to, ns."""
 
     def __post_init__(self) -> None:
         self._forth = Direction(self.trouble, self.share, (self.seed, 0), to_client=True)
@@ -145,6 +147,7 @@ class RobotEnd:
     def __init__(self, wire: SimulatedWire) -> None:
         self._wire = wire
         self._arrived: deque[bytes] = deque()
+        self._waits = 0
 
     def now_ns(self) -> int:
         return self._wire.now_ns
@@ -153,6 +156,9 @@ class RobotEnd:
         return EPOCH_S + self._wire.now_ns * 1e-9
 
     def wait_until(self, deadline_ns: int) -> None:
+        self._waits += 1
+        if self._wire.held_up is not None and self._waits % self._wire.held_up[0] == 0:
+            deadline_ns += self._wire.held_up[1]
         while self._wire.now_ns < deadline_ns:
             self._wire.let_the_loop_run(deadline_ns, hears=False)
 

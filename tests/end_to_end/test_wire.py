@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +40,12 @@ WHY = {
 }
 
 
-def run_in_simulated_time(case: FaultCase) -> tuple[LoopResult, dict[str, Any], int]:
+def run_in_simulated_time(
+    case: FaultCase, held_up: tuple[int, int] | None = None
+) -> tuple[LoopResult, dict[str, Any], int]:
     """What the loop says, the robot's summary, and how many of the records that the loop handed over were answers."""
     assert case.wire is not None
-    wire = SimulatedWire(*case.wire, seed=11)
+    wire = SimulatedWire(*case.wire, seed=11, held_up=held_up)
     table = short_motion().table(1000.0)
     settings = robot_settings(case, table)
     robot = FakeRobot(
@@ -92,6 +95,18 @@ def test_a_bad_wire_makes_no_wrong_command(case: FaultCase) -> None:
         assert robot["judgement"]["passed"], robot["judgement"]["excesses"]
     assert robot["arm_speed_at_end_rad_s"] < REST_RAD_S
     assert answered >= robot["counts"]["answered"] > 0
+
+
+@pytest.mark.parametrize("held_up_ms", [7, 13, 53, 400])
+def test_the_arm_stands_while_the_process_of_the_robot_is_held_up(held_up_ms: int) -> None:
+    """It counted one cycle where 53 ms had passed: the re-entry from rest, which was right, was judged as a jump."""
+    case = next(case for case in WIRE_CASES if case.name == "jitter-20%")
+    quiet = replace(case, wire=(case.wire[0], 0.0)) if case.wire else case
+    result, robot, _ = run_in_simulated_time(quiet, (67, held_up_ms * 1_000_000))
+    assert result.outcome == "completed", result.sentence
+    assert (robot["counts"]["own_overruns"] > 3) == (held_up_ms > 10)
+    assert robot["judgement"]["passed"], robot["judgement"]["excesses"]
+    assert robot["simulated_time_s"] == pytest.approx(robot["wall_time_s"], abs=held_up_ms * 1e-3 + 0.02)
 
 
 def test_simulated_time_gives_the_same_run_again() -> None:
