@@ -1,12 +1,18 @@
-"""What every test may use: the folder of reference material beside the checkout, where there is one."""
+"""What every test may use: the folder of reference material beside the checkout, where there is one; and no test that
+draws its cases is judged by how long the machine takes.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session")
