@@ -15,8 +15,7 @@ import os
 import numpy as np
 
 from daemon.cli.prove import show_proof
-from daemon.prove import prove
-from daemon.prove_table import summary
+from daemon.prove import Source, prove
 
 
 def main() -> None:
@@ -29,7 +28,7 @@ def main() -> None:
     options = parser.parse_args()
     print(f"reproduce: python -m benchmarks.prove --cases {options.cases} --seed {options.seed}")
     proven = prove(
-        options.seed,
+        Source(options.seed),
         range(options.cases),
         jobs=options.jobs,
         report=options.report,
@@ -41,7 +40,7 @@ def main() -> None:
     counts, _ = np.histogram(visibility, edges)
     bins = [f"{low:g} to {high:g}: {n}" for (low, high), n in zip(itertools.pairwise(edges), counts, strict=True)]
     print("singles by λ:", ", ".join(bins))
-    show_proof(scores, summary(scores))
+    show_proof("library", scores)
 
 
 if __name__ == "__main__":

@@ -28,11 +28,14 @@ from typing import Any
 from daemon.errors import ProofProcessError, SealBrokenError
 from daemon.prove_score import CaseScore, score_case
 
-__all__ = ["GENERATOR", "WORKER", "ProvenCase", "page_name", "prove", "select_cases"]
+__all__ = ["GENERATOR", "WORKER", "ProvenCase", "Source", "page_name", "prove", "select_cases"]
 
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.prove_worker")
-_KEPT_OF_DIAGNOSIS = ("verdict", "baseline", "findings", "data_faults", "heldout", "not_identifiable_here", "remaining")
+_KEPT_OF_DIAGNOSIS = (
+    "verdict", "baseline", "findings", "classes", "class_model", "data_faults", "heldout", "not_identifiable_here",
+    "remaining",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,13 +107,32 @@ class _Diagnoser:
         self._process.close()
 
 
-def select_cases(seed: int, cases: int, only: str | None) -> list[int]:
-    """Numbers of a seed's first `cases` cases; only: of one group, one family in it, or one family: 'single/gain'."""
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where cases come from: world and seed; sealed: the world's sealed families; recordings: folder of real ones."""
+
+    seed: int
+    world: str = "library"
+    sealed: bool = False
+    recordings: Path | None = None
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Of the process that draws the cases."""
+        return (
+            *GENERATOR, "--seed", str(self.seed), "--world", self.world,
+            *(("--sealed",) if self.sealed else ()),
+            *(() if self.recordings is None else ("--recordings", str(self.recordings))),
+        )  # fmt: skip
+
+
+def select_cases(source: Source, cases: int, only: str | None) -> list[int]:
+    """Numbers of a source's first `cases` cases; only: of one group, one family in it, or one family: 'single/gain'."""
     if only is None:
         return list(range(cases))
     group, _, family = only.partition("/")
     chosen: list[int] = []
-    with contextlib.closing(_LineProcess((*GENERATOR, "--seed", str(seed)))) as generator:
+    with contextlib.closing(_LineProcess(source.arguments)) as generator:
         for index in range(200 * cases + 1000):
             plan = generator.ask({"plan": index})
             names = (*plan["families"], plan["kind"])
@@ -122,7 +144,7 @@ def select_cases(seed: int, cases: int, only: str | None) -> list[int]:
 
 
 def prove(
-    seed: int,
+    source: Source,
     indices: Sequence[int],
     *,
     jobs: int,
@@ -133,7 +155,7 @@ def prove(
     progress: Callable[[int, int], None] | None = None,
     minutes: float = math.inf,
 ) -> list[ProvenCase]:
-    """Diagnose the cases of a seed blind and score them, in the order of their numbers.
+    """Diagnose cases of a source blind and score them, in the order of their numbers.
 
     minutes: after which no further case is begun; those that are done are opened and scored. report: each diagnosis is
     also written as a report, within the time of its case. pages: folder that keeps them, each as `page_name` says;
@@ -156,7 +178,7 @@ def prove(
     ):
         processes = [
             (
-                stack.enter_context(contextlib.closing(_LineProcess((*GENERATOR, "--seed", str(seed))))),
+                stack.enter_context(contextlib.closing(_LineProcess(source.arguments))),
                 stack.enter_context(contextlib.closing(_Diagnoser(worker))),
             )
             for _ in range(lanes)
@@ -172,11 +194,13 @@ def prove(
 
         blind = [future.result() for future in [pool.submit(run_lane, *pair) for pair in processes]]
         # Not before the last diagnosis is in: now the labels are opened.
-        proven = [
-            _opened(case, generator.ask({"open": case["index"]}))
+        opened = [
+            (case, _opened(case, generator.ask({"open": case["index"]})))
             for (generator, _), lane in zip(processes, blind, strict=True)
             for case in lane
         ]
+    bare = {label["recording"]: case["answer"].get("diagnosis") for case, label in opened if label["group"] == "bare"}
+    proven = [_scored(case, label, bare.get(label.get("recording"))) for case, label in opened]
     return sorted(proven, key=lambda case: case.index)
 
 
@@ -206,8 +230,7 @@ def _diagnose_blind(
     folder = scratch / name
     drawn = generator.ask({"draw": index, "folder": str(folder)})
     publish(name, drawn["commitment"])
-    first, second = drawn["recordings"]
-    request: dict[str, Any] = {"recordings": [first], "heldout": [second]}
+    request: dict[str, Any] = {"recordings": drawn["recordings"], "heldout": drawn["heldout"]}
     if report or pages is not None:
         request["report"] = str(folder / "report.html")
     answer = diagnoser.ask(request)
@@ -218,12 +241,17 @@ def _diagnose_blind(
     return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
 
 
-def _opened(case: dict[str, Any], seal: dict[str, str]) -> ProvenCase:
+def _opened(case: dict[str, Any], seal: dict[str, str]) -> dict[str, Any]:
     if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != case["commitment"]:
         raise SealBrokenError(case["name"])
-    label, answer = json.loads(seal["label"]), case["answer"]
+    label: dict[str, Any] = json.loads(seal["label"])
+    return label
+
+
+def _scored(case: dict[str, Any], label: dict[str, Any], bare: dict[str, Any] | None) -> ProvenCase:
+    answer = case["answer"]
     diagnosis = answer.get("diagnosis")
     error = answer.get("error")
-    score = score_case(label, diagnosis, float(answer.get("seconds", 0.0)), error)
+    score = score_case(label, diagnosis, float(answer.get("seconds", 0.0)), error, bare)
     kept = {name: diagnosis[name] for name in _KEPT_OF_DIAGNOSIS if name in diagnosis} if diagnosis else None
     return ProvenCase(case["index"], case["name"], case["commitment"], label, kept, score, error)

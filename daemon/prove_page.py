@@ -8,12 +8,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from daemon.prove import ProvenCase
+from daemon.prove import ProvenCase, Source
 from daemon.prove_score import CaseScore
-from daemon.prove_table import NO_NAME, Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
+from daemon.prove_table import (
+    NO_NAME,
+    Rate,
+    Target,
+    confusion,
+    family_rows,
+    negatives,
+    summary,
+    targets,
+    wrong_answers,
+)  # fmt: skip
+from daemon.prove_worlds import STRONG_IN, world_family_rows, world_summary, world_targets
 from identification.report.document import Document, Paragraph, Section, Table, Tone
 
-__all__ = ["proof_page", "proof_tables"]
+__all__ = ["aims_of", "figures_of", "proof_page", "proof_tables"]
 
 _RATES = {
     "detected": "detected", "joint": "joint right", "named": "named", "in_set": "or in set",
@@ -21,9 +32,50 @@ _RATES = {
 }  # fmt: skip
 
 
-def proof_tables(scores: Sequence[CaseScore], figures: Mapping[str, Any]) -> list[Table]:
-    """Families, confusion, negatives, the other figures, and last what was to be reached."""
-    aims = targets(figures)
+def figures_of(world: str, scores: Sequence[CaseScore]) -> dict[str, Any]:
+    """Every figure of one world's cases."""
+    return summary(scores) if world == "library" else world_summary(world, scores)
+
+
+def aims_of(world: str, figures: Mapping[str, Any]) -> list[Target]:
+    """What was to be reached in one world."""
+    return targets(figures) if world == "library" else world_targets(world, figures)
+
+
+def proof_tables(world: str, scores: Sequence[CaseScore], figures: Mapping[str, Any]) -> list[Table]:
+    """Families and what they were called, the other figures, and last what was to be reached."""
+    if world == "library":
+        tables = _library_tables(scores)
+    else:
+        caption = f"Families of the {world} world; names and classes at λ ≥ {STRONG_IN[world]:g}"
+        head = ("family", "cases", "wrong names", "named right", "class right", "said first, case by case")
+        tables = [Table(caption, head, tuple(world_family_rows(world, scores)), "words")]
+    aims = aims_of(world, figures)
+    return [
+        *tables,
+        Table(
+            "Everything else",
+            ("figure", "value"),
+            tuple(
+                (name.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+                for name, value in figures.items()
+            ),
+        ),
+        Table(
+            "What was to be reached",
+            ("to be reached", "wanted", "reached", "verdict"),
+            tuple(
+                (aim.text, aim.wanted, aim.reached, {None: "no case", True: "met", False: "NOT MET"}[aim.met])
+                for aim in aims
+            ),
+            "words",
+            tones=tuple(_tone(aim.met) for aim in aims),
+        ),
+    ]
+
+
+def _library_tables(scores: Sequence[CaseScore]) -> list[Table]:
+    """Families, confusion, negatives."""
     return [
         Table(
             "Singles without background; rates at λ ≥ 100, what an oracle needs is λ = 24",
@@ -55,37 +107,19 @@ def proof_tables(scores: Sequence[CaseScore], figures: Mapping[str, Any]) -> lis
                 (group, str(value), f"{100 * value.upper_bound:.1f} %") for group, value in negatives(scores).items()
             ),
         ),
-        Table(
-            "Everything else",
-            ("figure", "value"),
-            tuple(
-                (name.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
-                for name, value in figures.items()
-            ),
-        ),
-        Table(
-            "What was to be reached",
-            ("to be reached", "wanted", "reached", "verdict"),
-            tuple(
-                (aim.text, aim.wanted, aim.reached, {None: "no case", True: "met", False: "NOT MET"}[aim.met])
-                for aim in aims
-            ),
-            "words",
-            tones=tuple(_tone(aim.met) for aim in aims),
-        ),
     ]  # fmt: skip
 
 
-def proof_page(seed: int, proven: Sequence[ProvenCase], pages: Mapping[int, str]) -> Document:
+def proof_page(source: Source, proven: Sequence[ProvenCase], pages: Mapping[int, str]) -> Document:
     """The proof on one page. pages: for each case that has a page of its own, its address."""
     scores = [case.score for case in proven]
-    figures = summary(scores)
-    aims = [aim.met for aim in targets(figures) if aim.met is not None]
-    *tables, reached = proof_tables(scores, figures)
+    figures = figures_of(source.world, scores)
+    aims = [aim.met for aim in aims_of(source.world, figures) if aim.met is not None]
+    *tables, reached = proof_tables(source.world, scores, figures)
     wrong = wrong_answers([(case.index, case.score) for case in proven])
     lines = tuple(Paragraph(line) for line in wrong or ["None."])
     return Document(
-        title=f"Proof of the diagnosis: {len(proven)} concealed cases of seed {seed}",
+        title=f"Proof of the diagnosis: {len(proven)} concealed cases of seed {source.seed}, {source.world} world",
         verdict=f"{sum(aims)} of {len(aims)} aims that these cases can judge are met; {len(wrong)} of {len(proven)} "
         "cases have a wrong, a superfluous or a missing name (λ ≥ 60).",
         tone=_tone(all(aims) if aims else None),

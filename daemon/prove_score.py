@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from daemon.prove_classes import class_answer, excess_removed
+
 __all__ = ["CaseScore", "EffectScore", "score_case"]
 
 Json = Mapping[str, Any]
@@ -48,7 +50,9 @@ class CaseScore:
     answer no hidden effect; misnamed: how many of them stand for one that got no answer, the others are spurious.
     detected: whether any misfit was reported. right: for structural cases and common lags, whether the answer was the
     only right one. removed: share of the held-out excess energy that the findings removed, None where there is none.
-    failed: why there is no diagnosis; such a case is wrong in every count.
+    failed: why there is no diagnosis; such a case is wrong in every count. classes, class_right, classes_elsewhere:
+    what the torque is said to depend on (`prove_classes.ClassAnswer`); removed_by_classes: as removed, by the classes
+    without names. recording: of a case that is a real recording with an effect added.
     """
 
     group: str
@@ -65,10 +69,22 @@ class CaseScore:
     removed: float | None
     seconds: float
     failed: str | None = None
+    verdict: str | None = None
+    classes: tuple[str, ...] = ()
+    class_right: bool | None = None
+    classes_elsewhere: int = 0
+    removed_by_classes: float | None = None
+    recording: str | None = None
 
 
-def score_case(label: Json, diagnosis: Json | None, seconds: float, failed: str | None = None) -> CaseScore:
-    """Score of one case. diagnosis: contract §6, or None with the sentence of why there is none."""
+def score_case(
+    label: Json, diagnosis: Json | None, seconds: float, failed: str | None = None, bare: Json | None = None
+) -> CaseScore:
+    """Score of one case. diagnosis: contract §6, or None with the sentence of why there is none.
+
+    bare: diagnosis of the same real recording without the effect. What it names there is the recording's own, and no
+    extra where it is named again.
+    """
     findings: Sequence[Json] = sorted(
         diagnosis["findings"] if diagnosis else (), key=lambda finding: -float(finding.get("score") or 0.0)
     )
@@ -93,7 +109,14 @@ def score_case(label: Json, diagnosis: Json | None, seconds: float, failed: str 
             )
         )
     used = {id(match) for match in matches if match is not None}
-    extras = sum(id(finding) not in used and not _is_covering(truths, finding) for finding in findings)
+    own = [(finding["effect"], finding.get("joint")) for finding in (bare or {}).get("findings", ())]
+    extras = sum(
+        id(finding) not in used
+        and not _is_covering(truths, finding)
+        and (finding["effect"], finding.get("joint")) not in own
+        for finding in findings
+    )
+    depends = class_answer(truths, diagnosis, bare)
     return CaseScore(
         group=label["group"],
         kind=label["kind"],
@@ -106,9 +129,17 @@ def score_case(label: Json, diagnosis: Json | None, seconds: float, failed: str 
         misnamed=min(extras, sum(match is None for match in matches)),
         detected=bool(findings) or _is_detected(diagnosis),
         right=_is_structurally_right(label, diagnosis, findings, extras),
-        removed=_removed(label, diagnosis),
+        removed=_removed(label, diagnosis, bare, "heldout", ("rms_before_nm", "rms_after_nm")),
         seconds=seconds,
         failed=failed,
+        verdict=None if diagnosis is None else diagnosis.get("verdict"),
+        classes=depends.claims,
+        class_right=depends.right,
+        classes_elsewhere=depends.elsewhere,
+        removed_by_classes=None
+        if diagnosis is not None and not diagnosis.get("class_model")
+        else _removed(label, diagnosis, bare, "class_model", ("heldout_before_nm", "heldout_after_nm")),
+        recording=label.get("recording"),
     )
 
 
@@ -224,24 +255,31 @@ def _is_structurally_right(label: Json, diagnosis: Json | None, findings: Sequen
     return told and {("bending_crosstalk", 1), ("joint_crosstalk", 1)} <= names
 
 
-def _removed(label: Json, diagnosis: Json | None) -> float | None:
-    """1 - E₁/E₀ on the held-out recording, E the mean square error beyond the noise floor on the joints affected.
+def _removed(
+    label: Json, diagnosis: Json | None, bare: Json | None, table: str, names: tuple[str, str]
+) -> float | None:
+    """`excess_removed` on the held-out recording, on the joints affected, by one table of the diagnosis.
 
-    Joints that the effects are visible on: the others hold nothing but noise, of only few periods. None where the
-    excess does not exceed the noise itself, as there is then nothing to remove that could be told from it; and for
-    effects between periods, as those of the held-out recording are its own and are found there.
+    Joints that the effects are visible on: the others hold nothing but noise, of only few periods. The floor is the
+    noise, or what the plain fit leaves of the same real recording without the effect. None for effects between periods,
+    as those of the held-out recording are its own and are found there.
     """
     truths = label["effects"]
-    if not truths or any(truth["effect"] in _BETWEEN_PERIODS for truth in truths):
+    if not truths or any(_is_change(truth) for truth in truths):
         return None
     if diagnosis is None:
         return 0.0
     heldout = diagnosis.get("heldout") or {}
     floors = heldout.get("noise_floor_nm") or ()
+    if bare is not None:
+        floors = (bare.get("heldout") or {}).get("rms_before_nm") or ()
     joints = sorted({joint - 1 for truth in truths for joint in truth["visible_joints"] if joint <= len(floors)})
-    noise = sum(floors[joint] ** 2 for joint in joints)
-    before, after = (
-        sum(heldout[name][joint] ** 2 for joint in joints) - noise if joints else 0.0
-        for name in ("rms_before_nm", "rms_after_nm")
-    )
-    return min(1.0, 1.0 - after / before) if before > noise else None
+    values = [(diagnosis.get(table) or {}).get(name) or () for name in names]
+    if not joints or any(len(row) <= joints[-1] for row in values):
+        return None
+    before, after = ([row[joint] for joint in joints] for row in values)
+    return excess_removed(before, after, [floors[joint] for joint in joints])
+
+
+def _is_change(truth: Json) -> bool:
+    return truth["effect"] in _BETWEEN_PERIODS or "time" in truth.get("classes", ())

@@ -32,6 +32,8 @@ STRONG = 100.0
 VERY_STRONG = 1000.0
 WORTH_A_LOOK = 60.0
 NOTHING_HIDDEN = ("negative", "decoy", "background")
+UNNAMED = ("outside", "structural", "alien", "hybrid")
+"""Groups whose effects need not have a name."""
 LIBRARY_FORMS = ("library", "first_order_lag")
 NO_NAME = "no name"
 SINGLES_FOR_A_CURVE = 40
@@ -236,6 +238,20 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
         "outside_detected": rate(score.detected for score in outside if score.effects[0].visibility >= ORACLE_VISIBLE),
         "pairs_both": _both(scores, "pair"),
         "triples_all": _both(scores, "triple"),
+        "singles_name_or_class": rate(
+            s.effects[0].named or bool(s.class_right)
+            for s in scores
+            if s.group == "single" and s.excitation not in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
+        ),
+        "background_name_or_class_share_above_50": rate(
+            s.effects[0].named or bool(s.class_right)
+            for s in scores
+            if s.group == "single_background" and (s.effects[0].share or 0.0) >= 0.5
+        ),
+        "false_classes": rate(bool(s.classes) for s in plain if s.class_right is not None),
+        "false_classes_background": rate(
+            bool(s.classes) for s in scores if s.group == "background" and s.class_right is not None
+        ),
         "extras": rate(score.extras > score.misnamed or score.failed is not None for score in scores),
         "structural": rate(bool(score.right) for score in scores if score.group == "structural"),
         "amplitude_cases": len(errors),
@@ -258,9 +274,7 @@ def wrong_answers(cases: Sequence[tuple[int, CaseScore]]) -> list[str]:
         missed = [
             effect
             for effect in score.effects
-            if score.group not in ("outside", "structural")
-            and not effect.named
-            and effect.partial_visibility >= WORTH_A_LOOK
+            if score.group not in UNNAMED and not effect.named and effect.partial_visibility >= WORTH_A_LOOK
         ]
         if not (missed or score.extras or score.right is False or score.failed):
             continue
@@ -273,6 +287,8 @@ def wrong_answers(cases: Sequence[tuple[int, CaseScore]]) -> list[str]:
             for name, joint in zip(score.claimed, score.claimed_joints, strict=True)
         )
         answer = score.failed or claimed or NO_NAME
+        if score.classes:
+            answer += f" ({', '.join(score.classes)})"
         lines.append(f"case {index} {score.group} {score.kind} [{score.excitation}]: {hidden or 'nothing'} → {answer}")
     return lines
 

@@ -14,8 +14,13 @@ from rich.table import Table
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
+from daemon.prove import ProvenCase, Source, page_name, select_cases
+from daemon.prove import prove as run_proof
 from daemon.prove_score import CaseScore
-from daemon.prove_table import Rate, confusion, family_rows, negatives, summary, targets, wrong_answers
+from daemon.prove_table import Rate, confusion, family_rows, negatives, wrong_answers
+
+FORMAT = "iiwa-ident/proof/1"
+WORLDS = ("library", "alien", "hybrid")
 
 
 @app.command()
@@ -23,6 +28,16 @@ def prove(
     cases: Annotated[int, typer.Option("--cases", min=1, help="Concealed cases; any number is spread evenly.")] = 100,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Below 10000: tuning; from 1000000 on: final runs.")] = 1,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Cases at a time; default: processors.")] = None,
+    world: Annotated[
+        list[str] | None,
+        typer.Option("--world", metavar="NAME", help="library (default), alien or hybrid; again for one more."),
+    ] = None,
+    sealed: Annotated[
+        bool, typer.Option("--sealed", help="The worlds' sealed families only: for a final run, and then no more.")
+    ] = False,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", metavar="DIR", help="Real recordings of the hybrid world.")
+    ] = None,
     only: Annotated[
         str | None, typer.Option("--only", metavar="GROUP/FAMILY", help="'pair', 'single/gain' or '/gain' only.")
     ] = None,
@@ -41,69 +56,110 @@ def prove(
 ) -> None:
     """Prove the diagnosis on concealed cases: draw, seal, diagnose blind in other processes, open the seals, score.
 
+    Three worlds: `library` (forms that the diagnosis knows, and a few others), `alien` (physics from the literature
+    that it was not written for) and `hybrid` (an effect added to a real recording).
+
     Example: iiwa-ident prove --cases 600 --seed 1000000 --json proof.json
     """
-    from daemon.prove import page_name, select_cases
-    from daemon.prove import prove as run_proof
+    worlds = tuple(dict.fromkeys(world or ["library"]))
+    for name in worlds:
+        if name not in WORLDS:
+            raise typer.BadParameter(f"there is no world '{name}'; the worlds are {', '.join(WORLDS)}")
+    if sealed and "library" in worlds:
+        raise typer.BadParameter("no family of the library is sealed: everybody has seen them")
+    results = []
+    for name in worlds:
+        source = Source(seed, name, sealed, recordings)
+        folder = out / name if out is not None and len(worlds) > 1 else out
+        proven = _run(source, cases, only, jobs, math.inf if minutes is None else minutes, report, folder)
+        results.append(_result(source, only, proven))
+        if folder is not None:
+            _write_pages(source, proven, folder, results[-1])
+        if not wants_json_on_stdout(json_file):
+            _show(source, proven, folder)
+    if json_file is not None:
+        write_json(json_file, results[0] if len(results) == 1 else {"format": FORMAT, "worlds": results})
 
-    indices = select_cases(seed, cases, only)
+
+def _run(
+    source: Source, cases: int, only: str | None, jobs: int | None, minutes: float, report: bool, out: Path | None
+) -> list[ProvenCase]:
+    """The proof of one world, with what is sealed and how far it is on the terminal."""
+    indices = select_cases(source, cases, only)
     if not indices:
         raise typer.BadParameter(f"no case is called '{only}'; groups: single, negative, decoy, background, pair, …")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with progress_shown(lines=False) as show:
-        proven = run_proof(
-            seed,
+        return run_proof(
+            source,
             indices,
             jobs=jobs or os.cpu_count() or 1,
-            minutes=math.inf if minutes is None else minutes,
+            minutes=minutes,
             report=report,
             pages=out,
             publish=lambda name, commitment: message(f"case {name}: label sealed, sha256 {commitment}"),
             progress=lambda done, total: show(f"{done} of {total} cases diagnosed", done / total),
         )
+
+
+def _result(source: Source, only: str | None, proven: list[ProvenCase]) -> dict[str, Any]:
+    """The proof of one world as JSON."""
+    from daemon.prove_page import aims_of, figures_of
+
     scores = [case.score for case in proven]
-    figures = summary(scores)
-    result = plain(
+    figures = figures_of(source.world, scores)
+    tables = (
+        {"families": family_rows(scores), "negatives": negatives(scores), "confusion": confusion(scores)}
+        if source.world == "library"
+        else {}
+    )
+    result: dict[str, Any] = plain(
         {
-            "format": "iiwa-ident/proof/1",
-            "seed": seed,
+            "format": FORMAT,
+            "world": source.world,
+            "sealed_families": source.sealed,
+            "seed": source.seed,
             "only": only,
             "summary": figures,
-            "targets": [dataclasses.asdict(target) for target in targets(figures)],
-            "families": family_rows(scores),
-            "negatives": negatives(scores),
-            "confusion": confusion(scores),
+            "targets": [dataclasses.asdict(target) for target in aims_of(source.world, figures)],
+            **tables,
             "cases": [dataclasses.asdict(case) for case in proven],
         }
     )
-    if json_file is not None:
-        write_json(json_file, result)
-    if out is not None:
-        from daemon.prove_page import proof_page
-        from identification.report.page import render
+    return result
 
-        names = {case.index: page_name(case.index) for case in proven}
-        pages = {index: name for index, name in names.items() if (out / name).is_file()}
-        (out / "index.html").write_text(render(proof_page(seed, proven, pages)), encoding="utf-8")
-        write_json(out / "proof.json", result)
-    if wants_json_on_stdout(json_file):
-        return
-    show_proof(scores, figures)
+
+def _write_pages(source: Source, proven: list[ProvenCase], out: Path, result: dict[str, Any]) -> None:
+    """The proof's own page beside those of the cases, and its JSON."""
+    from daemon.prove_page import proof_page
+    from identification.report.page import render
+
+    names = {case.index: page_name(case.index) for case in proven}
+    pages = {index: name for index, name in names.items() if (out / name).is_file()}
+    (out / "index.html").write_text(render(proof_page(source, proven, pages)), encoding="utf-8")
+    write_json(out / "proof.json", result)
+
+
+def _show(source: Source, proven: list[ProvenCase], out: Path | None) -> None:
+    """The proof of one world on stdout."""
+    data(f"World: {source.world}{', sealed families' if source.sealed else ''}")
+    show_proof(source.world, [case.score for case in proven])
     data("Wrong, superfluous or missing (λ ≥ 60) names:")
     for line in wrong_answers([(case.index, case.score) for case in proven]) or ["none"]:
         data(f"  {line}")
-    data(f"One of these cases again: python -m fixtures.cases --seed {seed} --case I --out DIR")
+    world = "".join(f" {word}" for word in source.arguments[2:] if word != "--serve")
+    data(f"One of these cases again: python -m fixtures.cases{world} --case I --out DIR")
     if out is not None:
         data("The page to open:")
         data(f"  {out / 'index.html'}")
 
 
-def show_proof(scores: list[CaseScore], figures: dict[str, Any]) -> None:
-    """Families, confusion, negatives, the other figures, and what was to be reached, on stdout."""
-    from daemon.prove_page import proof_tables
+def show_proof(world: str, scores: list[CaseScore]) -> None:
+    """The tables of one world's cases, and what was to be reached, on stdout."""
+    from daemon.prove_page import figures_of, proof_tables
 
-    for table in proof_tables(scores, figures):
+    for table in proof_tables(world, scores, figures_of(world, scores)):
         shown = Table(*table.head)
         for row in table.rows:
             shown.add_row(*row)

@@ -272,7 +272,7 @@ def test_the_diagnosing_side_sees_two_recordings_and_nothing_else(tmp_path: Path
     def publish(name: str, commitment: str) -> None:
         published.append((name, commitment, len(log.read_text().splitlines()) if log.exists() else 0))
 
-    proven = proof.prove(TUNING_SEED, [0, 1, 3], jobs=1, worker=[str(stub), str(log)], publish=publish)
+    proven = proof.prove(proof.Source(TUNING_SEED), [0, 1, 3], jobs=1, worker=[str(stub), str(log)], publish=publish)
     seen = [json.loads(line) for line in log.read_text().splitlines()]
     assert [entry[2] for entry in published] == [0, 1, 2]  # each hash is out before its recordings are looked at
     for entry, case in zip(seen, proven, strict=True):
@@ -288,7 +288,9 @@ def test_the_diagnosing_side_sees_two_recordings_and_nothing_else(tmp_path: Path
 def test_when_the_time_is_up_no_case_is_begun(tmp_path: Path) -> None:
     stub = tmp_path / "stub.py"
     stub.write_text(STUB)
-    late = proof.prove(TUNING_SEED, [0, 1], jobs=1, worker=[str(stub), "log"], publish=unheard, minutes=0.0)
+    late = proof.prove(
+        proof.Source(TUNING_SEED), [0, 1], jobs=1, worker=[str(stub), "log"], publish=unheard, minutes=0.0
+    )
     assert late == []
     assert summary([case.score for case in late])["cases"] == 0
 
@@ -306,7 +308,9 @@ def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:
         "import os\nif not os.path.exists(__import__('sys').argv[1]):\n"
         "    input(); open(__import__('sys').argv[1], 'w').close(); os.kill(os.getpid(), 9)\n" + STUB
     )
-    first, second = proof.prove(TUNING_SEED, [0, 1], jobs=1, worker=[str(stub), str(log)], publish=unheard)
+    first, second = proof.prove(
+        proof.Source(TUNING_SEED), [0, 1], jobs=1, worker=[str(stub), str(log)], publish=unheard
+    )
     assert first.diagnosis is None
     assert first.error is not None
     assert "code -9" in first.error
@@ -316,7 +320,7 @@ def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:
 def test_the_report_is_written_only_where_it_is_asked_for(tmp_path: Path) -> None:
     stub, log = tmp_path / "stub.py", tmp_path / "log"
     stub.write_text(STUB)
-    proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(stub), str(log)], report=True, publish=unheard)
+    proof.prove(proof.Source(TUNING_SEED), [0], jobs=1, worker=[str(stub), str(log)], report=True, publish=unheard)
     (seen,) = (json.loads(line) for line in log.read_text().splitlines())
     assert Path(seen["request"]["report"]).parent == Path(seen["request"]["recordings"][0]).parent
 
@@ -326,10 +330,15 @@ def test_pages_are_kept_under_the_cases_numbers_and_one_page_leads_to_them(tmp_p
     stub.write_text(STUB.replace("    nothing", "    open(request['report'], 'w').close()\n    nothing"))
     pages.mkdir()
     proven = proof.prove(
-        TUNING_SEED, [0, 3], jobs=1, worker=[str(stub), str(tmp_path / "log")], pages=pages, publish=unheard
+        proof.Source(TUNING_SEED),
+        [0, 3],
+        jobs=1,
+        worker=[str(stub), str(tmp_path / "log")],
+        pages=pages,
+        publish=unheard,
     )
     assert sorted(file.name for file in pages.iterdir()) == ["case-0000.html", "case-0003.html"]
-    text = render(proof_page(TUNING_SEED, proven, {0: "case-0000.html"}))
+    text = render(proof_page(proof.Source(TUNING_SEED), proven, {0: "case-0000.html"}))
     assert '<a href="case-0000.html">case 0</a>' in text
     assert "case-0003.html" not in text
     for case in proven:
@@ -342,14 +351,14 @@ def test_without_the_keeper_of_the_labels_there_is_no_proof(tmp_path: Path, monk
     keeper.write_text("import sys; sys.exit(3)")
     monkeypatch.setattr(proof, "GENERATOR", (str(keeper),))
     with pytest.raises(ProofProcessError, match="code 3"):
-        proof.prove(TUNING_SEED, [0], jobs=1, worker=[str(keeper)], publish=unheard)
+        proof.prove(proof.Source(TUNING_SEED), [0], jobs=1, worker=[str(keeper)], publish=unheard)
 
 
 def test_strong_effects_are_named_and_negatives_are_left_alone() -> None:
     """End to end with the real diagnosis, on cases that nobody should get wrong: strong ones, and nothing hidden."""
     indices = [_strong("drift"), _strong("offset"), _strong("poslow")]
-    indices += proof.select_cases(TUNING_SEED, 2, "negative")
-    proven = proof.prove(TUNING_SEED, indices, jobs=1, publish=unheard)
+    indices += proof.select_cases(proof.Source(TUNING_SEED), 2, "negative")
+    proven = proof.prove(proof.Source(TUNING_SEED), indices, jobs=1, publish=unheard)
     for case in proven:
         assert case.error is None
         if case.label["effects"]:
