@@ -127,6 +127,8 @@ def robot_of_model(file: Path) -> RobotModel | None:
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
+    for sentence in set_up_lines(diagnosis):
+        data(sentence)
     for sentence in verdict_lines(diagnosis):
         data(sentence)
     remaining = diagnosis.remaining
@@ -141,6 +143,15 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     show_table(joint_table(diagnosis))
     for note in diagnosis.notes:
         data(f"note: {note}")
+
+
+def set_up_lines(diagnosis: Diagnosis) -> Sequence[str]:
+    """What differs between the given model and the arm, before anything that a fit of these recordings says."""
+    if diagnosis.audit is None:
+        return []
+    if not diagnosis.audit.differences:
+        return [f"Set-up: {diagnosis.audit.sentence}"]
+    return [f"Set-up: {item.sentence}" for item in diagnosis.audit.differences]
 
 
 def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:

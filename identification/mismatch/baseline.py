@@ -79,7 +79,7 @@ class ModelComparison:
 
     model_nm: what the model leaves. parameters_nm: torque between its parameters and those fitted with the
     findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings. torque_units: of
-    each joint, empty: all Nm.
+    each joint, empty: all Nm. set_up: what an audit of the set-up says in place of wrong links, empty where it is open.
     """
 
     source: str
@@ -90,6 +90,7 @@ class ModelComparison:
     parameters: tuple[ParameterDeviation, ...]
     links: tuple[LinkDeviation, ...]
     torque_units: tuple[str, ...] = ()
+    set_up: str = ""
 
     @property
     def sentence(self) -> str:
@@ -102,6 +103,8 @@ class ModelComparison:
             f"{self.source} leaves {model:.3g} Nm RMS (all joints together); with its parameters fitted anew "
             f"{refitted:.3g} Nm stay, and {named:.3g} Nm with what is named beside them. "
         )
+        if self.set_up:
+            return in_units(f"{parts}{self.set_up}", self.torque_units)
         if not wrong:
             return (
                 in_units(parts, self.torque_units) + "None of its parameters is further off than the fit leaves open."

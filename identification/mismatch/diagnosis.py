@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as fisher
 
+from identification.audit import Audit, audit
 from identification.base_parameters import BaseRegressor
-from identification.errors import EstimationError
+from identification.errors import EstimationError, RecordingError
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
@@ -96,6 +97,8 @@ def diagnose(
         raise EstimationError("No recording was given to diagnose")
     recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
+    report("the given model", 0.01)
+    audited = None if model is None else _audited(recordings, robot, model)
     split = None
     if not heldout and not any(recording.repeats for recording in recordings):
         split = default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)
@@ -106,6 +109,7 @@ def diagnose(
     turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
     count = len(recordings)
     to_fit, physics = turned[:count], not any(map(stops_physics, faults[:count]))
+    physics = physics and not (audited is not None and audited.makes_names_worthless)
     to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
     if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
         fit = nominal_fit(to_fit, robot, settings)
@@ -156,7 +160,11 @@ def diagnose(
         compared = compare_model(
             *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
         )
-        diagnosis = replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes))
+        if audited is not None and audited.settles:
+            compared = replace(compared, set_up=audited.sentence)
+        diagnosis = replace(
+            diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes), audit=audited
+        )
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
@@ -164,6 +172,14 @@ def diagnose(
         diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *sentences))
     report("done", 1.0)
     return in_units_of_joints(diagnosis, robot)
+
+
+def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Audit | None:
+    """What in the set-up differs from the model; None where the recordings are too short to be asked."""
+    try:
+        return audit(recordings, robot, model)
+    except RecordingError:
+        return None
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from identification.audit.difference import Audit
 from identification.mismatch.effects.base import Parameter, Place
 
 if TYPE_CHECKING:
@@ -296,10 +297,13 @@ class Diagnosis:
     torque_units: tuple[str, ...] = ()
     model_comparison: ModelComparison | None = None
     encoders: tuple[EncoderDifference, ...] = ()
+    audit: Audit | None = None
 
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
         baseline, heldout = self.baseline, self.heldout
+        differences = () if self.audit is None else self.audit.differences
+        known = {fault.fault for fault in self.data_faults}
         return {
             "format": DIAGNOSIS_FORMAT,
             "verdict": self.verdict,
@@ -314,8 +318,18 @@ class Diagnosis:
                 "noise_is_measured": baseline.noise_is_measured,
                 "rms_after_nm": json_list(self.rms_after_nm),
             },
-            "findings": [finding.to_json() for finding in self.findings],
-            "data_faults": [fault.to_json() for fault in self.data_faults],
+            "findings": [
+                *(item.to_finding_json() for item in differences if item.against == "model"),
+                *(finding.to_json() for finding in self.findings),
+            ],
+            "data_faults": [
+                *(fault.to_json() for fault in self.data_faults),
+                *(
+                    item.to_fault_json()
+                    for item in differences
+                    if item.against == "recording" and item.effect not in known
+                ),
+            ],
             "not_identifiable_here": [
                 {"effect": item.effect, "joint": item.place.joint, "reason": item.reason}
                 for item in self.not_identifiable
@@ -355,6 +369,8 @@ class Diagnosis:
             "curves": [curve.to_json() for curve in self.curves],
             "notes": list(self.notes),
             "provenance": plain(dict(self.provenance)),
+            **({} if self.audit is None else {"audit": self.audit.to_json()}),
+            **({} if self.audit is None else {"differences": [item.to_json() for item in differences]}),
             **({} if self.model_comparison is None else {"model_comparison": self.model_comparison.to_json()}),
             **({"encoder_difference": [item.to_json() for item in self.encoders]} if self.encoders else {}),
         }

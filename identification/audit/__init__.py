@@ -1,0 +1,6 @@
+"""The model you have against the arm you have: the fewest things in the set-up that are different, in numbers."""
+
+from identification.audit.audit import audit
+from identification.audit.difference import Audit, Difference, Number
+
+__all__ = ["Audit", "Difference", "Number", "audit"]

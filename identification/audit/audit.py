@@ -1,0 +1,170 @@
+"""The model you have and the arm you have: recordings and a model in, the fewest differences between them out.
+
+misread data → rows → search → numbers with intervals → sentences. Pure but for reading a simulator's file. Called by
+the diagnosis, `compare` and the benchmark.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.audit.basis import basis_of, left_on
+from identification.audit.columns import Geometry, SetUp
+from identification.audit.comparison import REPORT
+from identification.audit.difference import Audit, Difference
+from identification.audit.given import GivenModel, Sizes, given_model, sizes_of
+from identification.audit.hypotheses import Layout
+from identification.audit.misread import Misread, in_degrees, misread_order
+from identification.audit.numbers import found_numbers
+from identification.audit.rows import COULOMB_VELOCITY, rows_of
+from identification.audit.search import USED, Audited, search
+from identification.audit.sentences import difference_of, turned_signs
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.model_file import Model
+from identification.recordings.recording import Recording
+from identification.robots.model import RobotModel
+from identification.robots.simulator_models import read_simulator_model
+
+__all__ = ["audit"]
+
+FloatArray = npt.NDArray[np.float64]
+
+ENOUGH = 0.7
+"""Of what all parameters fitted anew explain: below it a name is not all."""
+STILL_ITS_OWN = 4.0
+"""A model that leaves less than so many times what it left of its own recordings holds."""
+TOO_WIDE = 0.5
+"""Of the torque's size: a model whose own uncertainty is larger foretells nothing."""
+
+
+TOO_LITTLE = (
+    "was made from a motion that shows too little of this one: its own uncertainty is larger than half of the torque "
+    "here, so nothing can be named against it."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Given:
+    model: GivenModel
+    sizes: Sizes
+    geometry: Geometry
+    set_up: SetUp
+
+
+def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Audit:
+    """What is different between a model and the arm of some recordings.
+
+    model: a model.json as read, or a simulator's file. Raises RecordingError for recordings that are too short or at
+    rest, ModelFileError or RobotError for a model of another arm.
+    """
+    misread: list[Misread] = []
+    degrees = [in_degrees(recording, robot.kinematics.revolute) for recording in recordings]
+    if all(recording is not None for recording in degrees):
+        recordings = [recording for recording in degrees if recording is not None]
+        every = tuple(range(1, robot.n + 1))
+        misread.append(Misread("wrong_unit", every, 0.0, "The positions are in degrees, read as radians"))
+    given = _prepared(recordings, robot, model)
+    other = misread_order(given.geometry, given.set_up, given.model)
+    if other is not None:
+        order, what = other
+        misread.append(what)
+        rows = given.geometry.rows
+        rows = replace(rows, torque=rows.torque[:, order], torque_rate=rows.torque_rate[:, order])
+        given = replace(given, geometry=Geometry(robot, rows))
+    if _too_wide(given):
+        return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
+    found = search(given.geometry, given.set_up, given.model, given.sizes)
+    return _said(found, given, misread)
+
+
+def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> _Given:
+    options = model.options if isinstance(model, Model) else RegressorOptions()
+    regressor = BaseRegressor(robot, options)
+    rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
+    sizes, geometry, set_up = sizes_of(robot, rows), Geometry(robot, rows), SetUp.of(robot)
+    if isinstance(model, Model):
+        name, values = Path(model.path or "the model").name, model
+        return _Given(given_model(values, regressor, sizes, name), sizes, geometry, set_up)
+    return _Given(
+        given_model(read_simulator_model(model, regressor), regressor, sizes, model.name), sizes, geometry, set_up
+    )
+
+
+def _too_wide(given: _Given) -> bool:
+    """Whether a fit does not know the torque of this motion: its standard deviation against the torque's size."""
+    if not given.model.own:
+        return False
+    columns = given.geometry.columns(given.set_up.gravity)
+    used = given.geometry.rows.used
+    spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance, columns, optimize=True)
+    torque = given.geometry.rows.torque
+    size, wide = (np.where(used, values, 0.0).sum() for values in (torque**2, spread))
+    return bool(wide > TOO_WIDE**2 * size)
+
+
+def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
+    model, sizes, now, noise = given.model, given.sizes, found.comparison, found.noise
+    layout = Layout(now.geometry.robot.n)
+    last = basis_of(layout, model, sizes, [step.hypothesis for step in found.steps])
+    start = basis_of(layout, model, sizes, [])
+    before, after = (
+        np.sqrt(left_on(each, basis, own.weight, USED, REPORT, model) / np.maximum(each.products.counts(REPORT), 1.0))
+        for each, basis, own in ((found.first, start, found.first_noise), (now, last, noise))
+    )
+    numbers = found_numbers(found, model, sizes)
+    differences = [
+        difference_of(step, each, given.set_up, now.set_up, model.name, layout.n)
+        for step, each in zip(found.steps, numbers, strict=True)
+    ]
+    if (found.signs < 0.0).any():
+        share = 1.0 - float(np.sum((after / noise.std) ** 2) / np.sum((before / noise.std) ** 2))
+        differences.insert(0, turned_signs(found.signs, share, float("nan"), model.name))
+    differences[:0] = [
+        Difference(
+            item.effect,
+            None,
+            None,
+            (),
+            1.0 - item.stays,
+            float("nan"),
+            "recording",
+            f"{item.text}.",
+            joints=item.joints,
+        )
+        for item in misread
+    ]
+    verdict = _verdict(differences, before, after, noise.std, model)
+    return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
+                 _sentence(model.name, verdict, differences, before, after))  # fmt: skip
+
+
+def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,
+             model: GivenModel) -> str:  # fmt: skip
+    own = np.where(np.isfinite(model.left), model.left, noise)
+    if not differences:
+        return "nothing" if bool(np.all(after < STILL_ITS_OWN * own)) else "unexplained"
+    weight = 1.0 / noise**2
+    possible = float(weight @ np.maximum(before**2 - noise**2, 0.0))
+    explained = float(weight @ (before**2 - after**2))
+    return "named" if explained >= ENOUGH * possible else "partly"
+
+
+def _sentence(source: str, verdict: str, differences: list[Difference], before: FloatArray, after: FloatArray) -> str:
+    left, stays = (float(np.sqrt(np.sum(values**2))) for values in (before, after))
+    match verdict:
+        case "nothing":
+            return (
+                f"{source} holds: it leaves {left:.3g} Nm RMS (all joints together), and nothing in the set-up differs."
+            )
+        case "unexplained":
+            return (
+                f"{source} leaves {left:.3g} Nm RMS (all joints together), and no one thing in the set-up explains it."
+            )
+    found = " ".join(item.sentence for item in differences)
+    rest = "" if verdict == "named" else " That is not all that differs."
+    return f"{found} {left:.3g} Nm RMS before, {stays:.3g} Nm after, on rows not used for it.{rest}"

@@ -1,0 +1,124 @@
+"""One recording against one model, for any set-up: columns, the difference of torque, and what its noise is.
+
+Here: the rows of a set-up turned into products. Not here: what is tried (`search`). Pure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.audit.columns import GRAVITY, Geometry, SetUp, across
+from identification.audit.evidence import Products, posterior, products_of, repeated_rows
+from identification.audit.given import GivenModel, Sizes, wide_open
+from identification.audit.hypotheses import Layout
+
+__all__ = ["ACCEPT", "ALL", "FIT", "PARTS", "REPORT", "Comparison", "Noise", "compare", "noise_of", "torque_as_read"]
+
+FloatArray = npt.NDArray[np.float64]
+
+PARTS = 8
+FIT, ACCEPT, REPORT, ALL = (0, 2, 4, 6), (1, 5), (3, 7), tuple(range(PARTS))
+"""Blocks in turns: those that are fitted, that accept what was fitted, and that report it; each part can be left out
+to see what it changes."""
+
+
+MOST_NOISE = 2.0
+"""Of what a model leaves of its own recordings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """std: (n,) Nm, what all parameters fitted anew leave. repeated: (n,) rows that count as one."""
+
+    std: FloatArray
+    repeated: FloatArray
+
+    @property
+    def weight(self) -> FloatArray:
+        """(n,) of a row's square."""
+        return np.asarray(1.0 / (self.std**2 * self.repeated))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """A set-up's products. geometry: of its rows. expected: (R, n) Nm the model's torque; target: what is left."""
+
+    set_up: SetUp
+    geometry: Geometry
+    products: Products
+    expected: FloatArray
+    target: FloatArray
+
+
+def torque_as_read(geometry: Geometry, set_up: SetUp) -> FloatArray:
+    """(R, n) the measured torque with its signs turned and its delay taken off."""
+    rows = geometry.rows
+    return np.asarray(set_up.signs * (rows.torque + set_up.delay_s * rows.torque_rate))
+
+
+def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatArray | None = None) -> Comparison:
+    """The products of every column with the difference. slopes: (R, n, n) of the zeros, computed where not given."""
+    geometry = geometry.at(set_up.zeros)
+    rows, layout = geometry.rows, Layout(geometry.robot.n)
+    n, count = layout.n, len(rows.block)
+    columns = np.zeros((count, n, layout.width))
+    columns[..., layout.base] = geometry.columns(set_up.gravity, set_up.ratio)
+    expected = columns[..., layout.base] @ model.values
+    measured = torque_as_read(geometry, set_up)
+    columns[:, np.arange(n), layout.gain + np.arange(n)] = expected
+    columns[..., layout.gain + n] = expected
+    size = float(np.linalg.norm(set_up.gravity))
+    columns[..., layout.tilt : layout.tilt + 2] = (
+        geometry.weight(model.values) @ ((size if size > 0.0 else GRAVITY) * across(set_up.gravity)).T
+        if size > 0.0
+        else 0.0
+    )
+    columns[..., layout.clock] = geometry.by_ratio(model.values, set_up.ratio)
+    columns[..., layout.delay] = -set_up.signs * rows.torque_rate
+    columns[..., layout.zero :] = (
+        geometry.by_zero(model.values, set_up.gravity, set_up.ratio) if slopes is None else slopes
+    )
+    target = measured - expected
+    parts = [rows.block % PARTS == part for part in ALL]
+    return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target)
+
+
+def noise_of(geometry: Geometry, set_up: SetUp, sizes: Sizes, model: GivenModel) -> Noise:
+    """What fourteen free parameters a link leave of the torque as it is read, weighted by itself.
+
+    Where that is many times what the model left of its own recordings, it is no noise but what is wrong here.
+    """
+    geometry = geometry.at(set_up.zeros)
+    rows = geometry.rows
+    columns = geometry.columns(set_up.gravity, set_up.ratio)
+    measured = torque_as_read(geometry, set_up)
+    everything = products_of(columns, measured, rows.used, [np.ones(len(rows.block), dtype=np.bool_)])
+    factor = np.diag(wide_open(sizes))
+    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    left = measured
+    for _ in range(3):
+        gram, right = everything.summed((0,), 1.0 / std**2)
+        values = posterior(gram, right, factor).values
+        left = np.where(rows.used, measured - columns @ values, 0.0)
+        std = np.sqrt((left**2).sum(axis=0) / np.maximum(rows.used.sum(axis=0), 1))
+        std = np.maximum(std, 1e-4 * sizes.torque)
+    usual = np.where(np.isfinite(model.left), MOST_NOISE * model.left, np.inf)
+    return Noise(np.minimum(std, np.maximum(usual, 1e-4 * sizes.torque)), repeated_rows(left, rows.used))
+
+
+def turned(set_up: SetUp, layout: Layout, place: int, values: FloatArray) -> SetUp:
+    """The set-up after a step (m,) of the columns from `place` on."""
+    if place == layout.tilt:
+        size = float(np.linalg.norm(set_up.gravity))
+        gravity = set_up.gravity + size * values @ across(set_up.gravity)
+        return replace(set_up, gravity=gravity * size / np.linalg.norm(gravity))
+    if place == layout.clock:
+        return replace(set_up, ratio=set_up.ratio * float(np.exp(values[0])))
+    if place == layout.delay:
+        return replace(set_up, delay_s=set_up.delay_s + float(values[0]))
+    zeros = set_up.zeros.copy()
+    zeros[place - layout.zero] += float(values[0])
+    return replace(set_up, zeros=zeros)

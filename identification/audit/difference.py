@@ -1,0 +1,143 @@
+"""What an audit says: each difference with its numbers, its interval, what it explains, and a sentence. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Audit", "Difference", "Number"]
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number of a difference with its standard deviation, all terms counted."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """(low, high), 95 %."""
+        return self.value - 1.96 * self.std, self.value + 1.96 * self.std
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        low, high = self.interval
+        return {"value": _finite(self.value), "std": _finite(self.std), "unit": self.unit,
+                "ci95": [_finite(low), _finite(high)]}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that is different. effect: its name (contract §7). joint, link: from 1, None where it has none; joints:
+    all of them, where they are several.
+
+    numbers: the first is what the sentence is about. explained: share of the difference of torque that it takes away on
+    rows that were not used to find it. log_odds: nats against its absence. against: "model" where the arm is another
+    than the model says, "recording" where the data are at fault. alternatives: what these rows cannot tell from it.
+    """
+
+    effect: str
+    joint: int | None
+    link: int | None
+    numbers: tuple[Number, ...]
+    explained: float
+    log_odds: float
+    against: str
+    sentence: str
+    alternatives: tuple[tuple[str, int | None], ...] = ()
+    joints: tuple[int, ...] = ()
+
+    def to_finding_json(self) -> dict[str, Any]:
+        """The entry of `findings` in diagnosis.json, contract §6; what an audit does not know is null."""
+        entry = self.to_json()
+        kept = ("effect", "joint", "link", "where", "parameters", "score", "explained", "against", "alternatives")
+        return {
+            **{name: entry[name] for name in kept},
+            "absorbed_fraction": None,
+            "significance": math.exp(-self.log_odds) if self.log_odds < 700.0 else 0.0,
+            "heldout_gain_nm": [],
+            "separating_experiment": None,
+            "sentence": self.sentence,
+        }
+
+    def to_fault_json(self) -> dict[str, Any]:
+        """The entry of `data_faults` in diagnosis.json, for a difference against the recording."""
+        ratio = next((item for item in self.numbers if item.name == "ratio"), None)
+        return {
+            "fault": self.effect,
+            "recording": "",
+            "joints": list(self.joints),
+            "ratio": None if ratio is None else _finite(ratio.value),
+            "ratio_std": None if ratio is None else _finite(ratio.std),
+            "rows": None,
+            "sentence": self.sentence,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of `differences` in diagnosis.json."""
+        first = self.numbers[0] if self.numbers else None
+        return {
+            "kind": self.effect,
+            "effect": self.effect,
+            "joint": self.joint,
+            "link": self.link,
+            "where": {"joint": self.joint, "link": self.link, "joints": list(self.joints)},
+            "number": None if first is None else _finite(first.value),
+            "unit": None if first is None else first.unit,
+            "interval": None if first is None else [_finite(value) for value in first.interval],
+            "parameters": {item.name: item.to_json() for item in self.numbers},
+            "explained": _finite(self.explained),
+            "score": _finite(self.log_odds),
+            "against": self.against,
+            "alternatives": [{"effect": effect, "joint": joint} for effect, joint in self.alternatives],
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """A model against recordings. differences: the fewest that explain it. verdict: "nothing" where the model holds,
+    "named", "partly", "unexplained", or "model_too_wide". source: the model's name. rms_before, rms_after: (n,) Nm on
+    rows that were not used, with the differences and without. sentence: the answer as a whole.
+    """
+
+    source: str
+    verdict: str
+    differences: tuple[Difference, ...]
+    rms_before: tuple[float, ...]
+    rms_after: tuple[float, ...]
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry `audit` of diagnosis.json."""
+        return {
+            "source": self.source,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "rms_before_nm": [_finite(value) for value in self.rms_before],
+            "rms_after_nm": [_finite(value) for value in self.rms_after],
+        }
+
+    @property
+    def settles(self) -> bool:
+        """Whether it says what differs, or that nothing does; else wrong links may."""
+        return self.verdict in ("nothing", "named", "partly")
+
+    @property
+    def makes_names_worthless(self) -> bool:
+        """Whether a fit of these recordings as they stand is of another arm: wrong data, or gravity from elsewhere."""
+        wrong = ("wrong_time_base", "wrong_unit", "wrong_joint_order", "base_tilt")
+        return any(item.effect in wrong for item in self.differences)
+
+    def of_effect(self, effect: str) -> Sequence[Difference]:
+        """The differences of one kind."""
+        return [item for item in self.differences if item.effect == effect]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,117 @@
+"""One evidence for every hypothesis: products of rows, and the log odds of columns that are added to a model.
+
+τ − Y β₀ = Y δ + B θ + e with δ ~ N(0, C₀), θ ~ N(0, P), e_j ~ N(0, σ_j² κ_j): Gaussian throughout, so odds, values,
+and what is left on rows that were not used all come from the products of columns. κ_j is how many neighbouring rows
+count as one. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+
+__all__ = ["Estimate", "Products", "gain", "marginal", "posterior", "products_of", "repeated_rows"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Products:
+    """Of columns X and target d per part and joint. gram: (parts, n, K, K), right: (parts, n, K), square, count:
+    (parts, n).
+    """
+
+    gram: FloatArray
+    right: FloatArray
+    square: FloatArray
+    count: FloatArray
+
+    def summed(self, parts: Sequence[int], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gram (K, K) and right side (K,) of some parts with weights (n,) of the joints."""
+        chosen = list(parts)
+        return (
+            np.einsum("pjab,j->ab", self.gram[chosen], weight, optimize=True),
+            np.einsum("pja,j->a", self.right[chosen], weight),
+        )
+
+    def left(self, parts: Sequence[int], values: FloatArray, columns: npt.NDArray[np.int64]) -> FloatArray:
+        """(n,) sum of squares that (k,) values of some columns leave on some parts."""
+        chosen = list(parts)
+        gram = self.gram[chosen][:, :, columns][..., columns]
+        right = self.right[chosen][..., columns]
+        squares = self.square[chosen] - 2.0 * right @ values + np.einsum("pjab,a,b->pj", gram, values, values)
+        return np.asarray(np.maximum(squares.sum(axis=0), 0.0), dtype=np.float64)
+
+    def counts(self, parts: Sequence[int]) -> FloatArray:
+        """(n,) rows of each joint in some parts."""
+        return np.asarray(self.count[list(parts)].sum(axis=0), dtype=np.float64)
+
+
+def products_of(columns: FloatArray, target: FloatArray, used: BoolArray, parts: Sequence[BoolArray]) -> Products:
+    """Products of columns (R, n, K) and target (R, n) over the rows (R,) of each part, rows of a joint at rest out."""
+    n, width = target.shape[1], columns.shape[2]
+    gram, right = np.zeros((len(parts), n, width, width)), np.zeros((len(parts), n, width))
+    square, count = np.zeros((len(parts), n)), np.zeros((len(parts), n))
+    for joint in range(n):
+        live = np.flatnonzero(columns[:, joint].any(axis=0))
+        for place, part in enumerate(parts):
+            rows = part & used[:, joint]
+            own, seen = columns[rows][:, joint][:, live], target[rows, joint]
+            gram[place, joint][np.ix_(live, live)] = own.T @ own
+            right[place, joint, live] = own.T @ seen
+            square[place, joint], count[place, joint] = seen @ seen, rows.sum()
+    return Products(gram, right, square, count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """values (k,) and covariance (k, k) of some columns."""
+
+    values: FloatArray
+    covariance: FloatArray
+
+
+def posterior(gram: FloatArray, right: FloatArray, factor: FloatArray) -> Estimate:
+    """Of Gaussian parameters F z, z ~ N(0, 1), F (k, m) the factor of their prior."""
+    precision = np.eye(factor.shape[1]) + factor.T @ gram @ factor
+    root = cho_factor(precision)
+    values = factor @ cho_solve(root, factor.T @ right)
+    return Estimate(values, factor @ cho_solve(root, factor.T))
+
+
+def marginal(gram: FloatArray, right: FloatArray, base: npt.NDArray[np.int64], factor: FloatArray) -> tuple[
+    FloatArray, FloatArray
+]:  # fmt: skip
+    """Gram and right side of all columns where those of the base with prior F Fᵀ are integrated out."""
+    inner = np.eye(factor.shape[1]) + factor.T @ gram[np.ix_(base, base)] @ factor
+    root = cho_factor(inner)
+    seen = factor.T @ gram[base]
+    solved = cho_solve(root, seen)
+    return gram - seen.T @ solved, right - solved.T @ (factor.T @ right[base])
+
+
+def gain(gram: FloatArray, right: FloatArray, columns: npt.NDArray[np.int64], width: FloatArray) -> float:
+    """Log odds of columns with prior widths (m,) against none, from marginal products."""
+    inner = np.eye(len(columns)) + width[:, None] * gram[np.ix_(columns, columns)] * width
+    seen = width * right[columns]
+    root, lower = cho_factor(inner)
+    return float(0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
+
+
+def repeated_rows(left: FloatArray, used: BoolArray, smallest: float = 0.05, longest: int = 60) -> FloatArray:
+    """(n,) κ = 1 + 2 Σ ρ of residuals (R, n), up to the first correlation below `smallest`."""
+    result = np.ones(left.shape[1])
+    for joint in range(left.shape[1]):
+        series = np.where(used[:, joint], left[:, joint], 0.0)
+        power = float(series @ series)
+        for lag in range(1, min(longest, len(series) - 1)):
+            correlation = float(series[lag:] @ series[:-lag]) / power if power > 0.0 else 0.0
+            if correlation < smallest:
+                break
+            result[joint] += 2.0 * correlation
+    return result

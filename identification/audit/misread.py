@@ -1,0 +1,86 @@
+"""Data that were read otherwise than they are: degrees for radians, torques in the order of other joints.
+
+No column is small enough for these: they are tried as a whole, and taken only where next to nothing of the misfit
+stays.
+Pure. Called by the audit before any search.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from identification.audit.columns import Geometry, SetUp
+from identification.audit.given import GivenModel
+from identification.recordings.recording import Recording
+
+__all__ = ["Misread", "in_degrees", "misread_order"]
+
+FloatArray = npt.NDArray[np.float64]
+
+STAYS = 0.12
+"""Of the misfit, what may stay for a misreading to be believed."""
+WIDEST_RAD = 4.0 * np.pi
+"""No joint of an arm turns that far; in degrees nearly every motion does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Misread:
+    """One misreading. effect: its name (contract §7). joints: from 1. stays: share of the misfit that stays."""
+
+    effect: str
+    joints: tuple[int, ...]
+    stays: float
+    text: str
+
+
+def in_degrees(recording: Recording, revolute: npt.NDArray[np.bool_]) -> Recording | None:
+    """The recording with its positions taken for degrees, None where they can be radians."""
+    span = np.abs(recording.position[:, revolute]).max(initial=0.0)
+    if span < WIDEST_RAD:
+        return None
+    changed = {}
+    for name in ("position", "velocity", "command_position", "link_position"):
+        values = getattr(recording, name)
+        if values is not None:
+            changed[name] = np.where(revolute, np.radians(values), values)
+    return replace(recording, **changed)
+
+
+def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[npt.NDArray[np.int64], Misread] | None:
+    """Which recorded torque belongs to each joint, where it is not its own; None where the order holds.
+
+    A cost is what a torque leaves of what the model expects, its mean aside, over what the model leaves anyway; a
+    torque turned round counts as its own, so that a wrong sign does not pass for a wrong order.
+    """
+    rows, n = geometry.rows, geometry.robot.n
+    if n < 2:
+        return None
+    used = rows.used.all(axis=1)
+    expected = (geometry.columns(set_up.gravity) @ model.values)[used]
+    expected, measured = expected - expected.mean(axis=0), (rows.torque[used] - rows.torque[used].mean(axis=0))
+    floor = np.where(np.isfinite(model.left), np.nan_to_num(model.left) ** 2, 0.01 * expected.var(axis=0)) + 1e-12
+    square = ((measured[:, None, :] - expected[:, :, None]) ** 2).mean(axis=0)
+    turned = ((measured + expected) ** 2).mean(axis=0)
+    cost = square / floor[:, None]
+    own = np.diag(cost).copy()
+    upright = np.minimum(own, turned / floor)
+    _, order = linear_sum_assignment(cost)
+    # A joint takes part in a change of order only where its own torque is clearly not what is expected of it.
+    total = float(cost[np.arange(n), order].sum())
+    if np.array_equal(order, np.arange(n)) or total > STAYS * float(own.sum()) or total > 0.5 * float(upright.sum()):
+        return None
+    for joint in range(n):
+        other = int(np.flatnonzero(order == joint)[0])
+        swapped = order.copy()
+        swapped[[joint, other]] = swapped[[other, joint]]
+        if float(cost[np.arange(n), swapped].sum()) < total + 0.1 * n:
+            order, total = swapped, float(cost[np.arange(n), swapped].sum())
+    joints = tuple(int(joint) + 1 for joint in np.flatnonzero(order != np.arange(n)))
+    text = "The torques are in the order of other joints: " + ", ".join(
+        f"that of joint {joint} stands under joint {int(order[joint - 1]) + 1}" for joint in joints
+    )
+    return order.astype(np.int64), Misread("wrong_joint_order", joints, total / float(own.sum()), text)

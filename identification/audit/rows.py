@@ -1,0 +1,110 @@
+"""Recordings reduced to the rows that an audit compares: one band, thinned, motion and torque filtered alike.
+
+Every column of an audit is a function of these rows, so that another clock, gravity or zero is judged without
+filtering again. Not here: which of them are compared with what (`columns`). Called by the audit, `mount` and `payload`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import RecordingError
+from identification.recordings.recording import Recording
+from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, sixth_order_difference
+
+__all__ = ["BLOCK_S", "COULOMB_VELOCITY", "Rows", "rows_of"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+WIDEST_HZ = 8.0
+SAMPLES_PER_CUTOFF_PERIOD = 20.0
+MOST_ROWS = 4000
+BLOCK_S = 2.0
+FEWEST_BLOCKS = 16
+"""Parts of one motion differ in posture and direction: blocks taken in turns see all of it."""
+COULOMB_VELOCITY = 0.02
+"""rad/s over which Coulomb friction turns over where a model says nothing."""
+LEAST_TRAVEL = 1e-3
+"""rad (m); a joint that moves less stands still."""
+FEWEST_ROWS = 40
+_ARRAYS = ("position", "velocity", "acceleration", "direction", "torque", "torque_rate", "used", "block")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
+    friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
+    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    direction: FloatArray
+    torque: FloatArray
+    torque_rate: FloatArray
+    used: BoolArray
+    block: IntArray
+    spacing_s: float
+    low_pass_hz: float
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.position.shape[1])
+
+
+def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_VELOCITY) -> Rows:
+    """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest."""
+    step = max(recording.sampling_period_s for recording in recordings)
+    low_pass_hz = min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
+    found: list[Rows] = []
+    for recording in recordings:
+        if float(np.ptp(recording.position, axis=0).max()) < LEAST_TRAVEL:
+            raise RecordingError(
+                f"{recording.source.path}: no joint moves; a recording of a motion is needed to compare with a model.",
+                file=recording.source.path,
+                field="q",
+            )
+        duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
+        for piece in process_aperiodic(recording, AperiodicSettings(low_pass_hz=low_pass_hz)):
+            first = 1 + (int(found[-1].block[-1]) if found else -1)
+            grid = float(piece.time[1] - piece.time[0])
+            time = piece.evaluation_time
+            found.append(
+                Rows(
+                    piece.project(piece.position),
+                    piece.project(piece.velocity),
+                    piece.project(piece.acceleration),
+                    piece.project(np.tanh(piece.velocity / coulomb_velocity)),
+                    piece.project(piece.torque),
+                    piece.project(sixth_order_difference(piece.torque, grid)),
+                    piece.used,
+                    first + ((time - time[0]) / duration).astype(np.int64),
+                    float(time[1] - time[0]),
+                    low_pass_hz,
+                )
+            )
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(item, name) for item in found]) for name in _ARRAYS}
+    joined = replace(found[0], **arrays)
+    if int(joined.used.any(axis=1).sum()) < FEWEST_ROWS:
+        raise RecordingError(
+            f"{recordings[0].source.path}: the robot moves in fewer than {FEWEST_ROWS} rows of {low_pass_hz:.3g} Hz; "
+            "a longer motion is needed to compare with a model.",
+            file=recordings[0].source.path,
+            field="q",
+        )
+    stride = -(-len(joined.block) // MOST_ROWS)
+    return joined if stride == 1 else _thinned(joined, stride)
+
+
+def _thinned(rows: Rows, stride: int) -> Rows:
+    arrays: dict[str, Any] = {name: getattr(rows, name)[::stride] for name in _ARRAYS}
+    return replace(rows, **arrays, spacing_s=rows.spacing_s * stride)

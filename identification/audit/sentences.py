@@ -1,0 +1,156 @@
+"""The numbers and the sentence of each kind of difference. Pure."""
+
+from __future__ import annotations
+
+from math import acos, degrees
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.audit.columns import SYMBOLS, SetUp, across
+from identification.audit.difference import Difference, Number
+from identification.audit.hypotheses import Hypothesis, Layout
+from identification.audit.numbers import Found
+from identification.audit.search import Step
+
+__all__ = ["difference_of", "turned_signs"]
+
+FloatArray = npt.NDArray[np.float64]
+_BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
+_BODY_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
+_FRICTION = {"FV": ("viscous", "Nm s/rad"), "FS": ("coulomb", "Nm"), "OFF": ("offset", "Nm"),
+             "IA": ("rotor_inertia", "kg m^2")}  # fmt: skip
+DATA_FAULTS = ("wrong_time_base", "inverted_torque_sign", "wrong_unit", "wrong_joint_order")
+
+
+def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) -> str:
+    """As 2.80 ± 0.11 kg: ± half of the 95 % interval, two digits of it."""
+    half = 1.96 * number.std * abs(factor)
+    digits = 2 if half <= 0.0 else max(0, min(6, 1 - int(np.floor(np.log10(half)))))
+    text = f"{number.value * factor:.{digits}f} ± {half:.{digits}f}"
+    return f"{text} {number.unit if unit is None else unit}".rstrip()
+
+
+def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: str, joint_of_flange: int) -> Difference:
+    """What a step says, with its numbers. first, last: the set-up before and after the whole search."""
+    hypothesis = step.hypothesis
+    std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    joint = None if hypothesis.joint is None else hypothesis.joint + 1
+    link = None if hypothesis.link is None else hypothesis.link + 1
+    layout = Layout(len(first.zeros))
+    match hypothesis.effect:
+        case "payload":
+            numbers, text = _load(found, std, link == joint_of_flange, link or 0)
+        case "link_parameters":
+            numbers = _body(hypothesis, found.values, std)
+            text = f"The body of link {link} is another than {source} says"
+        case "friction_change":
+            numbers = _drive(hypothesis, found.values, std)
+            text = f"The friction of joint {joint} is another: " + ", ".join(
+                f"{item.name} {with_interval(item)}" for item in numbers
+            )
+        case "torque_offset":
+            numbers = _drive(hypothesis, found.values, std)
+            text = f"Joint {joint} has a constant torque of {with_interval(numbers[0])} besides"
+        case "rotor_inertia":
+            numbers = _drive(hypothesis, found.values, std)
+            text = f"The rotor inertia of joint {joint} is larger by {with_interval(numbers[0])}"
+            if numbers[0].value < 0.0:
+                text = f"The rotor inertia of joint {joint} is smaller: {with_interval(numbers[0])}"
+        case "torque_sensor_gain":
+            numbers = (Number("gain", 1.0 + float(found.values[0]), float(std[0]), ""),)
+            where = "every joint" if joint is None else f"joint {joint}"
+            text = f"The torque of {where} is {with_interval(numbers[0])} of what {source} expects"
+            if joint is None:
+                text += " (all torques or all masses: the rows cannot tell)"
+        case "joint_zero_offset":
+            value = last.zeros[(joint or 1) - 1] - first.zeros[(joint or 1) - 1] + float(found.values[0])
+            numbers = (Number("offset", value, float(std[0]), "rad"),)
+            text = f"The zero of joint {joint} is off: its true position is {with_interval(numbers[0])} larger"
+        case "torque_delay":
+            value = last.delay_s - first.delay_s + float(found.values[0])
+            numbers = (Number("delay", value, float(std[0]), "s"),)
+            text = f"The torque is {'late' if value > 0 else 'early'} by {with_interval(numbers[0], 1e3, 'ms')}"
+        case "wrong_time_base":
+            ratio = last.ratio / first.ratio * float(np.exp(found.values[0]))
+            numbers = (Number("ratio", ratio, ratio * float(std[0]), ""),)
+            text = f"The clock is wrong: true rate over stated rate is {with_interval(numbers[0])}"
+        case _:
+            numbers, text = _tilt(found, first, last, layout)
+    sentence = f"{text}: {100.0 * step.explained:.0f} % of the difference to {source}."
+    against = "recording" if hypothesis.effect in DATA_FAULTS else "model"
+    return Difference(hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence)
+
+
+def turned_signs(signs: FloatArray, share: float, gain: float, source: str) -> Difference:
+    """Torques that are read with the wrong sign."""
+    joints = [int(joint) + 1 for joint in np.flatnonzero(signs < 0.0)]
+    which = "every joint" if len(joints) == len(signs) else "joint " + ", ".join(map(str, joints))
+    return Difference(
+        "inverted_torque_sign", joints[0] if len(joints) == 1 else None, None, (), share, gain, "recording",
+        f"The torque of {which} has the wrong sign: turned, {100.0 * share:.0f} % of the difference to {source} goes.",
+        joints=tuple(joints),
+    )  # fmt: skip
+
+
+def _load(found: Found, std: FloatArray, on_flange: bool, link: int) -> tuple[tuple[Number, ...], str]:
+    mass = float(found.values[0])
+    spread = float(np.hypot(std[0], found.scale * mass))
+    numbers = [Number("mass", mass, spread, "kg")]
+    where = "the flange" if on_flange else f"link {link}"
+    text = f"A load of {with_interval(numbers[0])} on {where}"
+    if mass < 0.0:
+        text = f"{with_interval(Number('mass', -mass, spread, 'kg'))} less on {where}: a load was taken off"
+    places = {int(column) % 14: row for row, column in enumerate(found.hypothesis.columns)}
+    if all(axis in places for axis in (1, 2, 3)) and mass != 0.0:
+        rows = [places[axis] for axis in (1, 2, 3)]
+        center = found.values[rows] / mass
+        for axis, row, value in zip("xyz", rows, center, strict=True):
+            slope = np.zeros(len(found.values))
+            slope[row], slope[0] = 1.0 / mass, -value / mass
+            deviation = float(np.sqrt(max(0.0, float(slope @ found.covariance @ slope))))
+            numbers.append(Number(f"com_{axis}", float(value), deviation, "m"))
+        text += f", centre ({', '.join(f'{1e3 * value:.0f}' for value in center)}) mm in the frame of link {link}"
+    for place, row in places.items():
+        if place >= 4:
+            numbers.append(Number(_BODY[place], float(found.values[row]), float(std[row]), "kg m^2"))
+    return tuple(numbers), text
+
+
+def _body(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
+    places = [int(column) % 14 for column in hypothesis.columns]
+    return tuple(
+        Number(_BODY[place], float(value), float(deviation), _BODY_UNITS[place])
+        for place, value, deviation in zip(places, values, std, strict=True)
+    )
+
+
+def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
+    symbols = [SYMBOLS[int(column) % 14] for column in hypothesis.columns]
+    return tuple(
+        Number(_FRICTION[symbol][0], float(value), float(deviation), _FRICTION[symbol][1])
+        for symbol, value, deviation in zip(symbols, values, std, strict=True)
+    )
+
+
+def _tilt(found: Found, first: SetUp, last: SetUp, layout: Layout) -> tuple[tuple[Number, ...], str]:
+    del layout
+    size = float(np.linalg.norm(last.gravity))
+    frame = across(last.gravity)
+    gravity = last.gravity + size * found.values @ frame
+    gravity *= size / np.linalg.norm(gravity)
+    angle = acos(float(np.clip(gravity @ first.gravity / size**2, -1.0, 1.0)))
+    spread = size**2 * frame.T @ found.covariance @ frame
+    towards = first.gravity - gravity * float(first.gravity @ gravity) / size**2
+    length = float(np.linalg.norm(towards))
+    slope = towards / length / size if length > 1e-9 else frame[0] / size
+    std = float(np.sqrt(max(0.0, float(slope @ spread @ slope))))
+    numbers = [Number("angle", angle, std, "rad")] + [
+        Number(f"gravity_{axis}", float(value), float(np.sqrt(max(0.0, spread[k, k]))), "m/s^2")
+        for k, (axis, value) in enumerate(zip("xyz", gravity, strict=True))
+    ]
+    text = (
+        f"The base is turned by {with_interval(numbers[0], degrees(1.0), '°').replace(' °', '°')}: gravity is "
+        f"({', '.join(f'{value:.2f}' for value in gravity)}) m/s² in its frame"
+    )
+    return tuple(numbers), text
