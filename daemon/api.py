@@ -76,6 +76,8 @@ class RunRequest(Message, frozen=True, kw_only=True):
     model_file: model.json that foresaw the torque, None = what is taken to be known of the arm; live views show it.
     diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
     gravity_m_s2: in the frame of the base, None: the arm stands on a floor.
+    monitor_only: nothing is commanded, table_file and trajectory_file are empty, and the run lasts until somebody ends
+    it, the robot ends its session or is silent for receive_timeout_s.
     """
 
     run_id: str
@@ -114,6 +116,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     serial: str | None = None
     model_file: str | None = None
     gravity_m_s2: tuple[float, float, float] | None = None
+    monitor_only: bool = False
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""

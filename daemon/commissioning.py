@@ -48,7 +48,7 @@ class Rung(msgspec.Struct, frozen=True, kw_only=True):
 
 def needs_ladder(request: RunRequest) -> bool:
     """Whether a real arm may move in this run; where not, only a robot that says it is the fake one is moved."""
-    return not request.simulation
+    return not (request.simulation or request.monitor_only)
 
 
 def rung_of(request: RunRequest) -> Rung:
@@ -124,7 +124,9 @@ def ladder_file(request: RunRequest) -> Path:
 
 def tags(request: RunRequest) -> dict[str, str]:
     """What a log and run.json say: the amplitude, and whether the ladder was kept."""
-    ladder = ("skipped" if request.skip_ladder else "kept") if needs_ladder(request) else "not needed: fake robot"
+    ladder = "skipped" if request.skip_ladder else "kept"
+    if not needs_ladder(request):
+        ladder = f"not needed: {'nothing is commanded' if request.monitor_only else 'fake robot'}"
     return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
 
 

@@ -34,7 +34,7 @@ def metadata_of(job: RecorderJob) -> dict[str, str]:
         "robot": request.robot,
         "fri_version": request.fri_version,
         "period_s": repr(samples * request.table_period_s),
-        "periods": str(request.periods),
+        "periods": str(0 if request.monitor_only else request.periods),
         "samples_per_period": str(samples),
         "lead_in_s": repr(request.lead_in_s),
         "amplitude": repr(request.amplitude),

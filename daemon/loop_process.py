@@ -53,6 +53,8 @@ from safety.limits import JointLimits, limits_for
 
 __all__ = ["bind", "load_table", "main", "motion_of", "run_loop"]
 
+STANDING = np.zeros((16, 7))
+"""In place of a motion where none is driven, rad: a row for each command period, whatever that is."""
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -108,7 +110,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
         try:
             version = FriVersion.parse(request.fri_version)
             limits = limits_for(request.robot)
-            table = load_table(request.table_file)
+            table = STANDING if request.monitor_only else load_table(request.table_file)
             loop = _make_loop(request, channel, version, limits, table, ring)
         except (DaemonError, FriError, SafetyError) as error:
             return _not_run("refused", error), error.exit_code
@@ -175,8 +177,8 @@ def motion_of(
         command_period_s=command_period_s,
         samples_per_command=samples_per_command,
         periods=request.periods,
-        lead_in_s=request.lead_in_s,
-        table_period_s=request.table_period_s,
+        lead_in_s=0.0 if request.monitor_only else request.lead_in_s,
+        table_period_s=command_period_s if request.monitor_only else request.table_period_s,
         maximum_distance_to_measured=request.maximum_distance_to_measured,
         external_torque_limit=request.external_torque_limit,
     )
@@ -202,6 +204,7 @@ def _make_loop(
         expected_period_s=request.table_period_s,
         maximum_ipo_distance_rad=request.maximum_distance_to_measured,
         fake_robot_only=request.simulation,
+        monitor_only=request.monitor_only,
     )
     return FriLoop(channel, version, make_motion, ring, settings)
 

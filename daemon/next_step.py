@@ -14,6 +14,9 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     loop = outcome.loop
     if outcome.outcome in ("no_robot", "version_mismatch", "not_started", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
+    recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
+    if request is not None and request.monitor_only and outcome.samples:
+        return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
     if loop is not None and not loop.standstill_confirmed and outcome.outcome != "refused":
         return "Next: make sure that the arm stands (emergency stop) before anybody comes near it."
     if outcome.outcome in ("refused", "fault"):
@@ -28,7 +31,6 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     if request is not None and needs_ladder(request) and request.amplitude < 1.0:
         following = highest_allowed(request.amplitude)
         return f"Next: the same command with --amplitude {following:g}, in another folder."
-    recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
     if fit is None:
         return f"Next: `iiwa-ident fit {recording}`."
     if fit.phase == "failed":

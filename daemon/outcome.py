@@ -125,7 +125,7 @@ def outcome_sentences(
         f"{report.received} monitoring messages received, {report.answered} answered, {report.late} late; "
         f"{samples} samples recorded, {lost}."
     )
-    if report.outcome in ("stopped", "dropped", "fault"):
+    if report.outcome in ("stopped", "dropped", "fault") and not request.monitor_only:
         sentences.append(
             f"{report.periods_completed} of {request.periods} periods are complete; the partial recording is kept."
         )

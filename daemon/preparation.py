@@ -164,15 +164,7 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
     np.save(table_file, motion.table)
     trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
     (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
-    around = motion.surroundings.entry
-    if around != WorkspaceFile():
-        # With the tool as it was taken: what is looked at before the start ramp is what was looked at here.
-        workspace_file = out_dir / "workspace.yaml"
-        workspace_file.write_bytes(msgspec.yaml.encode(around))
-        settings["workspace_file"] = str(workspace_file.resolve())
-    settings["tool"] = motion.surroundings.tool.describe()
-    if motion.installation != ON_THE_FLOOR:
-        settings["gravity_m_s2"] = motion.installation.gravity
+    settings |= _noted_stand(motion.surroundings, motion.installation, out_dir)
     return RunRequest(
         run_id=settings.pop("run_id", None) or new_run_id(),
         robot=motion.robot,
@@ -184,3 +176,31 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
         amplitude=motion.amplitude,
         **settings,
     )
+
+
+def write_monitor_request(
+    robot: str, surroundings: Surroundings, installation: Installation, out_dir: Path, **settings: Any
+) -> RunRequest:
+    """The request of a run that commands nothing: what the arm carries and how it stands, but no motion.
+
+    settings: further fields of RunRequest. Raises as `write_run_request`.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    settings |= _noted_stand(surroundings, installation, out_dir)
+    settings |= {"fit": False, "amplitude": 1.0, "periods": 1}
+    return RunRequest(
+        robot=robot, table_file="", trajectory_file="", out_dir=str(out_dir.resolve()), monitor_only=True, **settings
+    )
+
+
+def _noted_stand(surroundings: Surroundings, installation: Installation, out_dir: Path) -> dict[str, Any]:
+    """Fields of a request: tool, surroundings and stand of the arm, with the file that describes them."""
+    noted: dict[str, Any] = {"tool": surroundings.tool.describe()}
+    if surroundings.entry != WorkspaceFile():
+        # With the tool as it was taken: what is looked at before the start ramp is what was looked at here.
+        workspace_file = out_dir / "workspace.yaml"
+        workspace_file.write_bytes(msgspec.yaml.encode(surroundings.entry))
+        noted["workspace_file"] = str(workspace_file.resolve())
+    if installation != ON_THE_FLOOR:
+        noted["gravity_m_s2"] = installation.gravity
+    return noted

@@ -38,7 +38,9 @@ def prepare_folder(request: RunRequest) -> RunRequest:
     folder = Path(request.out_dir).absolute()
     make_room(folder)
     changes: dict[str, str] = {"out_dir": str(folder)}
-    sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
+    sources = {}
+    if not request.monitor_only:
+        sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
     if request.urdf_file is not None:
         sources["urdf_file"] = request.urdf_file
     for field, file in sources.items():
@@ -91,12 +93,14 @@ def make_room(folder: Path) -> None:
 
 
 def nothing_moved(folder: Path) -> bool:
-    """True where the run.json of a folder says that no command of a motion was sent."""
+    """True where the run.json of a folder says that no command of a motion was sent, and nothing was to be watched."""
     try:
         outcome = read_json(folder / RUN_NAME, RunOutcome)
     except DaemonError:
         return False
-    loop = outcome.loop
+    loop, request = outcome.loop, outcome.request
+    if request is not None and request.monitor_only and outcome.samples:
+        return False  # whatever led the arm: it is in the recording
     return outcome.outcome in _BEFORE_MOTION or (
         loop is not None and (not loop.answered or (outcome.outcome == "stopped" and _only_waited(loop)))
     )

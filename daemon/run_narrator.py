@@ -46,6 +46,7 @@ class RunNarrator:
     def __init__(self, request: RunRequest, ring: HandoverRing, observe: Observer) -> None:
         self._periods = request.periods
         self._port = request.bind_port
+        self._watches_only = request.monitor_only
         self._version = FriVersion.parse(request.fri_version)
         self._version_judged = False
         self._ring = ring
@@ -106,7 +107,8 @@ class RunNarrator:
             self.tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
         if status.phase != self._last_phase:
             self._last_phase = status.phase
-            self.tell("phase", f"Motion: {_name(MotionPhase, status.phase).lower().replace('_', ' ')}.")
+            phase = _name(MotionPhase, status.phase).lower().replace("_", " ")
+            self.tell("phase", "Recording; nothing is commanded." if self._watches_only else f"Motion: {phase}.")
         now = time.monotonic()
         begun = status.period != self._last_period and status.period >= 0
         if begun or now >= self._next_progress:

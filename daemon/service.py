@@ -138,7 +138,7 @@ class _Acquisition:
             self._narrator = RunNarrator(self._request, self._ring, self._observe)
             # Beaten before the loop starts: a supervisor that never beat is not watched.
             self._ring.beat()
-            self._start_check = StartCheck(self._request, self._ring.gate)
+            self._start_check = None if self._request.monitor_only else StartCheck(self._request, self._ring.gate)
             stack.enter_context(self._stop.attached(self._ring))
             stack.enter_context(self._stop.on_signals())
             self._narrator.tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
@@ -215,7 +215,7 @@ class _Acquisition:
                         self._narrator.tell("preflight", sentence)
                     check = None
                 # No start is allowed before the operator has read what the robot's messages say of its version.
-                if check is None and self._narrator.has_judged_version():
+                if check is None and self._narrator.has_judged_version() and self._start_check is not None:
                     check = checker.submit(self._start_check.poll)
         finally:
             checker.shutdown()

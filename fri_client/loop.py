@@ -35,13 +35,14 @@ from fri_client.messages import (
     FriVersion,
     MessageHeader,
     MonitoringMessage,
+    SessionState,
 )
 from fri_client.motion import MotionProgram, StopReason
 from fri_client.motion_phase import MotionPhase
 from fri_client.pilot import Answer, Pilot
 from fri_client.robot_clock import Moment
 from fri_client.session import Session
-from fri_client.stop_watch import RecorderPatience, StopWatch
+from fri_client.stop_watch import ENDED_BY_SOMEBODY, RecorderPatience, StopWatch
 from safety.guard import Judged
 
 __all__ = ["FriLoop"]
@@ -56,6 +57,7 @@ _REHEARSAL_NS = 200_000
 """So long before the next message is due the loop goes through its answer once: ten times what that takes, and more
 than the kernel is late with a time-out."""
 
+_IDLE = int(SessionState.IDLE)
 _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
 _ENDINGS = (_WAITING, _LATCHED, _DONE)
@@ -173,14 +175,28 @@ class FriLoop:
             first = self.session.first_fresh_ns
             if not first and now - started > settings.start_timeout_s * 1e9:
                 return "version_mismatch" if self._undecodable_sample else "no_robot"
+            if settings.monitor_only:
+                return "completed" if first and self._robot_left(now) else None
             return "not_started" if first and now - first > settings.command_timeout_s * 1e9 else None
         if motion.phase == _DONE:
-            if motion.stop_reason is None:
+            if motion.stop_reason is None or (settings.monitor_only and self._was_ended()):
                 return "completed"
             return "fault" if self._faults else "stopped"
         standstill = motion.standstill
         silent = now - max(self.session.last_fresh_ns, self._gate.last_send_ns) > _DRAIN_S * 1e9
         return "dropped" if standstill.confirmed or standstill.gave_up or silent else None
+
+    def _robot_left(self, now: int) -> bool:
+        """Whether the robot ended a session in which it was answered, or fell silent."""
+        session = self.session
+        if session.counts.answered and session.state == _IDLE:
+            return True
+        return now - session.last_fresh_ns > self._settings.receive_timeout_s * 1e9
+
+    def _was_ended(self) -> bool:
+        """Whether a run that lasts until somebody ends it was ended so, after the first message."""
+        reason = self.motion.stop_reason
+        return reason is not None and reason.code in ENDED_BY_SOMEBODY and self.session.first_fresh_ns > 0
 
     def _rehearse(self) -> None:
         """Wait for the message as the receive does, and shortly before it is due go through its answer for nothing.

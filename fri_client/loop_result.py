@@ -40,6 +40,7 @@ class LoopSettings:
     stops the motion, 0: not watched. robot_host: the only address listened to; None: that of the first message.
     expected_period_s: command period the motion is prepared for before the robot has said its own. fake_robot_only: no
     motion begins unless the robot says of itself that it is the fake one; nobody was asked whether an arm may move.
+    monitor_only: no motion begins at all; the run lasts until somebody ends it or the robot leaves.
     """
 
     receive_timeout_s: float = 0.5
@@ -50,6 +51,7 @@ class LoopSettings:
     expected_period_s: float = 0.001
     maximum_ipo_distance_rad: float = 0.1
     fake_robot_only: bool = False
+    monitor_only: bool = False
 
 
 @dataclass(slots=True)
@@ -151,6 +153,10 @@ def _explain(
     version: str,
 ) -> LoopResult:
     reason, drop = motion.stop_reason, session.drop
+    if outcome == "completed" and settings.monitor_only:
+        ended = "The robot ended its session." if reason is None else reason.sentence
+        sentence = f"{ended} {session.counts.fresh} messages came, and no motion was commanded."
+        return LoopResult(outcome, outcome if reason is None else reason.code.name, sentence)
     if outcome == "completed":
         driven = motion.periods_completed
         what = "The one period was" if driven == 1 else f"All {driven} periods were"
@@ -162,6 +168,8 @@ def _explain(
         return LoopResult(outcome, type(refused).__name__, str(refused))
     if reason is not None:
         after = f"The arm was stopped by ramp{_how(motion)}." if motion.commanded else "Nothing had moved."
+        if settings.monitor_only:
+            after = "No motion was commanded."
         return LoopResult(
             outcome,
             reason.code.name,

@@ -140,7 +140,8 @@ class Pilot:
             return self._after_drop(measured, ipo.joint_position, pace)
         if not session.begun:
             self._ipo.observe(ipo.joint_position, (session.send_period_ms or 0) * 1e-3 * (session.gap + 1))
-            if not self._begin(message, measured, ipo.joint_position, may_move=usable):
+            begins = not self._settings.monitor_only
+            if not (begins and self._begin(message, measured, ipo.joint_position, may_move=usable)):
                 return self._mirror(ipo.joint_position, pace)
         elif pace == Pace.STANDS:
             self.motion.resume_from_rest()

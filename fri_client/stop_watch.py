@@ -12,7 +12,7 @@ import time
 from fri_client.handover import EventCode, HandoverRing
 from fri_client.motion import StopReason
 
-__all__ = ["RecorderPatience", "StopWatch"]
+__all__ = ["ENDED_BY_SOMEBODY", "RecorderPatience", "StopWatch"]
 
 _PATIENCE_S = 1.5
 
@@ -24,6 +24,9 @@ _SENTENCES = {
     EventCode.DISK_FULL: "The disk refused further samples.",
     EventCode.SUPERVISOR_LOST: "The supervising process was lost.",
 }
+
+ENDED_BY_SOMEBODY = (EventCode.OPERATOR_STOP, EventCode.SIGNAL_STOP, EventCode.TERMINAL_CLOSED)
+"""Requests of a person or of the system; all others are troubles."""
 
 
 class StopWatch:

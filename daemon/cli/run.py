@@ -7,7 +7,7 @@ import sys
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,6 +30,8 @@ from daemon.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from daemon.preparation import PreparedMotion
+    from daemon.tool import Tool
+    from identification.robots import Installation
 
 
 def _address(host: str | None) -> str | None:
@@ -124,29 +126,37 @@ def run(
     skip_ladder: Annotated[
         bool, typer.Option("--skip-ladder", help="Allow an amplitude before its turn; the log will say so.")
     ] = False,
+    monitor_only: Annotated[
+        bool,
+        typer.Option("--monitor-only", help="Answer and record, command nothing, until Ctrl-C or the robot's end."),
+    ] = False,
     json_file: JsonOption = None,
 ) -> None:
     """One acquisition: start ramp, PERIODS periods at 1 kHz, stop ramp; then the fit, in a process of its own.
 
     Writes recording.mcap and run.json into the folder, then model.json. Ctrl-C brings the arm to rest by a ramp.
     On a real arm a new motion begins at --amplitude 0.1; 0.25, 0.5 and 1 follow as each before was completed.
+    With --monitor-only the arm is led by hand or by the robot's own program, and only recorded.
 
     Example: iiwa-ident run --config lab.yaml --tool 2.5@0,0,0.06 --amplitude 0.1
     """
     from daemon.cli.worker_view import wait_for_worker
-    from daemon.commissioning import admit
     from daemon.config import DaemonConfig, load_config
     from daemon.next_step import next_step
-    from daemon.preparation import new_run_id, prepare_motion, write_run_request
+    from daemon.preparation import new_run_id, write_monitor_request, write_run_request
     from daemon.run_folder import make_room
     from daemon.service import run_acquisition
     from daemon.tool import read_tool
+    from daemon.workspace import load_surroundings
     from identification.robots import Installation
+    from identification.robots.installation import ON_THE_FLOOR
 
     lab = DaemonConfig() if config is None else load_config(config)
     host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
     # Nothing is asked on a loopback address, so only a robot is moved there that says it is the fake one.
     simulation = ipaddress.ip_address(host).is_loopback and not (real_robot or lab.fri.real_robot)
+    if monitor_only and (trajectory is not None or periods is not None or amplitude is not None or diagnose):
+        raise typer.BadParameter("--monitor-only drives nothing: leave trajectory, --periods, --amplitude out.")
     if diagnose and (no_fit or not lab.run.fit):
         raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
     for file in heldout or ():
@@ -165,27 +175,13 @@ def run(
         "fit": False if no_fit else None,
     }
     settings = lab.request_fields() | {name: each for name, each in given.items() if each is not None}
-    arm, noted = settings.pop("robot"), settings.pop("tool")
+    named, noted = settings.pop("robot"), settings.pop("tool")
     carried = read_tool(noted, is_name=True) if tool is None else tool_from(tool)
     around, noted_gravity = settings.pop("workspace_file"), settings.pop("gravity_m_s2")
-    stand = installation_of(gravity, mount, None)
-    motion = prepare_motion(
-        trajectory,
-        robot=robot or (None if config is None else arm),
-        amplitude=settings.pop("amplitude"),
-        workspace=None if around is None else Path(around),
-        model=model,
-        tool=carried,
-        lead_in_s=settings.pop("lead_in_s"),
-        installation=stand or (None if noted_gravity is None else Installation(noted_gravity)),
-    )
-    meant_for = motion.trajectory.robot
-    if robot is None and meant_for not in ("", motion.robot):
-        raise ConfigurationError(f"{motion.name} was made for {meant_for}; --robot says otherwise.", file=str(config))
-    if not motion.preflight.safe:
-        show_preflight(motion)
-        message("The preflight found the motion unsafe; nothing was moved.")
-        raise typer.Exit(1)
+    cell = None if around is None else Path(around)
+    stand = installation_of(gravity, mount, None) or (None if noted_gravity is None else Installation(noted_gravity))
+    named_by = config if robot is None else None
+    robot = robot or (None if config is None else named)
     run_id = new_run_id()
     settings.update(
         run_id=run_id,
@@ -200,13 +196,19 @@ def run(
     if live:
         require_live()
     out = Path(lab.output) / run_id if out is None else out
-    make_room(out)
-    # Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made.
-    with tempfile.TemporaryDirectory() as scratch:
-        admit(write_run_request(motion, Path(scratch), **settings))
-    if not no_confirm and not simulation:
-        confirm_motion(motion, settings["periods"])
-    request = write_run_request(motion, out, **settings)
+    if monitor_only:
+        make_room(out)
+        surroundings = load_surroundings(robot or "iiwa14", cell, carried)
+        request = write_monitor_request(robot or "iiwa14", surroundings, stand or ON_THE_FLOOR, out, **settings)
+        message("Nothing will be commanded. The arm moves only if you or the robot's own program move it.")
+    else:
+        amplitude, lead_in_s = settings.pop("amplitude"), settings.pop("lead_in_s")
+        motion = _checked_motion(trajectory, robot, cell, model, carried, stand, amplitude, lead_in_s, named_by)
+        make_room(out)
+        _admit(motion, settings)
+        if not no_confirm and not simulation:
+            confirm_motion(motion, settings["periods"])
+        request = write_run_request(motion, out, **settings)
     with live_served(port) if live else nullcontext(), run_shown() as view:
         outcome = run_acquisition(request, observe=view.observe)
     fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
@@ -222,3 +224,43 @@ def run(
         raise typer.Exit(outcome.exit_code)
     if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
         raise typer.Exit(fit.exit_code or 1)
+
+
+def _checked_motion(
+    source: Path | None,
+    robot: str | None,
+    workspace: Path | None,
+    model: Path | None,
+    tool: Tool | None,
+    stand: Installation | None,
+    amplitude: float,
+    lead_in_s: float,
+    named_by: Path | None,
+) -> PreparedMotion:
+    """The motion, which the preflight found safe; else what it found is shown, and the command ends.
+
+    named_by: the configuration that names the robot, where no option does: then the trajectory has to be for it.
+    """
+    from daemon.preparation import prepare_motion
+
+    motion = prepare_motion(
+        source, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=tool,
+        lead_in_s=lead_in_s, installation=stand,
+    )  # fmt: skip
+    meant_for = motion.trajectory.robot
+    if named_by is not None and meant_for not in ("", motion.robot):
+        raise ConfigurationError(f"{motion.name} was made for {meant_for}; --robot says otherwise.", file=str(named_by))
+    if not motion.preflight.safe:
+        show_preflight(motion)
+        message("The preflight found the motion unsafe; nothing was moved.")
+        raise typer.Exit(1)
+    return motion
+
+
+def _admit(motion: PreparedMotion, settings: dict[str, Any]) -> None:
+    """Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made."""
+    from daemon.commissioning import admit
+    from daemon.preparation import write_run_request
+
+    with tempfile.TemporaryDirectory() as scratch:
+        admit(write_run_request(motion, Path(scratch), **settings))

@@ -125,7 +125,7 @@ class LiveBroadcast:
         phase, period, place = self._key
         state = self._state()
         state |= {
-            "phase": phase_name(phase),
+            "phase": self._phase_name(phase),
             "period": period if period >= 0 else state["period"],
             "sample_in_period": place * self._rows_per_frame if period >= 0 else -1,
             "robot_time_s": self._time_sum_s / self._samples,
@@ -143,13 +143,17 @@ class LiveBroadcast:
         a, b, c, d, e, f, g = (value / self._counts[name] for value in sums)
         return a, b, c, d, e, f, g
 
+    def _phase_name(self, phase: int) -> str:
+        watches = self._request.monitor_only and phase == MotionPhase.WAITING
+        return "MONITOR_ONLY" if watches else phase_name(phase)
+
     def _state(self) -> dict[str, Any]:
         status, request = self._ring.status, self._request
         return {
             "run_id": request.run_id,
             "robot": request.robot,
             "folder": request.out_dir,
-            "phase": phase_name(status.phase),
+            "phase": self._phase_name(status.phase),
             "period": status.period if status.phase == MotionPhase.EXCITATION else -1,
             "periods": request.periods,
             "rows_per_period": self._rows,

@@ -750,3 +750,53 @@ def test_a_receive_multiplier_is_honoured_in_a_whole_run() -> None:
     assert result.outcome == "completed", result.sentence
     labels = [(r.period, r.sample_in_period) for r in records if r.period >= 0]
     assert labels == [(period, sample) for period in range(2) for sample in range(400)]
+
+
+@pytest.mark.parametrize("version", [FriVersion.V1_15, FriVersion.V2_5])
+def test_a_run_that_only_monitors_gives_back_what_the_robot_says_and_lasts_until_the_robot_leaves(
+    version: FriVersion,
+) -> None:
+    with running(version, LoopSettings(receive_timeout_s=60.0, monitor_only=True, command_timeout_s=0.001)) as (
+        client,
+        robot,
+    ):
+        robot.exchange(WAIT, 3)
+        for step in range(300):  # somebody leads the arm
+            robot.position = tuple(angle + 1e-3 * step for angle in REST)
+            answer = robot.exchange(READY)
+            data = answer.command_data
+            assert (data is None) == (version.major == 2)  # PROTOCOL section 8
+            assert data is None or data.joint_position == robot.position
+        robot.position = REST
+        for state in [COMMANDING_WAIT] * 60 + [ACTIVE] * 300:
+            data = robot.exchange(state).command_data
+            assert data is not None
+            assert data.joint_position == REST
+        robot.exchange(READY, 20)
+        robot.send(IDLE)
+        result, records = client.finish(), client.records()
+    assert (result.outcome, result.reason) == ("completed", "completed"), result.sentence
+    assert "The robot ended its session" in result.sentence
+    assert "no motion was commanded" in result.sentence
+    assert len([each for each in records if each.disposition == Disposition.FRESH and each.monitoring]) == 684
+    assert {each.phase for each in records} == {MotionPhase.WAITING}
+    assert {each.period for each in records} == {-1}
+
+
+@pytest.mark.parametrize(
+    ("code", "outcome"), [(EventCode.OPERATOR_STOP, "completed"), (EventCode.RECORDER_LOST, "stopped")]
+)
+def test_a_run_that_only_monitors_ends_well_when_somebody_ends_it(code: EventCode, outcome: str) -> None:
+    with running(settings=LoopSettings(receive_timeout_s=60.0, monitor_only=True)) as (client, robot):
+        robot.exchange(READY, 50)
+        client.ring.request_stop(code)
+        result = client.finish()
+    assert (result.outcome, result.reason) == (outcome, code.name)
+    assert "moved" not in result.sentence  # who knows what moved the arm
+
+
+def test_a_run_that_only_monitors_ends_when_the_robot_falls_silent_and_waits_for_it_before() -> None:
+    with running(settings=LoopSettings(receive_timeout_s=0.2, monitor_only=True)) as (client, robot):
+        pause(0.4)
+        robot.exchange(READY, 5)
+        assert client.finish().outcome == "completed"
