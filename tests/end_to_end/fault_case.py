@@ -15,13 +15,14 @@ class Step:
     """Once the operator has read `when` (a regular expression), `number` is sent to each of `targets`, and SIGCONT
     `resume_after_s` later.
 
-    targets: supervisor, recorder, loop, worker.
+    targets: supervisor, recorder, loop, worker. at_message: instead of `when`, once so many messages were received.
     """
 
     when: str
     targets: tuple[str, ...]
     number: signal.Signals
     resume_after_s: float | None = None
+    at_message: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

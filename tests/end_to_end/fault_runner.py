@@ -27,8 +27,9 @@ from rosbags.highlevel import AnyReader
 
 from daemon.api import RunRequest
 from daemon.json_files import write_json
+from daemon.live.subscription import LiveSubscription
 from identification.excitation import FourierTrajectory, default_trajectory
-from tests.end_to_end.fault_case import FaultCase
+from tests.end_to_end.fault_case import FaultCase, Step
 from tests.end_to_end.processes import free_udp_port, iiwa_ident
 
 __all__ = ["FaultResult", "matches", "robot_settings", "run_case", "short_motion"]
@@ -49,7 +50,7 @@ class FaultResult:
     arm: see FaultCase; peaks: velocity, acceleration and jerk of the robot's set-points by its own clock, worst joint
     over its limit; judged_inside: no set-point was beyond one; speed_at_end: of the arm, rad/s; read: what the operator
     read last; samples, gap, answered_samples: in the file (None: no file); recovered: the file had to be made whole by
-    `iiwa-ident recover` first.
+    `iiwa-ident recover` first. lost: between loop and file, by run.json; has_account: there was one at the end.
     """
 
     arm: str
@@ -68,6 +69,8 @@ class FaultResult:
     recovered: bool
     robot: dict[str, Any]
     left_running: tuple[str, ...]
+    lost: int = 0
+    has_account: bool = True
 
     def describe_file(self) -> str:
         """A cell of the table."""
@@ -113,6 +116,8 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         recovered=recovered,
         robot=summary,
         left_running=left,
+        lost=_account(folder).get("handover_gaps", 0),
+        has_account=bool(_account(folder)),
     )
 
 
@@ -221,21 +226,26 @@ def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
     )  # fmt: skip
     assert process.stdout is not None
-    steps, lines, family, timers = list(case.steps), [], {}, []
+    steps = [step for step in case.steps if step.at_message is None]
+    moments = [step for step in case.steps if step.at_message is not None]
+    lines: list[str] = []
+    family: dict[str, psutil.Process] = {}
+    timers: list[threading.Timer] = []
+    is_over = threading.Event()
+    port = int(json.loads((folder / "input.json").read_text())["bind_port"])
+    watch = threading.Thread(target=_at_moments, args=(moments, port, process.pid, family, timers, is_over))
+    if moments:
+        watch.start()
     with process.stdout as stream:
         for line in stream:
             lines.append(line)
             family.update(_family(process.pid))
             while steps and re.search(steps[0].when, line):
-                step = steps.pop(0)
-                chosen = [family[target] for target in step.targets]
-                for each in chosen:
-                    with contextlib.suppress(psutil.NoSuchProcess):
-                        each.send_signal(step.number)
-                if step.resume_after_s is not None:
-                    timers.append(threading.Timer(step.resume_after_s, _resume, (chosen,)))
-                    timers[-1].start()
+                _inject(steps.pop(0), family, timers)
     exit_code = process.wait(WATCHDOG_S)
+    is_over.set()
+    if moments:
+        watch.join()
     for timer in timers:
         timer.join()
     others = [each for role, each in family.items() if role != "supervisor"]
@@ -243,6 +253,50 @@ def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
     for each in alive:
         each.kill()
     return "".join(lines), exit_code, tuple(role for role, each in family.items() if each in alive)
+
+
+def _inject(step: Step, family: dict[str, psutil.Process], timers: list[threading.Timer]) -> None:
+    chosen = [family[target] for target in step.targets if target in family]
+    for each in chosen:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            each.send_signal(step.number)
+    if step.resume_after_s is not None:
+        timers.append(threading.Timer(step.resume_after_s, _resume, (chosen,)))
+        timers[-1].start()
+
+
+def _at_moments(
+    steps: list[Step],
+    port: int,
+    pid: int,
+    family: dict[str, psutil.Process],
+    timers: list[threading.Timer],
+    is_over: threading.Event,
+) -> None:
+    """Inject each step once the recorder has told of so many messages; then end what stays stopped when all else is
+    over.
+    """
+    with LiveSubscription(port) as live:
+        while steps and not is_over.is_set():
+            family.update(_family(pid))
+            frames = live.receive(0.02)
+            if frames and frames[-1].received >= (steps[0].at_message or 0):
+                _inject(steps.pop(0), family, timers)
+    while not is_over.wait(0.2):
+        states = {each: _state(each) for each in list(family.values())}
+        if states and all(state in (psutil.STATUS_STOPPED, "gone") for state in states.values()) and not any(
+            timer.is_alive() for timer in timers
+        ):
+            for each in states:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    each.kill()
+
+
+def _state(process: psutil.Process) -> str:
+    with contextlib.suppress(psutil.NoSuchProcess):
+        state = process.status()
+        return "gone" if state == psutil.STATUS_ZOMBIE else str(state)
+    return "gone"
 
 
 def _family(pid: int) -> dict[str, psutil.Process]:
@@ -290,6 +344,14 @@ def _outcome(folder: Path) -> str | None:
             with contextlib.suppress(FileNotFoundError):
                 return str(json.loads((place / name).read_text())["outcome"])
     return None
+
+
+def _account(folder: Path) -> dict[str, Any]:
+    """run.json; empty where there is none."""
+    for place in (folder / "kept", folder / "run"):
+        with contextlib.suppress(FileNotFoundError):
+            return dict(json.loads((place / "run.json").read_text()))
+    return {}
 
 
 def _what_the_arm_did(summary: dict[str, Any], outcome: str | None) -> str:
