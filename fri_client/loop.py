@@ -177,7 +177,7 @@ class FriLoop:
                 return "version_mismatch" if self._undecodable_sample else "no_robot"
             if settings.monitor_only:
                 return "completed" if first and self._robot_left(now) else None
-            return "not_started" if first and now - first > settings.command_timeout_s * 1e9 else None
+            return "not_started" if first and self._waited_ns(now) > settings.command_timeout_s * 1e9 else None
         if motion.phase == _DONE:
             if motion.stop_reason is None or (settings.monitor_only and self._was_ended()):
                 return "completed"
@@ -197,6 +197,14 @@ class FriLoop:
         """Whether a run that lasts until somebody ends it was ended so, after the first message."""
         reason = self.motion.stop_reason
         return reason is not None and reason.code in ENDED_BY_SOMEBODY and self.session.first_fresh_ns > 0
+
+    def _waited_ns(self, now: int) -> int:
+        """Since the first message. How long a simulated robot's milliseconds take means nothing, its silence does."""
+        session = self.session
+        if not session.clock.simulated:
+            return now - session.first_fresh_ns
+        silence_ns = now - session.last_fresh_ns if self._silence_told else 0
+        return session.counts.fresh * (session.send_period_ms or 1) * 1_000_000 + silence_ns
 
     def _rehearse(self) -> None:
         """Wait for the message as the receive does, and shortly before it is due go through its answer for nothing.

@@ -41,6 +41,8 @@ from .producer import Producer, make_job, make_request
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PORT = 30987
+WATCHDOG_S = 600.0
+"""For what does not happen or does not end; nothing is judged by it."""
 
 
 @pytest.fixture
@@ -90,7 +92,7 @@ def record_watched(folder: Path, ring: HandoverRing, samples: int) -> list[LiveF
             producer.push(samples)
             ring.finish()
             assert Recorder(job, HandoverRing.attach(ring.fd), lambda _: None, live).run() == 0
-        listener.join(10.0)
+        listener.join(WATCHDOG_S)
         context.term()
     assert seen[-1].ended
     return seen
@@ -338,22 +340,22 @@ def test_watch_follows_a_run_to_its_end_and_says_how_it_ended(
         assert lines.stdout is not None
         assert frames.stdout is not None
         with ticking(live):
-            assert "Run test-run  iiwa14" in screen.communicate(timeout=120)[0]
+            assert "Run test-run  iiwa14" in screen.communicate(timeout=WATCHDOG_S)[0]
             assert lines.stdout.readline().startswith("test-run: waiting; 0 received")
             assert json.loads(frames.stdout.readline())["run_id"] == "test-run"
         ring.publish_reason("The motion was stopped by an operator.")
     context.term()
-    assert lines.communicate(timeout=120)[0] == "The recording ended. The motion was stopped by an operator.\n"
-    assert json.loads(frames.communicate(timeout=120)[0].splitlines()[-1])["ended"] is True
+    assert lines.communicate(timeout=WATCHDOG_S)[0] == "The recording ended. The motion was stopped by an operator.\n"
+    assert json.loads(frames.communicate(timeout=WATCHDOG_S)[0].splitlines()[-1])["ended"] is True
     assert [process.returncode for process in processes] == [0, 0, 0]
 
 
 def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
     nothing = watched(private)
-    assert "No run is being recorded" in nothing.communicate(timeout=60)[1]
+    assert "No run is being recorded" in nothing.communicate(timeout=WATCHDOG_S)[1]
     assert nothing.returncode == 69
     missing = watched(private, str(tmp_path / "absent"))
-    missing.communicate(timeout=60)
+    missing.communicate(timeout=WATCHDOG_S)
     assert missing.returncode == 66
 
 

@@ -39,6 +39,8 @@ from .producer import Producer, make_job
 REPOSITORY = Path(__file__).resolve().parents[2]
 PORT = 30988
 SUBPROTOCOL = "foxglove.sdk.v1"
+WATCHDOG_S = 600.0
+"""For what does not happen or does not end; nothing is judged by it."""
 
 
 def free_tcp_port() -> int:
@@ -72,7 +74,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
         with client.connect(f"ws://127.0.0.1:{ports[0]}", subprotocols=[SUBPROTOCOL]) as foxglove:
             channels: dict[str, dict[str, Any]] = {}
             while len(channels) < 3:
-                said = json.loads(foxglove.recv(timeout=30))
+                said = json.loads(foxglove.recv(timeout=WATCHDOG_S))
                 if said["op"] == "advertise":
                     channels |= {each["topic"]: each for each in said["channels"]}
             topics = list(channels)
@@ -82,7 +84,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
             messages: dict[str, list[bytes]] = {name: [] for name in topics}
             with contextlib.suppress(closed):  # the server closes with the run
                 while True:
-                    data = foxglove.recv(timeout=30)
+                    data = foxglove.recv(timeout=WATCHDOG_S)
                     if isinstance(data, bytes) and data[0] == 1:
                         (number,) = struct.unpack_from("<I", data, 1)
                         messages[topics[number]].append(data[13:])
@@ -90,7 +92,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
             points.append(json.loads(plots.recv()))
         plots.close()
         context.term()
-        assert process.wait(30) == 0
+        assert process.wait(WATCHDOG_S) == 0
         yield {"channels": channels, "messages": messages, "points": points, "listeners": listeners}
 
 
@@ -98,7 +100,7 @@ def _listening(pid: int, ports: tuple[int, int]) -> set[str]:
     """Addresses at which the process listens, once it has both ports."""
     import psutil
 
-    for _ in range(600):
+    for _ in range(6000):
         found = [each.laddr for each in psutil.Process(pid).net_connections("tcp") if each.status == "LISTEN"]
         if {port for _, port in found} >= set(ports):
             return {host for host, _ in found}
@@ -116,7 +118,7 @@ def _record(folder: Path, context: zmq.Context[Any], plots: zmq.Socket[Any]) -> 
     with LiveBroadcast(job.request, ring, context) as live:
 
         def fill() -> None:
-            for _ in range(3000):
+            for _ in range(60_000):
                 producer.push(20)
                 while plots.poll(10):
                     points.append(json.loads(plots.recv()))
@@ -209,7 +211,7 @@ def test_the_server_ends_with_its_starter(tmp_path: Path) -> None:
     )  # fmt: skip
     assert process.stdin is not None
     process.stdin.close()
-    assert process.wait(60) == 0
+    assert process.wait(WATCHDOG_S) == 0
 
 
 def test_a_taken_port_is_named() -> None:
@@ -221,7 +223,7 @@ def test_a_taken_port_is_named() -> None:
         done = subprocess.run(
             [sys.executable, "-m", "daemon.live.server", "--port", str(PORT), "--foxglove-port", str(free_tcp_port()),
              "--plotjuggler-port", str(taken)],
-            stdin=subprocess.PIPE, cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False,
+            stdin=subprocess.PIPE, cwd=REPOSITORY, capture_output=True, text=True, timeout=WATCHDOG_S, check=False,
         )  # fmt: skip
     assert done.returncode == 78
     assert f"TCP port {taken}" in done.stderr

@@ -13,7 +13,7 @@ __all__ = ["FaultCase", "Step"]
 @dataclass(frozen=True, slots=True)
 class Step:
     """Once the operator has read `when` (a regular expression), `number` is sent to each of `targets`, and SIGCONT
-    `resume_after_s` later.
+    `resume_after_s` later, or when the robot has closed its session.
 
     targets: supervisor, recorder, loop, worker. at_message: instead of `when`, once so many messages were received.
     """
@@ -23,6 +23,7 @@ class Step:
     number: signal.Signals
     resume_after_s: float | None = None
     at_message: int | None = None
+    resume_after_robot: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +31,10 @@ class FaultCase:
     """One row of the table.
 
     Injected: faults and session rules of the fake robot, steps (signals), request (fields of RunRequest), robot
-    (options of the fake robot; None: there is none), clock (the robot keeps real time, 5 ms a message, else lockstep),
-    start_rad (distance of each joint from the start of the motion, hence the length of the start ramp), disk (size of
-    the file system that holds the run's folder, or "ro"), port_held (by another program), wire
-    (a trouble of `wire_proxy` and its share of the datagrams).
+    (options of the fake robot; None: there is none), clock (the client goes by the clock of the machine: the robot does
+    not say that it is in lockstep, or, with a wire, keeps real time), start_rad (distance of each joint from the start
+    of the motion, hence the length of the start ramp), disk (size of the file system that holds the run's folder, or
+    "ro"), port_held (by another program), wire (a trouble of `wire_proxy` and its share of the datagrams).
 
     Expected: arm, as the robot saw it: "finished" (at rest after the whole motion), "ramp" (at rest after commands that
     stopped gently), "held" (commands ended, the robot held the last one), "dropped" (the robot ended commanding and

@@ -21,11 +21,16 @@ PROMPT = QUICK | {"lockstep_shortest_s": 0.1}
 """The client leaves some messages unanswered and then goes on: that answer must not come a cycle late."""
 LONG_SILENCE = {"receive_timeout_s": 10.0}
 """A lockstep robot's wait for an answer that does not come is no silence."""
-PATIENT = {
-    "quality_window_s": 1.0, "quality_fair": 0.3, "quality_good": 0.4, "quality_excellent": 0.9,
-    "missed_commands_tolerated": 100,
-}  # fmt: skip
-"""By the clock on a busy machine: the case is about something else than a late answer."""
+PACED: dict[str, Any] = {
+    "robot": ("--send-period-ms", "5"),
+    "session": {
+        "lockstep_cycle_s": 0.005, "announces_lockstep": False, "lockstep_timeout_s": 0.3,
+        "quality_window_s": 1.0, "quality_fair": 0.3, "quality_good": 0.4, "quality_excellent": 0.9,
+        "missed_commands_tolerated": 100,
+    },
+    "clock": True,
+}
+"""By the clock, as the client sees it; but such a robot waits on a busy machine."""
 SLOW: dict[str, Any] = {"robot": ("--send-period-ms", "5"), "session": {"lockstep_cycle_s": 0.01}}
 """In simulated time, at half the pace of a real robot: a short phase lasts until the operator has read of it."""
 EXCITATION = "Motion: excitation."
@@ -210,8 +215,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
     yield FaultCase("stray", "11 bytes from another port before the robot's first message", "finished", "completed", 0,
                     faults=({"fault": "stray", "at_cycle": 0},))  # fmt: skip
     yield FaultCase("time-stamp-jump", "the robot's time stamp jumps by an hour, robot by the clock", "finished",
-                    "completed", 0, faults=(fault("time_stamp_jump", 300, value=3600.0),), clock=True,
-                    session=PATIENT)  # fmt: skip
+                    "completed", 0, faults=(fault("time_stamp_jump", 300, value=3600.0),), **PACED)  # fmt: skip
 
 
 def _who_stops() -> Iterator[FaultCase]:
@@ -328,11 +332,11 @@ def _who_stops() -> Iterator[FaultCase]:
                     steps=(Step(EXCITATION, ("recorder",), SIGSTOP),
                            Step("Motion: (stop ramp|hold|done)", ("recorder",), SIGCONT)))  # fmt: skip
     yield FaultCase("pause-loop", "the loop is paused for 12 ms, robot by the clock", "finished", "completed", 0,
-                    request={"periods": 1}, clock=True, session=PATIENT,
+                    request={"periods": 1}, **PACED,
                     steps=(Step(EXCITATION, ("loop",), SIGSTOP, 0.012),))  # fmt: skip
-    yield FaultCase("pause-loop-long", "the loop is paused for 1.5 s, robot by the clock", "held", "dropped", 1,
-                    ("Session dropped",), clock=True, session={"missed_commands_tolerated": 50},
-                    steps=(Step(EXCITATION, ("loop",), SIGSTOP, 1.5),))  # fmt: skip
+    yield FaultCase("pause-loop-long", "the loop is paused until the robot has given it up, robot by the clock", "held",
+                    "dropped", 1, ("Session dropped",), **PACED,
+                    steps=(Step(EXCITATION, ("loop",), SIGSTOP, resume_after_robot=True),))  # fmt: skip
     yield FaultCase("pause-supervisor", "the supervisor is paused for 3 s", "ramp", "stopped", 1,
                     ("gave no sign of life",), request={"supervisor_timeout_s": 1.0},
                     steps=(Step(EXCITATION, supervisor, SIGSTOP, 3.0),))  # fmt: skip

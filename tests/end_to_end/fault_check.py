@@ -28,8 +28,8 @@ def check(case: FaultCase, folder: Path) -> None:
     result = run_case(case, folder)
     assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code), result.transcript
     assert result.rejections == case.rejections
-    # Which cycle of a robot on this machine's clock a command reaches is the machine's to say; a stalled loop and a
-    # jump of the time stamp are judged in simulated time (tests/fri_client/test_adversary.py).
+    # Which cycle a command reaches that goes by this machine's clock is the machine's to say; a stalled loop and a jump
+    # of the time stamp are judged in simulated time (tests/fri_client/test_adversary.py).
     assert case.clock or result.judged_inside, result.robot["judgement"]["excesses"][:3]
     assert result.speed_at_end < REST_RAD_S
     for words in case.says:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -94,7 +95,7 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         if case.wire is not None:
             port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
-        transcript, exit_code, left = _run(case, folder)
+        transcript, exit_code, left = _run(case, folder, robot)
         summary = _end_robot(robot, folder, patient=case.arm in ("held", "dropped")) if robot is not None else {}
     outcome = _outcome(folder)
     samples, answered, gap, recovered = _examine(folder)
@@ -152,8 +153,9 @@ def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
 def _patience(case: FaultCase) -> dict[str, float]:
     """Time-outs of the client that the case is not about never end a run because the machine was busy elsewhere."""
     lost = case.arm in ("held", "dropped") or any("no usable message" in words for words in case.says)
-    supervised = not any("supervisor" in step.targets for step in case.steps)
-    return ({} if lost or case.clock else {"receive_timeout_s": 10.0}) | (
+    held = (signal.SIGKILL, signal.SIGSTOP)
+    supervised = not any("supervisor" in step.targets and step.number in held for step in case.steps)
+    return ({} if lost or case.wire is not None else {"receive_timeout_s": 10.0}) | (
         {"supervisor_timeout_s": 60.0} if supervised else {}
     )
 
@@ -180,7 +182,7 @@ def robot_settings(case: FaultCase, table: NDArray[np.float64], lead_in_s: float
 
 
 def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[bytes]:
-    options = ["--send-period-ms", "5"] if case.clock else ["--lockstep"]
+    options = ["--send-period-ms", "5"] if case.wire is not None else ["--lockstep"]
     options += ["--client", f"127.0.0.1:{port}", "--seed", "7", "--duration", "900", *(case.robot or ())]
     options += ["--physics", str(folder / "robot.yaml"), "--json", str(folder / "robot.json")]
     return subprocess.Popen(
@@ -218,7 +220,7 @@ def _end_robot(robot: subprocess.Popen[bytes], folder: Path, *, patient: bool) -
 # The run.
 
 
-def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
+def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -> tuple[str, int, tuple[str, ...]]:
     """Everything the operator read, the exit code, and the processes of ours that did not end (killed then)."""
     command = [sys.executable, "-m", "tests.end_to_end.acquisition", str(folder / "input.json")]
     process = subprocess.Popen(
@@ -241,7 +243,11 @@ def _run(case: FaultCase, folder: Path) -> tuple[str, int, tuple[str, ...]]:
             lines.append(line)
             family.update(_family(process.pid))
             while steps and re.search(steps[0].when, line):
-                _inject(steps.pop(0), family, timers)
+                step = steps.pop(0)
+                _inject(step, family, timers)
+                if step.resume_after_robot and robot is not None:
+                    robot.wait(WATCHDOG_S)
+                    _resume([family[target] for target in step.targets])
     exit_code = process.wait(WATCHDOG_S)
     is_over.set()
     if moments:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -159,10 +160,27 @@ class Robot:
             self.channel.settimeout(60.0)
 
 
+class SteppedClock:
+    """The loop's clock, ns: stands still but for what a test adds to it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 1_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
 class Client:
     """A loop in a thread of its own."""
 
-    def __init__(self, version: FriVersion, settings: LoopSettings, slots: int, **motion: Any) -> None:
+    def __init__(
+        self,
+        version: FriVersion,
+        settings: LoopSettings,
+        slots: int,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        **motion: Any,
+    ) -> None:
         self.ring = HandoverRing.create(slots)
         channel = open_channel("127.0.0.1", 0)
         self.address = channel.address
@@ -177,7 +195,7 @@ class Client:
                 **options,
             )
 
-        self.loop = FriLoop(channel, version, make, self.ring, settings)
+        self.loop = FriLoop(channel, version, make, self.ring, settings, clock_ns)
         self.result: LoopResult | None = None
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.channel = channel
@@ -194,6 +212,12 @@ class Client:
     def records(self) -> list[HandoverRecord]:
         return self.ring.read_batch(100000)
 
+    def wait_until_heard(self, *, messages: int = 0, undecodable: int = 0) -> None:
+        """Until the loop has handed over so many messages and is back in its receive."""
+        wanted = (messages, undecodable)
+        while (self.ring.status.received, self.ring.status.undecodable) != wanted and self.thread.is_alive():
+            threading.Event().wait(0.001)
+
 
 @contextmanager
 def running(
@@ -209,11 +233,6 @@ def running(
         robot.channel.close()
         client.channel.close()
         client.ring.close()
-
-
-def pause(seconds: float = 0.05) -> None:
-    """Give the loop's thread the time to come back to its receive."""
-    threading.Event().wait(seconds)
 
 
 def events(records: list[HandoverRecord]) -> list[int]:
@@ -441,9 +460,15 @@ def test_a_new_run_begins_at_the_ipo_position_of_its_own_session() -> None:
 
 
 def test_silence_while_moving_latches_and_the_stop_is_reported_as_not_confirmed() -> None:
-    with running(settings=LoopSettings(receive_timeout_s=0.2)) as (client, robot):
+    clock = SteppedClock()
+    with running(settings=LoopSettings(receive_timeout_s=0.2), clock_ns=clock) as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
+        client.wait_until_heard(messages=711)
+        clock.now_ns += 300_000_000
+        while client.ring.status.stop_reason == 0:
+            threading.Event().wait(0.001)
+        clock.now_ns += 2_000_000_000
         result = client.finish()
         records = client.records()
     assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SILENCE", False)
@@ -497,9 +522,13 @@ def test_a_torque_that_is_no_number_costs_its_samples_and_not_the_motion() -> No
 
 
 def test_torques_that_stay_no_numbers_end_in_a_ramp_and_not_in_a_cut() -> None:
-    with running(settings=LoopSettings(receive_timeout_s=0.1), periods=20) as (client, robot):
+    clock = SteppedClock()
+    with running(settings=LoopSettings(receive_timeout_s=0.1), clock_ns=clock, periods=20) as (client, robot):
         robot.to_active()
         robot.exchange(ACTIVE, 700)
+        robot.exchange(ACTIVE, torque=(math.nan,) * 7)
+        client.wait_until_heard(messages=712)
+        clock.now_ns += 200_000_000
         robot.until_done(client, torque=(math.nan,) * 7)
         result = client.finish()
     assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "SILENCE", True)
@@ -554,7 +583,8 @@ def test_who_sends_no_whole_message_first_does_not_lock_the_robot_out(first: str
             "six joints": stranger.codec.encode_monitoring(wrong),
         }[first]
         stranger.channel.sendto(datagram, client.address)
-        pause()
+        is_whole = first != "garbage"
+        client.wait_until_heard(messages=is_whole, undecodable=not is_whole)
         robot.exchange(READY, 3)
         client.loop.stop_from_signal(15)
         client.finish()
@@ -600,7 +630,7 @@ def test_of_a_backlog_after_a_stall_the_newest_message_alone_is_answered_by_one_
         robot.exchange(ACTIVE, 700)
         # What a stalled client finds in its socket: many messages at once. The loop is held in its first step by a
         # ring whose push waits, which is as good as a process that does not get the processor.
-        pause()
+        client.wait_until_heard(messages=711)
         released, held = threading.Event(), threading.Event()
         push = client.loop._journal.record
 
@@ -671,10 +701,12 @@ def test_a_robot_of_another_version_is_recognised_by_its_bytes() -> None:
 def test_no_robot_and_a_robot_that_gives_no_command_end_with_different_sentences() -> None:
     with running(settings=LoopSettings(start_timeout_s=0.2)) as (client, _):
         assert client.finish().outcome == "no_robot"
-    with running(settings=LoopSettings(command_timeout_s=0.3)) as (client, robot):
+    # The clock of the machine stands still: a robot in lockstep is given up by its own time.
+    with running(settings=LoopSettings(command_timeout_s=0.3), clock_ns=SteppedClock()) as (client, robot):
         while client.thread.is_alive():
             robot.send(READY)
-            pause(0.02)
+            robot.take_if_alive(client)
+        assert client.loop.session.counts.fresh == 301
         result = client.finish()
     assert result.outcome == "not_started"
     assert "MONITORING_READY" in result.sentence
@@ -687,7 +719,7 @@ def test_a_session_closed_before_a_motion_says_where_it_was_and_how_good_it_was(
         robot.exchange(WAIT, 2, quality=1)
         while client.thread.is_alive():
             robot.send(IDLE, quality=0)
-            pause(0.02)
+            threading.Event().wait(0.001)
         result = client.finish()
     assert result.outcome == "not_started"
     left = "the robot left COMMANDING_WAIT for MONITORING_WAIT at quality FAIR, before a motion began"
@@ -720,7 +752,7 @@ def test_an_arm_far_from_its_ipo_position_is_not_moved() -> None:
         away = (*REST[:4], REST[4] + 0.3, *REST[5:])
         while client.thread.is_alive():
             robot.send(ACTIVE, measured=away)
-            pause(0.02)
+            threading.Event().wait(0.001)
         result = client.finish()
     assert result.outcome == "not_started"
     assert "joint 5 is 0.300 rad from its IPO position" in result.sentence
@@ -796,7 +828,11 @@ def test_a_run_that_only_monitors_ends_well_when_somebody_ends_it(code: EventCod
 
 
 def test_a_run_that_only_monitors_ends_when_the_robot_falls_silent_and_waits_for_it_before() -> None:
-    with running(settings=LoopSettings(receive_timeout_s=0.2, monitor_only=True)) as (client, robot):
-        pause(0.4)
+    clock, settings = SteppedClock(), LoopSettings(receive_timeout_s=0.2, monitor_only=True)
+    with running(settings=settings, clock_ns=clock) as (client, robot):
+        clock.now_ns += 400_000_000
         robot.exchange(READY, 5)
+        client.wait_until_heard(messages=5)
+        assert client.thread.is_alive()
+        clock.now_ns += 400_000_000
         assert client.finish().outcome == "completed"
