@@ -20,7 +20,7 @@ from identification.mismatch.change_uncertainty import shape_covariance
 from identification.mismatch.changes import find_drift, find_payload, find_thermal
 from identification.mismatch.contact_search import find_contact, without_outliers
 from identification.mismatch.contrasts import Contrasts, Fit, solve
-from identification.mismatch.effects.base import Effect, Estimate
+from identification.mismatch.effects.base import CERTAIN, Effect, Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
@@ -134,8 +134,12 @@ def _search(
     contrasts.z = whole = without_outliers(contrasts)
     period = evidence.motion.samples * evidence.motion.sampling_period_s
     # Of a jolt in one period the mean has a share too, which all others lack.
+    time = evidence.recording.time
+    length = float(time[-1] - time[0])
+    ends = [(-BESIDE_FLAGGED_S, BESIDE_FLAGGED_S), (length - BESIDE_FLAGGED_S, length + BESIDE_FLAGGED_S)]
     closed = _Closed(
-        spans=[
+        spans=ends
+        + [
             (low + shift * period, high + shift * period)
             for low, high in beside_flagged_rows(evidence.recording)
             for shift in range(-evidence.periods, evidence.periods + 1)
@@ -161,7 +165,11 @@ def _search(
         chances = [fit.log10_chance(candidate.tests) for fit, candidate in zip(fits, claimed, strict=True)]
         weakest = int(np.argmax(chances))
         if chances[weakest] <= bound:
-            return [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
+            changes = [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
+            certainty = [change.effect.parameters(change.estimate)[0].certainty for change in changes]
+            weakest = int(np.argmin(certainty))
+            if certainty[weakest] >= CERTAIN:
+                return changes
         del claimed[weakest]
     return []
 

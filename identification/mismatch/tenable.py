@@ -12,15 +12,13 @@ import numpy.typing as npt
 
 from identification.mismatch.abstention import Examination, name_of, torque_of, without
 from identification.mismatch.between_periods import Change
-from identification.mismatch.effects.base import Estimate
+from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.extension import uncertainties
 from identification.mismatch.problem import off
 from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 
-CERTAIN = 2.0
-"""Standard deviations that a size has to be away from zero."""
 LEAST_SHOWN = 1e-3
 """Share of an effect's energy that has to show beside the base parameters: else its size is that of their error."""
 
@@ -49,7 +47,7 @@ def _doubts(exam: Examination, trial: Trial) -> list[tuple[float, str]]:
         size, *_ = member.effect.parameters(
             Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
         )
-        certainty = abs(size.value) / size.std if np.isfinite(size.value) and size.std > 0.0 else np.inf
+        certainty = size.certainty
         rows = (torque_of(member, coefficients, exam.problem.n) * exam.problem.weight).ravel()
         left = off(exam.problem.basis, rows)
         why = ""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
+from identification.signals.filter_ends import at_filter_ends, cutoff_hz
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -120,6 +121,7 @@ def period_table(recording: Recording) -> PeriodTable:
         notes.append(f"{int((~keep).sum())} of {numbers.size} periods hold less than half of their samples; left out")
     if recording.source.kind != "log":
         keep &= ~_transient(position, keep, notes)
+        keep &= ~_at_filter_ends(recording, numbers, torque[keep], notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes))
@@ -167,6 +169,29 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
         noise_freedom=_noise_freedom(present.shape[0]),
         notes=tuple(notes),
     )
+
+
+def _at_filter_ends(
+    recording: Recording, numbers: IntArray, torque: FloatArray, notes: list[str]
+) -> BoolArray:
+    """Marks periods that reach to where a filter, which the noise of the torque (K, M, n) shows, had not settled.
+
+    Whole ones: what fills a part of a filtered period has lines that the filter took from all others.
+    """
+    assert recording.period_s is not None
+    assert recording.period_index is not None
+    cutoff = cutoff_hz(torque, recording.period_s / torque.shape[1])
+    if cutoff is None:
+        return np.zeros(numbers.size, dtype=np.bool_)
+    ends = at_filter_ends(recording.time, cutoff)
+    marked = np.isin(numbers, recording.period_index[ends])
+    if not marked.any() or len(torque) - int(marked.sum()) < 2:
+        return np.zeros(numbers.size, dtype=np.bool_)
+    notes.append(
+        f"the torque was filtered at about {cutoff:.2g} Hz before: {int(marked.sum())} periods reach to the ends of "
+        "the recording, where such a filter has not settled; left out"
+    )
+    return marked
 
 
 def _onto_grid(recording: Recording, values: list[FloatArray]) -> list[FloatArray]:

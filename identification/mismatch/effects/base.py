@@ -47,6 +47,10 @@ class Columns:
     values_by_period: FloatArray | None = None
 
 
+CERTAIN = 2.0
+"""Standard deviations that the size of what is claimed has to be away from zero."""
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One physical parameter of a finding. std: nan where it is not known."""
@@ -55,6 +59,11 @@ class Parameter:
     value: float
     std: float
     unit: str
+
+    @property
+    def certainty(self) -> float:
+        """Standard deviations that the value is away from zero; inf where either is not known."""
+        return abs(self.value) / self.std if np.isfinite(self.value) and self.std > 0.0 else np.inf
 
 
 @dataclass(frozen=True, slots=True)

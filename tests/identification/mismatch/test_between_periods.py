@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
+from identification.mismatch import between_periods
 from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
@@ -38,7 +42,12 @@ def record(
     q, dq, ddq = fourier_motion(7, period_s=PERIOD_S, samples=SAMPLES, seed=4)
     plain = inverse_dynamics(iiwa14, table3, q, dq, ddq)
 
-    def make(extra: Torque | None = None, noise: str = "white", seed: int = 1) -> tuple[Recording, Evidence]:
+    def make(
+        extra: Torque | None = None,
+        noise: str = "white",
+        seed: int = 1,
+        filtered: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> tuple[Recording, Evidence]:
         generator = np.random.default_rng(seed)
         states = [np.tile(values, (PERIODS, 1)) for values in (q, dq, ddq)]
         rows = PERIODS * SAMPLES
@@ -47,8 +56,10 @@ def record(
         torque = torque + NOISE * _noise(noise, (rows, 7), time, generator)
         if noise == "quantised":
             torque = np.round(torque / 0.05) * 0.05
+        torque = torque if filtered is None else filtered(torque)
         position = states[0] + 2e-5 * generator.normal(size=(rows, 7))
-        recording = recording_of(position, torque, period_s=PERIOD_S, periods=PERIODS)
+        kind = "log" if filtered is None else "npz"
+        recording = recording_of(position, torque, period_s=PERIOD_S, periods=PERIODS, kind=kind)
         return recording, build_evidence(recording, iiwa14, iiwa14_base)[0]
 
     return make
@@ -117,6 +128,35 @@ def _load(robot: RobotModel, carried: Callable[[FloatArray], npt.NDArray[np.bool
 @pytest.mark.parametrize("seed", [11, 12])
 def test_noise_of_any_colour_is_no_change(record, noise: str, seed: int) -> None:
     assert find_between_periods([record(None, noise, seed)[1]], EFFECTS) == ()
+
+
+def test_a_change_whose_size_may_as_well_be_zero_is_no_claim(record, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drift of 10 Nm/h, once with the covariance that it has and once with one that makes it 1.9 of its own σ."""
+    plain = between_periods._change
+
+    def uncertain(*arguments: Any) -> Change:
+        change = plain(*arguments)
+        size = change.estimate.coefficients
+        covariance = np.diag((size / 1.9) ** 2)
+        return replace(change, estimate=replace(change.estimate, covariance=covariance))
+
+    def extra(time: FloatArray, *_: FloatArray) -> FloatArray:
+        return np.eye(7)[3] * time[:, None] * 10.0 / 3600.0
+
+    evidence = record(extra)[1]
+    _only(find_between_periods([evidence], (TorqueSensorDrift(),)), "torque_sensor_drift")
+    monkeypatch.setattr(between_periods, "_change", uncertain)
+    assert find_between_periods([evidence], (TorqueSensorDrift(),)) == ()
+
+
+@pytest.mark.parametrize(
+    ("run", "cutoff_hz"), [(sosfilt, 3.0), (sosfilt, 20.0), (partial(sosfiltfilt, padtype=None), 20.0)]
+)
+def test_the_ends_of_a_filtered_record_are_no_evidence(record, run, cutoff_hz: float) -> None:
+    """A filter begins with nothing before the record: on every joint that is a jolt of the whole torque."""
+    sos = butter(4, cutoff_hz, fs=SAMPLES / PERIOD_S, output="sos")
+    _, evidence = record(filtered=lambda torque: run(sos, torque, axis=0))
+    assert find_between_periods([evidence], EFFECTS) == ()
 
 
 @pytest.mark.parametrize(
