@@ -61,7 +61,7 @@ class Experiment:
         self.motion = default_trajectory().evaluate(clock)
         self.columns = self.base.matrix(*self.motion)
         self.clean = self.columns @ self.truth
-        first = self._recording(np.tile(self.clean, (PERIODS, 1)))
+        first = self.recording(np.tile(self.clean, (PERIODS, 1)))
         block = build_block(process_periodic(first), self.base, None, 0.0, PERIODS * PERIOD_S)
         assert block is not None
         self.block = block
@@ -99,7 +99,7 @@ class Experiment:
 
     def periodic_block(self, noise: FloatArray, *, bound_outliers: bool = False) -> Block:
         """The block of one draw: the columns stay as far as its band goes, torque and noise are the draw's."""
-        recording = self._recording(np.tile(self.clean, (PERIODS, 1)) + noise)
+        recording = self.recording(np.tile(self.clean, (PERIODS, 1)) + noise)
         signals = process_periodic(recording, bound_outliers=bound_outliers)
         rows = len(signals.used)
         return replace(
@@ -142,7 +142,8 @@ class Experiment:
         assert block is not None
         return block
 
-    def _recording(self, torque: FloatArray) -> Recording:
+    def recording(self, torque: FloatArray) -> Recording:
+        """16 periods of the motion with this torque (16 · M, 7) Nm."""
         rows = PERIODS * SAMPLES
         return Recording(
             time=np.arange(rows) * PERIOD_S / SAMPLES,

@@ -209,10 +209,13 @@ def validate(
     arm = model.load_robot()
     recordings = load_inputs(logs, robot, joints=joints, model_robot=arm).recordings
     table = validate_with_effects(model, recordings)
+    named = zip(recordings, recording_names(recordings), strict=True)
+    same = [name for recording, name in named if recording.source.sha256 in model.fitted_digests]
     if json_file is not None:
-        write_json(json_file, table.to_json())
+        own = tuple(f"{name}, " for name in same)
+        write_json(json_file, [{**row, "same_recording": row["label"].startswith(own)} for row in table.to_json()])
+    say = message if wants_json_on_stdout(json_file) else data
+    for name in same:
+        say(f"NO CHECK: the model was fitted to {name} itself, and its RMS there is the fit's own. Give another run.")
     if not wants_json_on_stdout(json_file):
         show_rms(table, "RMS of measured minus modelled torque per joint", unit=arm.torque_unit)
-    for recording, name in zip(recordings, recording_names(recordings), strict=True):
-        if recording.source.sha256 in model.fitted_digests:
-            message(f"{name}: the model was fitted to this very recording, so its RMS is no check; give another run.")

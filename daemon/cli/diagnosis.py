@@ -38,13 +38,14 @@ VERDICTS = {
     "explained": "Explained: with what is named here, nothing but noise remains.",
     "partly_explained": "Partly explained: what is named here is there, but it is not all.",
     "unexplained": "Unexplained: there is a mismatch, and nothing known to this program explains it.",
+    "undecided": "Undecided: what the model leaves is a great deal, and may be noise or missing physics.",
 }
 
 
 NOT_MEASURED = (
-    "The noise was not measured, for which a recording needs two periods or more: how much of the misfit is noise "
-    "cannot be told. Given up with it: effects near the noise, and all that changes from one period to the next "
-    "(drift, pushes)."
+    "The noise was not measured, for which a recording needs two periods or more: how much of the misfit, {left} Nm "
+    "RMS by joint, is noise cannot be told. Given up with it: effects near the noise, and all that changes from one period "
+    "to the next (drift, pushes)."
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 
@@ -156,15 +157,19 @@ def set_up_lines(diagnosis: Diagnosis) -> Sequence[str]:
 
 def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     """What is said first: whether noise was measured at all, then the verdict."""
+    from identification.robots.joint_units import in_units
+
     baseline, heldout = diagnosis.baseline, diagnosis.heldout
+    unknown = NOT_MEASURED.format(left=", ".join(f"{value:.2g}" for value in diagnosis.rms_after_nm))
+    unknown = in_units(unknown, diagnosis.torque_units)
     if not baseline.noise_is_measured and diagnosis.verdict == "no_mismatch":
-        return [f"{NOT_MEASURED} No mismatch is shown, and none is ruled out."]
+        return [f"{unknown} No mismatch is shown, and none is ruled out."]
     sentence = VERDICTS[diagnosis.verdict]
     if diagnosis.verdict == "unexplained" and not baseline.detected.any():
         sentence = DISAGREE
     elif heldout is not None and any(item.differs for item in heldout.misfits):
         sentence += " The held-out recordings disagree with the fitted ones."
-    return [sentence] if baseline.noise_is_measured else [NOT_MEASURED, sentence]
+    return [sentence] if baseline.noise_is_measured else [unknown, sentence]
 
 
 def finding_lines(finding: Finding, torque_units: Sequence[str] = ()) -> Sequence[str]:

@@ -27,7 +27,7 @@ BoolArray = npt.NDArray[np.bool_]
 DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
 MODEL_FORMAT = "iiwa-ident/model/1"
 
-Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
+Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained", "undecided"]
 
 
 @dataclass(frozen=True, slots=True)

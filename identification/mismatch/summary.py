@@ -37,7 +37,7 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.verdict import verdict_of
+from identification.mismatch.verdict import much_is_left, verdict_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,7 +60,9 @@ def summarise(
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
     left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
     heldout = _held_out(claims, fitted, unseen, settings)
-    verdict = verdict_of(claims.findings, baseline, left.tolist(), heldout is not None and bool(heldout.misfits))
+    elsewhere = heldout is not None and bool(heldout.misfits)
+    much = much_is_left(claims.after.rms_nm, fitted.evidences)
+    verdict = verdict_of(claims.findings, baseline, left.tolist(), elsewhere, much=much)
     curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
         robot=nominal.regressor.robot.name,

@@ -31,6 +31,8 @@ EXPLAINS_MORE = 1.0
 """Score within which a name is an alternative to what it holds as a special case: a further coefficient costs three, so
 that it then gains two, which noise does in one of twenty."""
 MOST_ALTERNATIVES = 8
+MUCH = 3.0
+"""Noise of another colour lies within; a model that leaves more may lack physics."""
 """Rivals of one finding that are refined and compared."""
 
 
@@ -180,8 +182,24 @@ def contrast_by_band(
     return gained
 
 
-def verdict_of(findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool], elsewhere: bool) -> Verdict:
-    """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings."""
+def verdict_of(
+    findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool], elsewhere: bool, *, much: bool
+) -> Verdict:
+    """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings.
+
+    much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`).
+    """
     if findings:
         return "partly_explained" if any(left) or elsewhere else "explained"
-    return "unexplained" if bool(np.any(baseline.detected)) or elsewhere else "no_mismatch"
+    if bool(np.any(baseline.detected)) or elsewhere:
+        return "unexplained"
+    return "undecided" if much else "no_mismatch"
+
+
+def much_is_left(rms_nm: FloatArray, evidences: Sequence[Evidence]) -> bool:
+    """Whether a model leaves more (n,) Nm on some joint than three times the noise that the quietest octave above the
+    compared band would give within it, where noise is not measured: it may be misfit, or noise of another colour.
+    """
+    floors = [item.noise if item.white_noise is None else item.white_noise for item in evidences]
+    square = sum((floor**2).sum(axis=0) for floor in floors) / sum(item.samples for item in evidences)
+    return not all(item.noise_is_measured for item in evidences) and bool(np.any(rms_nm > MUCH * np.sqrt(square)))

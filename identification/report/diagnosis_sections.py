@@ -36,6 +36,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         "no_mismatch": "The model explains these recordings: no missing physics shows above the noise.",
         "explained": f"The model left something out, and it is found: {names}.",
         "partly_explained": f"Part of what the model leaves out is found: {names}. Another part stays unexplained.",
+        "undecided": "What the model leaves is a great deal, and may be noise or missing physics: none is shown, "
+        "and none is ruled out. A motion that is repeated would tell.",
         "unexplained": f"Measured and modelled torque differ by more than the noise{where}, and no effect that is "
         "known here explains it.",
     }
