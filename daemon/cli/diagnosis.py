@@ -44,8 +44,8 @@ VERDICTS = {
 
 NOT_MEASURED = (
     "The noise was not measured, for which a recording needs two periods or more: how much of the misfit, {left} Nm "
-    "RMS by joint, is noise cannot be told. Given up with it: effects near the noise, and all that changes from one period "
-    "to the next (drift, pushes)."
+    "RMS by joint, is noise cannot be told. Given up with it: effects near the noise, and all that changes from one "
+    "period to the next (drift, pushes)."
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 
