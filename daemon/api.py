@@ -78,6 +78,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     gravity_m_s2: in the frame of the base, None: the arm stands on a floor.
     monitor_only: nothing is commanded, table_file and trajectory_file are empty, and the run lasts until somebody ends
     it, the robot ends its session or is silent for receive_timeout_s.
+    test_mode_only: the motion begins in T1 alone; set by the supervisor for the first rung of the ladder.
     """
 
     run_id: str
@@ -117,6 +118,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     model_file: str | None = None
     gravity_m_s2: tuple[float, float, float] | None = None
     monitor_only: bool = False
+    test_mode_only: bool = False
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""

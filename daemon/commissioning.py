@@ -1,4 +1,4 @@
-"""The commissioning ladder: a motion is driven on a real arm at 0.1, 0.25, 0.5 and only then at its full amplitude.
+"""The commissioning ladder: a motion is driven on a real arm at 0.1 in T1, then at 0.25, 0.5 and its full amplitude.
 
 Here: which amplitude may be driven next, the record of those done, and what a log says about it. A record belongs to
 one arm, one trajectory (before the amplitude was applied) and one workspace; a change of any of them begins at the
@@ -16,13 +16,26 @@ import os
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from daemon.api import RunOutcome, RunRequest
-from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError
+from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
 from daemon.times import now_text
+from daemon.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.workspace import load_surroundings
 
-__all__ = ["RUNGS", "Rung", "admit", "highest_allowed", "ladder_file", "needs_ladder", "remember", "rung_of", "tags"]
+__all__ = [
+    "RUNGS",
+    "Rung",
+    "admit",
+    "highest_allowed",
+    "is_first_rung",
+    "ladder_file",
+    "needs_ladder",
+    "remember",
+    "rung_of",
+    "tags",
+]
 
 RUNGS = (0.1, 0.25, 0.5, 1.0)
 
@@ -74,22 +87,46 @@ def highest_allowed(done: float) -> float:
     return next((rung for rung in RUNGS if rung > done + 1e-9), RUNGS[-1])
 
 
+def is_first_rung(request: RunRequest) -> bool:
+    """Whether nothing of this ladder was completed, so that this run is driven in T1. Raises as `admit` does."""
+    return needs_ladder(request) and not request.skip_ladder and not _done(request, rung_of(request))
+
+
+def _done(request: RunRequest, rung: Rung) -> float:
+    """The largest amplitude that was completed on the ladder; 0: none yet."""
+    return max((line.amplitude for line in _read(ladder_file(request)) if line.same_ladder(rung)), default=0.0)
+
+
 def admit(request: RunRequest) -> str:
     """What the operator should know about the ladder before this run; empty where none is needed.
 
-    Raises LadderError (1) for an amplitude whose turn has not come, unless the request says to skip it.
+    Raises LadderError (1) for an amplitude whose turn has not come, and TooFastForT1Error (1) for a first one that is
+    too fast for T1, unless the request says to skip the ladder.
     """
     if not needs_ladder(request):
         return ""
     rung = rung_of(request)
-    file = ladder_file(request)
-    done = max((line.amplitude for line in _read(file) if line.same_ladder(rung)), default=0.0)
+    done = _done(request, rung)
     allowed = highest_allowed(done)
     if rung.amplitude <= allowed + 1e-9:
+        if not done and not request.skip_ladder:
+            _check_speed(request)
+            return (
+                f"Commissioning: amplitude {rung.amplitude:g}, the first run of this motion on this arm: in T1, with "
+                "the enabling switch held; the arm does not move in another mode."
+            )
         return f"Commissioning: amplitude {rung.amplitude:g}; so far {done:g} was completed on this arm."
     if request.skip_ladder:
         return f"Commissioning: amplitude {rung.amplitude:g} although only {done:g} was completed; the log says so."
     raise LadderError(rung.arm, rung.amplitude, done, allowed)
+
+
+def _check_speed(request: RunRequest) -> None:
+    table = np.load(request.table_file, allow_pickle=False)
+    geometry = load_surroundings(request.robot, request.workspace_file).geometry
+    speed = tip_speed(geometry, table, request.table_period_s)
+    if speed > T1_SPEED_M_S:
+        raise TooFastForT1Error(request.amplitude, speed, T1_SPEED_M_S)
 
 
 def remember(request: RunRequest, outcome: RunOutcome) -> str:

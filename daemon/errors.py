@@ -18,6 +18,8 @@ A stop of the motion is not an error: it is a `RunOutcome` with exit code 1 and 
 
 from __future__ import annotations
 
+import math
+
 
 def sentence_of(error: Exception) -> str:
     """What an error says to an operator; one of the operating system names its file and gives no number."""
@@ -92,6 +94,21 @@ class LadderError(DaemonError):
         super().__init__(
             f"Amplitude {amplitude:g} has to wait: {so_far} with this trajectory in this workspace on this arm "
             f"({arm}). Run --amplitude {allowed:g} first."
+        )
+
+
+class TooFastForT1Error(DaemonError):
+    """The first motion on an arm is faster than T1 allows. Carries speed and limit, m/s, and the amplitude to try."""
+
+    exit_code = 1
+
+    def __init__(self, amplitude: float, speed_m_s: float, limit_m_s: float) -> None:
+        self.speed_m_s = speed_m_s
+        self.limit_m_s = limit_m_s
+        self.allowed = math.floor(1e3 * amplitude * limit_m_s / speed_m_s) * 1e-3
+        super().__init__(
+            f"At amplitude {amplitude:g} the end-effector reaches {speed_m_s:.2f} m/s; the first run of a motion on an "
+            f"arm is driven in T1, which allows {limit_m_s:g} m/s. Run --amplitude {self.allowed:g} first."
         )
 
 

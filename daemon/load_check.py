@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from daemon.api import RunOutcome, RunRequest
 from daemon.host_checks import DoctorCheck
 from daemon.log.cdr import state_counters
+from daemon.torque_foresight import TorqueForesight
 from fri_client.messages import MonitoringMessage
 from identification.errors import IdentificationError
 from identification.load_data import LEAST_SHARE, UnknownLoad, unknown_load, weight_at_rest
@@ -27,7 +28,7 @@ from identification.robots import load_robot
 from identification.robots.installation import Installation
 from safety.geometry import FLANGE_M
 
-__all__ = ["check_load_at_rest", "load_remark", "load_sentence", "with_load_check"]
+__all__ = ["check_load_at_rest", "load_before_motion", "load_remark", "load_sentence", "with_load_check"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ SPACING_S = 0.01
 AT_REST_RAD = 1e-3
 LEAST_MASS_AT_REST_KG = 0.5
 """Static friction of the joints alone looks like some hundred grams in one posture."""
+LEAST_MESSAGES = 20
 LEAST_TORQUE_NM = 2.0
 """Of such a mass; where it has less, friction hides it."""
 LONGEST_S = 120.0
@@ -86,6 +88,33 @@ def check_load_at_rest(messages: Sequence[MonitoringMessage], robot: str = "iiwa
         "warning",
         f"{seen}, as of about {abs(mass):.1f} kg on the flange {whose}, or of somebody who leans on the arm.",
         "set the tool's load data on the cabinet, then look again with nobody near the arm.",
+    )
+
+
+def load_before_motion(
+    positions: FloatArray, torques: FloatArray, request: RunRequest, foresight: TorqueForesight
+) -> str:
+    """What the measured torque of an arm at rest, (N, 7) rad and Nm with the vendor's sign, says of the declared tool;
+    empty where it fits, where the arm moves or where a load hardly shows.
+
+    A model is wrong by its own errors, and one posture cannot tell a load from a hand on the arm: only half a kilogram
+    that explains most of what is left is worth a word.
+    """
+    if len(positions) < LEAST_MESSAGES or np.ptp(positions, axis=0).max() > AT_REST_RAD:
+        return ""
+    here = positions.mean(axis=0)
+    stand = None if request.gravity_m_s2 is None else Installation(request.gravity_m_s2)
+    left = torques.mean(axis=0) + foresight.at_rest(here)
+    mass, share, per_kilogram = weight_at_rest(load_robot(request.robot, stand), here, left, FLANGE_M)
+    if abs(mass) < LEAST_MASS_AT_REST_KG or share < LEAST_SHARE or per_kilogram * abs(mass) < LEAST_TORQUE_NM:
+        return ""
+    more = "more" if mass > 0.0 else "less"
+    worst = int(np.argmax(np.abs(left)))
+    return (
+        f"Before the motion the arm bears about {abs(mass):.1f} kg {more} on its flange than was declared (tool: "
+        f"{request.tool}): its torque at rest is {abs(left[worst]):.1f} Nm from the foreseen one on A{worst + 1}. "
+        "Torque limits, distances and the fit count with the declared tool: give it with --tool, unless somebody leans "
+        "on the arm."
     )
 
 

@@ -205,6 +205,7 @@ def _make_loop(
         maximum_ipo_distance_rad=request.maximum_distance_to_measured,
         fake_robot_only=request.simulation,
         monitor_only=request.monitor_only,
+        test_mode_only=request.test_mode_only,
     )
     return FriLoop(channel, version, make_motion, ring, settings)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunRequest
+from daemon.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.tool import Tool
 from daemon.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.workspace import Surroundings, WorkspaceFile, load_surroundings
@@ -27,8 +28,6 @@ from safety.preflight import preflight
 from safety.preflight_report import PreflightReport
 
 TABLE_RATE_HZ = 1000.0
-T1_SPEED_M_S = 0.25
-"""Of the tool in the test mode T1 (ISO 10218-1: reduced speed)."""
 LEAD_IN_S = 1.0
 """Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
 
@@ -58,8 +57,7 @@ class PreparedMotion:
 
     def speed_sentence(self) -> str:
         """How fast the end of the tool goes along the motion, and whether T1 lets it."""
-        path = self.surroundings.geometry.tip_path(self.table)
-        fastest = float(np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1).max()) * TABLE_RATE_HZ
+        fastest = tip_speed(self.surroundings.geometry, self.table, 1.0 / TABLE_RATE_HZ)
         verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
         return f"The end-effector reaches {fastest:.2f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
 

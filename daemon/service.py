@@ -40,7 +40,7 @@ from daemon.api import (
     RunRequest,
 )
 from daemon.children import Child
-from daemon.commissioning import admit, remember, tags
+from daemon.commissioning import admit, is_first_rung, remember, tags
 from daemon.control import ControlInbox
 from daemon.errors import (
     BadLogError,
@@ -96,6 +96,7 @@ def run_acquisition(
     """
     observe = unfailing(observe)
     _tell_if(observe, admit(request))
+    request = msgspec.structs.replace(request, test_mode_only=is_first_rung(request))
     with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
         stop = stop or StopHandle()
         if request.fri_version == AUTO_VERSION:
@@ -198,7 +199,9 @@ class _Acquisition:
         self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
         # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
         checker = ThreadPoolExecutor(1, thread_name_prefix="start-check")
+        start_check = self._start_check
         check: Future[str] | None = None
+        load: Future[str] | None = None
         try:
             while loop.alive:
                 # Where the operator's stop would not be heard any more, the loop is to stop by itself.
@@ -211,12 +214,15 @@ class _Acquisition:
                 if self._loop_silence_s() > STOPPED_S and loop.is_stopped:
                     loop.process.kill()
                 if check is not None and check.done():
-                    if sentence := check.result():
+                    if (sentence := check.result()) and start_check is not None:
                         self._narrator.tell("preflight", sentence)
+                        load = load or checker.submit(start_check.load_remark, self._ring)
                     check = None
+                if load is not None and load.done() and load.result():
+                    self._narrator.remark(load.result())
                 # No start is allowed before the operator has read what the robot's messages say of its version.
-                if check is None and self._narrator.has_judged_version() and self._start_check is not None:
-                    check = checker.submit(self._start_check.poll)
+                if check is None and self._narrator.has_judged_version() and start_check is not None:
+                    check = checker.submit(start_check.poll)
         finally:
             checker.shutdown()
             loop.close()

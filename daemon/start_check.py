@@ -11,11 +11,17 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.api import RunRequest
+from daemon.load_check import load_before_motion
 from daemon.loop_process import load_table, motion_of
+from daemon.torque_foresight import foresight_of_run
 from daemon.workspace import load_surroundings
+from fri_client.codec import Codec
 from fri_client.errors import FriError
+from fri_client.handover import Disposition, HandoverRing
+from fri_client.messages import FriVersion
 from fri_client.motion_phase import MotionPhase
 from fri_client.start_gate import StartGate, StartQuestion
+from identification.errors import IdentificationError
 from safety.errors import SafetyError
 from safety.limits import limits_for
 from safety.preflight import RAMP_SAMPLES_S, stops_on_path
@@ -23,6 +29,7 @@ from safety.preflight_distance import SampledPath
 
 __all__ = ["StartCheck"]
 
+_MESSAGES, _RECORDS = 100, 2000
 STOP_STRIDE_S = 0.01
 """Stops on the ramp are planned from commands so far apart at first."""
 
@@ -52,6 +59,30 @@ class StartCheck:
             sentence, clear = str(error), False
         self._gate.answer(question.number, "" if clear else sentence)
         return sentence
+
+    def load_remark(self, ring: HandoverRing) -> str:
+        """What the torque of the standing arm says of the declared tool, in one sentence; empty where it fits.
+
+        Called once the loop has its answer, so that the robot waits for nothing. The loop goes on pushing meanwhile:
+        copies of the newest records are whole, since their slots are taken again a ring's length later.
+        """
+        waited = [
+            each
+            for each in ring.newest(_RECORDS)
+            if each.disposition == Disposition.FRESH and each.phase == MotionPhase.WAITING
+        ]
+        codec = Codec(FriVersion.parse(self._request.fri_version))
+        try:
+            heard = [codec.decode_monitoring(each.monitoring).monitor_data for each in waited[-_MESSAGES:]]
+            known = [each for each in heard if each is not None and each.measured_torque is not None]
+            foresight = foresight_of_run(self._request) if known else None
+            if foresight is None:
+                return ""
+            positions = np.array([each.measured_joint_position for each in known], dtype=np.float64)
+            torques = np.array([each.measured_torque for each in known], dtype=np.float64)
+            return load_before_motion(positions, torques, self._request, foresight)
+        except (FriError, IdentificationError, ValueError):
+            return ""  # a remark is worth no run
 
     def _judge(self, question: StartQuestion) -> tuple[str, bool]:
         path = self._ramp(question)

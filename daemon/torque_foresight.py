@@ -13,9 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.api import RunRequest
+from daemon.errors import DaemonError
 from daemon.tool import Tool
+from daemon.workspace import load_surroundings
 from identification.base_parameters import BaseRegressor
-from identification.errors import ModelFileError
+from identification.errors import IdentificationError, ModelFileError
 from identification.estimators.physical import PhysicalParameters
 from identification.excitation.nominal import nominal_parameters
 from identification.model_file import read_model
@@ -23,7 +26,7 @@ from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M
 
-__all__ = ["TorqueForesight", "stand_of_model", "torque_foresight"]
+__all__ = ["TorqueForesight", "foresight_of_run", "stand_of_model", "torque_foresight"]
 
 FloatArray = NDArray[np.float64]
 
@@ -42,6 +45,12 @@ class TorqueForesight:
     regressor: BaseRegressor
     values: FloatArray
     has_tool: bool = False
+
+    def at_rest(self, position: FloatArray) -> FloatArray:
+        """(n,) Nm that hold the arm at a position, (n,) rad."""
+        still = np.zeros((1, self.regressor.robot.n))
+        held: FloatArray = np.asarray(self.regressor.matrix(position[None], still, still) @ self.values).reshape(-1)
+        return held
 
     def along(self, table: FloatArray, sample_period_s: float) -> FloatArray:
         """(N, n) Nm along one period (N, n) rad that is repeated without a break, by eq. (5) with central differences.
@@ -95,6 +104,17 @@ def torque_foresight(
         )
     regressor = BaseRegressor(its_robot, model.options)
     return TorqueForesight(str(model_file), regressor, model.base_values(regressor))
+
+
+def foresight_of_run(request: RunRequest) -> TorqueForesight | None:
+    """The model that the preflight of a run had; None where it cannot be read here."""
+    try:
+        around = load_surroundings(request.robot, request.workspace_file)
+        model = None if request.model_file is None else Path(request.model_file)
+        stand = ON_THE_FLOOR if request.gravity_m_s2 is None else Installation(request.gravity_m_s2)
+        return torque_foresight(request.robot, model, around.tool, stand)
+    except (DaemonError, IdentificationError, OSError):
+        return None
 
 
 def stand_of_model(model_file: Path) -> Installation:

@@ -41,7 +41,8 @@ class LoopSettings:
     address listened to; None: that of the first message. expected_period_s: command period the motion is prepared for
     before the robot has said its own. fake_robot_only: no motion begins unless the robot says of itself that it is the
     fake one; nobody was asked whether an arm may move.
-    monitor_only: no motion begins at all; the run lasts until somebody ends it or the robot leaves.
+    monitor_only: no motion begins at all; the run lasts until somebody ends it or the robot leaves. test_mode_only: no
+    motion begins while the robot says that it is in T2 or AUT.
     """
 
     receive_timeout_s: float = 0.5
@@ -53,6 +54,7 @@ class LoopSettings:
     maximum_ipo_distance_rad: float = 0.1
     fake_robot_only: bool = False
     monitor_only: bool = False
+    test_mode_only: bool = False
 
 
 @dataclass(slots=True)

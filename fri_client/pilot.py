@@ -28,9 +28,10 @@ from fri_client.errors import FriError, RealRobot
 from fri_client.gate import CommandGate, Pace
 from fri_client.ipo_watch import STILL_RAD, IpoWatch
 from fri_client.loop_result import LoopSettings
-from fri_client.messages import FriVersion, MonitoringMessage, SessionState
+from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState
 from fri_client.motion import Foreseen, MotionProgram
 from fri_client.session import Session
+from fri_client.session_drop import name_of
 from fri_client.start_gate import StartGate
 from safety.errors import SafetyError
 from safety.guard import Judged
@@ -195,7 +196,10 @@ class Pilot:
             cleared = self._start_gate.passes(ipo, *self._prepared_for)
             if session.state != _ACTIVE or not may_move:
                 return False
-            self.hindrance = session.obstacle(message) or self._ipo.clause() or self._far_from_ipo(measured, ipo)
+            self.hindrance = (
+                session.obstacle(message) or self._wrong_mode(message) or self._ipo.clause()
+                or self._far_from_ipo(measured, ipo)
+            )  # fmt: skip
             if not self.hindrance and not (guard.anchored and guard.repeats(ipo, STILL_RAD)):
                 self.hindrance = "the robot's own position (IPO) was not mirrored yet"
             if not session.clock.is_settled and not self.hindrance:
@@ -230,6 +234,15 @@ class Pilot:
                 self._gate.use(self.motion.guard, *wanted)
                 self._prepared_for = wanted
         return True
+
+    def _wrong_mode(self, message: MonitoringMessage) -> str:
+        """The first run of a motion on an arm is one in T1; a robot that does not say its mode cannot be held to it."""
+        mode = None if message.robot_info is None else message.robot_info.operation_mode
+        if not self._settings.test_mode_only or mode in (None, OperationMode.TEST_MODE_1):
+            return ""
+        return (
+            f"the first run of a motion on an arm is driven in T1, and the robot is in {name_of(OperationMode, mode)}"
+        )
 
     def _far_from_ipo(self, measured: Sequence[float], ipo: Sequence[float]) -> str:
         """An arm that another client has led away from the IPO position would jump back to it."""

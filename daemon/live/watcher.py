@@ -16,11 +16,7 @@ from daemon.json_files import read_json
 from daemon.live.frame import LiveFrame
 from daemon.live.residual import LiveResidual, Modelled, noise_sentence
 from daemon.live.screen import Screen
-from daemon.torque_foresight import TorqueForesight, torque_foresight
-from daemon.workspace import load_surroundings
-from identification.errors import IdentificationError
-from identification.robots import Installation
-from identification.robots.installation import ON_THE_FLOOR
+from daemon.torque_foresight import foresight_of_run
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
@@ -94,7 +90,7 @@ class Watcher:
         self._modelled = None
         request = _request_of(frame)
         self._external_limit = EXTERNAL_TORQUE_THRESHOLD_NM if request is None else request.external_torque_limit
-        self._residual = LiveResidual(None if request is None else _foresight_of(request))
+        self._residual = LiveResidual(None if request is None else foresight_of_run(request))
 
 
 def _with_joints(frame: LiveFrame, last: LiveFrame) -> LiveFrame:
@@ -107,15 +103,4 @@ def _request_of(frame: LiveFrame) -> RunRequest | None:
     try:
         return read_json(Path(frame.folder) / "request.json", RunRequest)
     except DaemonError:
-        return None
-
-
-def _foresight_of(request: RunRequest) -> TorqueForesight | None:
-    """The model that the preflight of this run had; None where it cannot be read here."""
-    try:
-        around = load_surroundings(request.robot, request.workspace_file)
-        model = None if request.model_file is None else Path(request.model_file)
-        stand = ON_THE_FLOOR if request.gravity_m_s2 is None else Installation(request.gravity_m_s2)
-        return torque_foresight(request.robot, model, around.tool, stand)
-    except (DaemonError, IdentificationError, OSError):
         return None

@@ -9,13 +9,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.api import RunOutcome, RunRequest
-from daemon.commissioning import RUNGS, admit, highest_allowed, ladder_file, remember, tags
-from daemon.errors import LadderError
+from daemon.commissioning import RUNGS, admit, highest_allowed, is_first_rung, ladder_file, remember, tags
+from daemon.errors import LadderError, TooFastForT1Error
 
 from .producer import make_request
 
@@ -127,3 +128,32 @@ def test_no_rung_is_ever_skipped(done: float) -> None:
     allowed = highest_allowed(done)
     assert allowed in RUNGS
     assert not any(done < rung < allowed for rung in RUNGS if rung - done > 1e-6)
+
+
+def test_the_first_run_of_a_motion_on_an_arm_is_one_in_t1(tmp_path: Path) -> None:
+    assert is_first_rung(request(tmp_path, 0.1))
+    assert "in T1" in admit(request(tmp_path, 0.1))
+    assert not is_first_rung(request(tmp_path, 0.1, simulation=True))
+    assert not is_first_rung(request(tmp_path, 0.1, skip_ladder=True))
+    remember(request(tmp_path, 0.1), outcome())
+    assert not is_first_rung(request(tmp_path, 0.25))
+    assert "T1" not in admit(request(tmp_path, 0.25))
+
+
+def test_a_first_run_faster_than_t1_allows_is_refused_with_the_amplitude_that_is_not(tmp_path: Path) -> None:
+    # Level, the arm turns about joint 1: the flange is 0.42 + 0.4 + 0.126 m from the axis (KUKA's drawing).
+    radius_m, amplitude_rad, rate = 0.946, 0.2, 2 * np.pi / 2.0
+    first = request(tmp_path, 0.1)
+    table = np.zeros((2000, 7))
+    table[:, 1] = 0.5 * np.pi
+    table[:, 0] = amplitude_rad * np.sin(rate * 0.001 * np.arange(2000))
+    np.save(first.table_file, table)
+    speed = radius_m * amplitude_rad * rate
+    with pytest.raises(TooFastForT1Error) as refusal:
+        admit(first)
+    assert refusal.value.speed_m_s == pytest.approx(speed, rel=0.01)
+    assert refusal.value.allowed == pytest.approx(0.1 * 0.25 / speed, abs=0.002)
+    assert f"--amplitude {refusal.value.allowed:g}" in str(refusal.value)
+    assert refusal.value.exit_code == 1
+    np.save(first.table_file, table * [0.9 * 0.25 / speed, 1, 1, 1, 1, 1, 1])
+    assert admit(first)

@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from daemon.load_check import check_load_at_rest, load_remark
+from daemon.load_check import check_load_at_rest, load_before_motion, load_remark
 from daemon.log.cdr import SampleLabels
 from daemon.log.writer import LogWriter
+from daemon.tool import read_tool
+from daemon.torque_foresight import torque_foresight
 from fri_client.messages import ConnectionInfo, MessageHeader, MonitorData, MonitoringMessage
 from identification.excitation import default_trajectory
 from identification.robots import load_robot
@@ -106,3 +108,30 @@ def test_a_recording_that_cannot_be_read_costs_nothing(tmp_path: Path) -> None:
     (tmp_path / "recording.mcap").write_bytes(b"no recording")
     assert load_remark(tmp_path / "recording.mcap", make_request(tmp_path), 0.001) == ""
     assert load_remark(tmp_path / "absent.mcap", make_request(tmp_path), 0.001) == ""
+
+
+@pytest.mark.parametrize(
+    ("declared", "carried", "words"),
+    [("none", 1.5, "more"), ("1.5@0,0,0.05", 0.0, "less"), ("1.5@0,0,0.05", 1.5, ""), ("none", 0.3, "")],
+)
+def test_a_tool_that_nobody_declared_is_said_before_the_motion(
+    tmp_path: Path, declared: str, carried: float, words: str
+) -> None:
+    tool = read_tool(declared)
+    bare, foresight = torque_foresight("iiwa14"), torque_foresight("iiwa14", None, tool)
+    assert bare is not None
+    assert foresight is not None
+    rest, still = np.array([BENT]), np.zeros((1, 7))
+    held = bare.at_rest(rest[0]) + carried * load_torque(1.0, 0.05, rest, still, still)[0]
+    noise = 0.05 * np.random.default_rng(3).standard_normal((50, 7))
+    positions = np.repeat(rest, 50, axis=0)
+    said = load_before_motion(positions, noise - held, make_request(tmp_path, tool=declared), foresight)
+    if words:
+        # Weighed on the flange, 5 cm nearer than it is: some 0.7 m from joint 2 and 0.4 m from joint 4.
+        found = re.search(rf"about (\S+) kg {words} on its flange", said)
+        assert found is not None, said
+        assert float(found[1]) == pytest.approx(1.5, rel=0.15)
+    else:
+        assert said == ""
+    moving = positions + np.linspace(0.0, 0.1, 50)[:, None]
+    assert load_before_motion(moving, noise - held, make_request(tmp_path), foresight) == ""

@@ -11,7 +11,8 @@ import pytest
 
 from daemon.api import LoopReport, RunOutcome, WorkerStatus
 from daemon.next_step import next_step
-from daemon.preparation import T1_SPEED_M_S, prepare_motion
+from daemon.preparation import prepare_motion
+from daemon.tip_speed import T1_SPEED_M_S
 
 from .producer import make_request
 

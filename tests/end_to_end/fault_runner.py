@@ -236,8 +236,7 @@ def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -
     is_over = threading.Event()
     port = int(json.loads((folder / "input.json").read_text())["bind_port"])
     watch = threading.Thread(target=_at_moments, args=(moments, port, process.pid, family, timers, is_over))
-    if moments:
-        watch.start()
+    watch.start()
     with process.stdout as stream:
         for line in stream:
             lines.append(line)
@@ -249,13 +248,12 @@ def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -
                     robot.wait(WATCHDOG_S)
                     _resume([family[target] for target in step.targets])
     exit_code = process.wait(WATCHDOG_S)
-    is_over.set()
-    if moments:
-        watch.join()
     for timer in timers:
         timer.join()
     others = [each for role, each in family.items() if role != "supervisor"]
     _, alive = psutil.wait_procs(others, timeout=WATCHDOG_S)
+    is_over.set()
+    watch.join()
     for each in alive:
         each.kill()
     return "".join(lines), exit_code, tuple(role for role, each in family.items() if each in alive)
@@ -282,8 +280,8 @@ def _at_moments(
     """Inject each step once the recorder has told of so many messages; then end what stays stopped when all else is
     over.
     """
-    with LiveSubscription(port) as live:
-        while steps and not is_over.is_set():
+    with LiveSubscription(port) if steps else contextlib.nullcontext() as live:
+        while live is not None and steps and not is_over.is_set():
             family.update(_family(pid))
             frames = live.receive(0.02)
             if frames and frames[-1].received >= (steps[0].at_message or 0):

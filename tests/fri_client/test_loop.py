@@ -836,3 +836,19 @@ def test_a_run_that_only_monitors_ends_when_the_robot_falls_silent_and_waits_for
         assert client.thread.is_alive()
         clock.now_ns += 400_000_000
         assert client.finish().outcome == "completed"
+
+
+@pytest.mark.parametrize(("operation", "outcome"), [(2, "not_started"), (0, "completed"), (None, "completed")])
+def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outcome: str) -> None:
+    settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, test_mode_only=True)
+    with running(settings=settings) as (client, robot):
+        robot.exchange(WAIT, 3, operation=operation)
+        robot.exchange(COMMANDING_WAIT, 5, operation=operation)
+        if outcome == "completed":
+            robot.until_done(client, operation=operation)
+        while client.thread.is_alive():
+            robot.send(ACTIVE, operation=operation)
+            pause(0.01)
+        result = client.finish()
+    assert result.outcome == outcome, result.sentence
+    assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")

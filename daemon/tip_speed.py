@@ -1,0 +1,19 @@
+"""How fast the end-effector goes along a table, and what the test mode T1 allows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safety.geometry import RobotGeometry
+
+__all__ = ["T1_SPEED_M_S", "tip_speed"]
+
+T1_SPEED_M_S = 0.25
+"""Of the tool in the test mode T1 (ISO 10218-1: reduced speed)."""
+
+
+def tip_speed(geometry: RobotGeometry, table: NDArray[np.float64], table_period_s: float) -> float:
+    """Largest speed of the end of the tool, m/s, along one period, (N, n) rad, that is repeated without a break."""
+    path = geometry.tip_path(table)
+    return float(np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1).max()) / table_period_s
