@@ -189,12 +189,13 @@ def free_port() -> int:
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
-    """Port that a fake robot sends to, and how to end it and hear what it was commanded."""
-    port, summary = free_port(), tmp_path / "robot.json"
+    """Port that a fake robot in T1 sends to, and how to end it and hear what it was commanded."""
+    port, summary, mode = free_port(), tmp_path / "robot.json", tmp_path / "t1.yaml"
+    mode.write_text("session: {operation_mode: 0}\n")
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3", "--json", str(summary)),
+            *("--duration", "600", "--seed", "3", "--json", str(summary), "--physics", str(mode)),
         ],
         cwd=REPOSITORY,
         stderr=subprocess.DEVNULL,
