@@ -45,6 +45,7 @@ class Moment:
     process: str
     how: str
     message: int
+    periods: int = 2
 
     def case(self, number: int) -> FaultCase:
         """The run in which it happens."""
@@ -58,7 +59,7 @@ class Moment:
             exit_code=0,
             steps=(Step(targets=(self.process,), number=signal, resume_after_s=resume, **place),),  # type: ignore[arg-type]
             session={"lockstep_cycle_s": 0.001},
-            request={"periods": 2, "fit": self.process == "worker", "receive_timeout_s": 10.0},
+            request={"periods": self.periods, "fit": self.process == "worker", "receive_timeout_s": 10.0},
         )
 
     def __str__(self) -> str:
@@ -66,11 +67,13 @@ class Moment:
         return f"{self.process} {self.how} {at}"
 
 
-def draw(count: int, seed: int, processes: tuple[str, ...] = PROCESSES) -> list[Moment]:
-    """So many moments: each process and each way in turn, the message at random."""
+def draw(
+    count: int, seed: int, processes: tuple[str, ...] = PROCESSES, *, messages: int = MESSAGES, periods: int = 2
+) -> list[Moment]:
+    """So many moments: each process and each way in turn, the message at random among so many."""
     random = np.random.default_rng(seed)
     kinds = [(process, how) for how in HOWS for process in processes]
-    return [Moment(*kinds[number % len(kinds)], int(random.integers(MESSAGES))) for number in range(count)]
+    return [Moment(*kinds[number % len(kinds)], int(random.integers(messages)), periods) for number in range(count)]
 
 
 def play(moment: Moment, number: int, folder: Path) -> tuple[FaultResult, list[str]]:

@@ -1,4 +1,4 @@
-"""How long our loop holds an answer back, beside a bare UDP echo and a plain google.protobuf client.
+"""How long our loop holds an answer back, beside a bare UDP echo, a C++ client and a plain google.protobuf client.
 
 Reproduce: `python -m benchmarks.loop` (60 s per contender; `--quick`: 10 s; `--help`: FRI version, seconds, block).
 One scripted robot in a process of its own sends prepared monitoring messages at 1 kHz on loopback and times each round
@@ -7,6 +7,8 @@ alike; each block is a fresh process with the same real-time settings and the sa
 to send return inside that process. Contenders:
 
   echo      receives and sends the datagram back.
+  cpp       a C++ client as the vendor's (`client.cpp`): decodes all fields, answers with the IPO position. No checks,
+            no statistics, no record. Left out where there is no compiler, and for FRI 2.7.
   protobuf  google.protobuf (upb): parses the message, reads counter, state, quality, safety state, measured and IPO
             position, answers with the IPO position. No checks, no statistics, no record.
   codec     our codec used the same way: decode all, read the same fields, encode the answer.
@@ -20,14 +22,17 @@ import gc
 import multiprocessing
 import os
 import socket
+import tempfile
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.compiled_client import compile_client, serve
 from fixtures.fake_robot.link import claim_real_time, sharpen_timers
 from fixtures.fake_robot.wire import COMMAND_IDENTIFIER, Datagrams
 from fri_client.answer_ahead import AnswerAhead
@@ -51,7 +56,7 @@ from fri_client.motion import MotionProgram
 from fri_client.realtime import RealtimeSettings, realtime
 from safety.limits import IIWA14_R820
 
-CONTENDERS = ("echo", "protobuf", "codec", "plain", "loop")
+CONTENDERS = ("echo", "cpp", "protobuf", "codec", "plain", "loop")
 PERIOD_NS = 1_000_000
 REST = np.array([0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05])
 PREFACE = ((1, 50), (2, 50), (3, 400))
@@ -144,13 +149,20 @@ def _play(channel: socket.socket, address: tuple[str, int], datagrams: list[byte
 # The client's side.
 
 
-def client_side(pipe: Connection, contender: str, version: FriVersion, block_s: float) -> None:
+def client_side(
+    pipe: Connection, contender: str, version: FriVersion, block_s: float, program: Path | None = None
+) -> None:
     """Process: one contender for one block; sends its address, then its turn-arounds (ns) and what realtime refused."""
     channel = open_channel("127.0.0.1", 0)
     total = SETTLING + round(block_s * 1000) + sum(count for _, count in PREFACE)
     run: Callable[[], NDArray[np.int64]]
     if contender in ("loop", "plain"):
         run = _prepare_loop(channel, version, total, answer_ahead=contender == "loop")
+    elif program is not None and contender == "cpp":
+
+        def run() -> NDArray[np.int64]:
+            return serve(program, channel.fileno(), total)
+
     else:
         respond = {"echo": _echo, "protobuf": _protobuf, "codec": _codec}[contender](version)
 
@@ -312,16 +324,21 @@ def main() -> None:
     robot = context.Process(target=robot_side, args=(far_end, version, arguments.block, arguments.seed), daemon=True)
     robot.start()
     size = pipe.recv()
+    scratch = tempfile.TemporaryDirectory(prefix="iiwa-ident-benchmark-")
+    program = compile_client(Path(scratch.name)) if version != FriVersion.V2_7 else None
+    contenders = [name for name in arguments.only if name != "cpp" or program is not None]
+    if len(contenders) < len(arguments.only):
+        print("cpp is left out: there is no C++ compiler, or the version is 2.7.")
     print(f"FRI {version}, {size} bytes, 1 kHz, {blocks} × {arguments.block:g} s per contender, in turns")
     print(f"machine: {os.cpu_count()} CPUs, load {_load()} before")
-    turn_around: dict[str, list[NDArray[np.int64]]] = {name: [] for name in arguments.only}
-    round_trip: dict[str, list[NDArray[np.int64]]] = {name: [] for name in arguments.only}
+    turn_around: dict[str, list[NDArray[np.int64]]] = {name: [] for name in contenders}
+    round_trip: dict[str, list[NDArray[np.int64]]] = {name: [] for name in contenders}
     refused: set[str] = set()
     for block in range(blocks):
         # Each turn in another order: who follows whom is not always the same.
-        for name in np.roll(arguments.only, block).tolist():
+        for name in np.roll(contenders, block).tolist():
             near, far = context.Pipe()
-            client = context.Process(target=client_side, args=(far, name, version, arguments.block), daemon=True)
+            client = context.Process(target=client_side, args=(far, name, version, arguments.block, program))
             client.start()
             pipe.send(near.recv())
             round_trip[name].append(pipe.recv())
@@ -331,8 +348,10 @@ def main() -> None:
             refused.update(wants)
     pipe.send(None)
     robot.join()
+    scratch.cleanup()
     print(f"machine: load {_load()} after; real-time settings refused: {'; '.join(sorted(refused)) or 'none'}")
-    for title, samples, peer in (("turn-around", turn_around, "protobuf"), ("round trip", round_trip, "echo")):
+    peers = ("protobuf", "echo") if program is None else ("cpp", "cpp")
+    for title, samples, peer in (("turn-around", turn_around, peers[0]), ("round trip", round_trip, peers[1])):
         _print_table(title, {name: np.concatenate(parts) for name, parts in samples.items()}, peer)
 
 

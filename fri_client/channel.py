@@ -66,6 +66,10 @@ class UdpChannel:
         host, port = self._socket.getsockname()
         return host, port
 
+    def fileno(self) -> int:
+        """Descriptor of the socket, for a process that inherits it."""
+        return self._socket.fileno()
+
     def receive_waiting_into(self, buffer: bytearray) -> tuple[int, Address] | None:
         """See `Channel`."""
         try:
