@@ -39,6 +39,9 @@ commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault
 - **Code**: exit code; 130: interrupted, −9: the supervisor itself was killed.
 - **File**: what readers that share no code with the writer found in `recording.mcap`.
 
+kill -9 and SIGSTOP of loop, recorder, supervisor and worker at moments that nobody chose:
+`python -m benchmarks.kills --moments 100 --seed 0`.
+
 | fault | arm | v % | a % | j % | code | the operator reads | file |
 |---|---|---|---|---|---|---|---|
 """

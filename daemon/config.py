@@ -34,6 +34,7 @@ from fri_client.messages import FriVersion
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
 __all__ = [
+    "ArmSettings",
     "ControlSettings",
     "DaemonConfig",
     "FriSettings",
@@ -110,8 +111,22 @@ class ControlSettings(_Section, frozen=True, kw_only=True):
     authorised_clients: str | None = None
 
 
+class ArmSettings(_Section, frozen=True, kw_only=True):
+    """What one of several arms has of its own, as in the sections `fri` and `run`; None: as the file says for all."""
+
+    robot: str | None = None
+    bind_host: str | None = None
+    bind_port: int | None = None
+    robot_host: str | None = None
+    version: str | None = None
+    serial: str | None = None
+    tool: str | None = None
+    workspace_file: str | None = None
+    gravity_m_s2: tuple[float, float, float] | None = None
+
+
 class DaemonConfig(_Section, frozen=True, kw_only=True):
-    """The whole file."""
+    """The whole file. arms: several robots by name; what they have in common stands in the other sections."""
 
     robot: str = "iiwa14"
     fri: FriSettings = FriSettings()
@@ -119,6 +134,20 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
     realtime: RealtimeChoice = RealtimeChoice()
     control: ControlSettings = ControlSettings()
     output: str = "runs"
+    arms: dict[str, ArmSettings] = {}
+
+    def of_arm(self, name: str) -> DaemonConfig:
+        """The configuration of one arm of `arms`, which has none of its own any more. Raises KeyError."""
+        own = {key: value for key, value in msgspec.structs.asdict(self.arms[name]).items() if value is not None}
+        robot = own.pop("robot", self.robot)
+        link = {key: own.pop(key) for key in FriSettings.__struct_fields__ if key in own}
+        return msgspec.structs.replace(
+            self,
+            robot=robot,
+            fri=msgspec.structs.replace(self.fri, **link),
+            run=msgspec.structs.replace(self.run, **own),
+            arms={},
+        )
 
     @property
     def is_simulation(self) -> bool:
@@ -143,15 +172,23 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
         }
 
 
-def load_config(path: str | Path) -> DaemonConfig:
-    """Read and check a configuration file.
+def load_config(path: str | Path, arm: str | None = None) -> DaemonConfig:
+    """Read and check a configuration file; of one arm, where it names several, all of which are checked.
 
     Raises MissingInputError (66), or ConfigurationError (78) naming file and field: no YAML, an unknown key, a value of
-    the wrong kind or out of range.
+    the wrong kind or out of range, an arm that the file does not name, or none where it names several.
     """
     config = read_settings(path, DaemonConfig, "the configuration")
-    _check(config, str(path))
-    return config
+    if arm is None and not config.arms:
+        _check(config, str(path))
+        return config
+    for name in config.arms:
+        _check(config.of_arm(name), f"{path}, arm {name}")
+    if arm not in config.arms:
+        names = ", ".join(config.arms) or "none"
+        said = "no arm is named" if arm is None else f"there is no arm '{arm}'"
+        raise ConfigurationError(f"{said}; the file has {names}: choose with --arm.", file=str(path), field="arms")
+    return config.of_arm(arm)
 
 
 def parse_version(text: str) -> str:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
 from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
 
 
@@ -29,6 +30,7 @@ def doctor(
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="Take address, version and folder from this file.")
     ] = None,
+    arm: ArmOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Examine host, network, firewall, real-time limits, disk and link, and say what to do next. Moves nothing.
@@ -44,7 +46,9 @@ def doctor(
     from daemon.link_observation import Mirror
     from fri_client.messages import FriVersion
 
-    settings = DaemonConfig() if config is None else load_config(config)
+    if arm is not None and config is None:
+        raise typer.BadParameter(ARM_WITHOUT_FILE)
+    settings = DaemonConfig() if config is None else load_config(config, arm)
     host, port = (settings.fri.bind_host, settings.fri.bind_port) if bind is None else parse_bind(bind)
     try:
         named = fri_version or (None if config is None else settings.fri.version)

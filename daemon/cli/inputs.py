@@ -29,6 +29,10 @@ LockOption = Annotated[
     list[str] | None,
     typer.Option("--lock", metavar="JOINT=POSITION", help="Joint of the URDF that stood still, rad (m); repeatable."),
 ]
+ARM_WITHOUT_FILE = "--arm names one of the arms in a file: add --config FILE."
+ArmOption = Annotated[
+    str | None, typer.Option("--arm", metavar="NAME", help="One of the arms that the file of --config names.")
+]
 MountOption = Annotated[
     str | None,
     typer.Option("--mount", metavar="floor|wall|ceiling", help="How the base is mounted; wall: its +x points down."),

@@ -22,7 +22,7 @@ from daemon.cli.acquisition import (
     tool_from,
 )
 from daemon.cli.app import app
-from daemon.cli.inputs import GravityOption, MountOption, installation_of
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, installation_of
 from daemon.cli.live_view import live_served, require_live
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.cli.run_view import run_shown
@@ -94,6 +94,7 @@ def run(
         Path | None,
         typer.Option("--config", metavar="FILE", help="Settings as of `daemon`; options given here stand before them."),
     ] = None,
+    arm: ArmOption = None,
     robot_host: Annotated[
         str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
     ] = None,
@@ -151,7 +152,9 @@ def run(
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
 
-    lab = DaemonConfig() if config is None else load_config(config)
+    if arm is not None and config is None:
+        raise typer.BadParameter(ARM_WITHOUT_FILE)
+    lab = DaemonConfig() if config is None else load_config(config, arm)
     host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
     # Nothing is asked on a loopback address, so only a robot is moved there that says it is the fake one.
     simulation = ipaddress.ip_address(host).is_loopback and not (real_robot or lab.fri.real_robot)

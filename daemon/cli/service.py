@@ -14,6 +14,7 @@ import msgspec
 import typer
 
 from daemon.cli.app import app
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.config import DaemonConfig, load_config
 from daemon.control_api import (
@@ -92,7 +93,7 @@ def show(reply: msgspec.Struct, json_file: Path | None, text: str) -> None:
 
 
 @app.command()
-def daemon(config: ConfigOption = None) -> None:
+def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
     """Serve one robot: keep the queue of runs and fits, run them one after the other, obey `stop` at any time.
 
     Ends on SIGTERM or Ctrl-C, after a stop ramp where the arm moves. Jobs stand on the disk and outlive it.
@@ -101,7 +102,9 @@ def daemon(config: ConfigOption = None) -> None:
     """
     from daemon.server import Service
 
-    Service(load_config(config) if config is not None else DaemonConfig(), tell=message).run()
+    if arm is not None and config is None:
+        raise typer.BadParameter(ARM_WITHOUT_FILE)
+    Service(load_config(config, arm) if config is not None else DaemonConfig(), tell=message).run()
 
 
 @app.command()

@@ -133,3 +133,42 @@ def test_external_torque_is_watched_unless_it_is_switched_off(tmp_path: Path) ->
     for text, expected in (("{}", (60.0, 60.0, 60.0, 30.0, 12.0, 12.0, 6.0)), ("{external_torque_limit: null}", None)):
         file.write_text(f"run: {text}\n")
         assert load_config(file).request_fields()["external_torque_limit"] == expected
+
+
+TWO_ARMS = """
+fri: {version: auto, bind_host: 192.170.10.1}
+run: {periods: 4, tool: "2.5@0,0,0.06"}
+arms:
+  left: {serial: "111", bind_port: 30200, robot_host: 192.170.10.2}
+  right: {serial: "222", bind_port: 30201, robot_host: 192.170.10.3, robot: iiwa7, tool: none, version: "1.15"}
+"""
+
+
+def test_one_of_several_arms_is_chosen_by_its_name(tmp_path: Path) -> None:
+    file = _written(tmp_path / "lab.yaml", TWO_ARMS)
+    left, right = (load_config(file, name).request_fields() for name in ("left", "right"))
+    assert [left[key] for key in ("robot", "bind_port", "robot_host", "serial", "tool", "fri_version", "periods")] == [
+        "iiwa14", 30200, "192.170.10.2", "111", "2.5@0,0,0.06", "auto", 4,
+    ]  # fmt: skip
+    assert [right[key] for key in ("robot", "bind_port", "robot_host", "serial", "tool", "fri_version", "periods")] == [
+        "iiwa7", 30201, "192.170.10.3", "222", "none", "1.15", 4,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("arm", "said"), [(None, "no arm is named"), ("middle", "there is no arm 'middle'")])
+def test_an_arm_that_is_not_there_or_not_named_is_said_with_those_that_are(
+    tmp_path: Path, arm: str | None, said: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=said) as caught:
+        load_config(_written(tmp_path / "lab.yaml", TWO_ARMS), arm)
+    assert "left, right" in str(caught.value)
+    assert caught.value.exit_code == 78
+    with pytest.raises(ConfigurationError, match="there is no arm 'left'"):
+        load_config(_written(tmp_path / "one.yaml", "run: {periods: 4}"), "left")
+
+
+def test_a_mistake_in_another_arm_is_found_too(tmp_path: Path) -> None:
+    text = TWO_ARMS.replace("bind_port: 30201", "bind_port: 70000")
+    with pytest.raises(ConfigurationError, match="arm right") as caught:
+        load_config(_written(tmp_path / "lab.yaml", text), "left")
+    assert caught.value.field == "fri.bind_port"
