@@ -848,7 +848,7 @@ def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outco
             robot.until_done(client, operation=operation)
         while client.thread.is_alive():
             robot.send(ACTIVE, operation=operation)
-            pause(0.01)
+            robot.take_if_alive(client)
         result = client.finish()
     assert result.outcome == outcome, result.sentence
     assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")
