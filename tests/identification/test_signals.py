@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from identification.errors import RecordingError
 from identification.recordings import Recording
@@ -22,6 +22,7 @@ from identification.signals import (
     process_periodic,
 )
 from identification.signals.aperiodic import sixth_order_difference, standstill, uniform_grid
+from identification.signals.filter_ends import cutoff_hz
 from identification.signals.paper_chain import wrapped_central_difference, wrapped_zero_phase_filter
 from identification.signals.periodic import differentiate_harmonics, to_lines
 from tests.identification.synthetic import coloured_noise, fourier_motion, recording_of
@@ -243,3 +244,14 @@ def test_standstill_is_a_stretch_of_rest_and_not_a_reversal() -> None:
 def test_a_low_pass_above_the_sampling_rate_is_refused() -> None:
     with pytest.raises(RecordingError, match="does not fit"):
         process_aperiodic(_recording(), AperiodicSettings(low_pass_hz=190.0))
+
+
+@pytest.mark.parametrize("hertz", [None, 5.0, 10.0, 20.0])
+def test_the_noise_shows_which_filter_a_record_went_through(hertz: float | None) -> None:
+    periods, samples, rate = 10, 1250, 125.0
+    noise = np.random.default_rng(5).normal(size=(periods * samples, 3))
+    torque = 50.0 * np.sin(2.0 * np.pi * np.arange(periods * samples) / samples)[:, None] + 0.1 * noise
+    if hertz is not None:
+        torque = sosfilt(butter(4, hertz, fs=rate, output="sos"), torque, axis=0)
+    found = cutoff_hz(torque.reshape(periods, samples, 3), 1.0 / rate)
+    assert found == (None if hertz is None else pytest.approx(hertz, rel=0.15))
