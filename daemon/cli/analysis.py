@@ -11,14 +11,16 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
+    AUTO,
+    FoundMountOption,
     GravityOption,
     JointsOption,
     LockOption,
     LogsArgument,
-    MountOption,
     RobotOption,
     installation_of,
     load_inputs,
+    stated_mount,
 )
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
@@ -36,7 +38,7 @@ def fit(
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
-    mount: MountOption = None,
+    mount: FoundMountOption = None,
     gravity: GravityOption = None,
     pipeline: Annotated[Pipeline, typer.Option("--pipeline", help="How the signals are processed.")] = "auto",
     low_pass: Annotated[float | None, typer.Option("--low-pass", help="Cutoff without periods, Hz.")] = None,
@@ -95,7 +97,8 @@ def fit(
         full_consistency=full_consistency,
         seed=seed,
     )
-    inputs = load_inputs(logs, robot, joints=joints, installation=installation_of(gravity, mount, lock))
+    stand = installation_of(gravity, stated_mount(mount), lock)
+    inputs = load_inputs(logs, robot, joints=joints, installation=stand, find_mount=mount == AUTO)
     recordings, robot_model = inputs.recordings, inputs.robot
 
     left_out = None

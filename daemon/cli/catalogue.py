@@ -35,6 +35,8 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("fit", "analysis", "Parameters of the arm, with both solvers."),
         Entry("validate", "analysis", "RMS of a model on recordings it has not seen."),
         Entry("diagnose", "diagnosis", "Find and name what the model leaves out."),
+        Entry("compare", "comparing", "What changed between recordings, dates or arms."),
+        Entry("payload", "payload", "Mass, centre and inertia of a tool."),
         Entry("batch", "diagnosis", "Fit or diagnose many recordings at once."),
         Entry("feasibility", "feasibility", "Can any robot have these parameters?"),
         Entry("design", "design", "Design a motion that shows the parameters well."),

@@ -14,6 +14,8 @@ from rich.table import Table
 from daemon.batch import Task
 from daemon.cli.app import app
 from daemon.cli.inputs import (
+    AUTO,
+    FoundMountOption,
     GravityOption,
     JointsOption,
     LockOption,
@@ -23,6 +25,7 @@ from daemon.cli.inputs import (
     installation_of,
     load_inputs,
     names_of,
+    stated_mount,
 )
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
@@ -72,7 +75,7 @@ def diagnose(
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
-    mount: MountOption = None,
+    mount: FoundMountOption = None,
     gravity: GravityOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
@@ -92,7 +95,8 @@ def diagnose(
         [*logs, *(heldout or ())],
         robot,
         joints=joints,
-        installation=installation_of(gravity, mount, lock),
+        installation=installation_of(gravity, stated_mount(mount), lock),
+        find_mount=mount == AUTO,
         model_robot=None if model is None else robot_of_model(model),
     )
     recordings, unseen = inputs.recordings[: len(logs)], inputs.recordings[len(logs) :]

@@ -14,6 +14,7 @@ import typer
 from daemon.cli.output import message
 
 if TYPE_CHECKING:
+    from identification.audit.mount import Mounting
     from identification.recordings.reader import Inputs
     from identification.robots import Installation, RobotModel
 
@@ -37,6 +38,15 @@ MountOption = Annotated[
     str | None,
     typer.Option("--mount", metavar="floor|wall|ceiling", help="How the base is mounted; wall: its +x points down."),
 ]
+FoundMountOption = Annotated[
+    str | None,
+    typer.Option(
+        "--mount",
+        metavar="floor|wall|ceiling|auto",
+        help="How the base is mounted; wall: its +x points down; auto: as the recordings say.",
+    ),
+]
+AUTO = "auto"
 GravityOption = Annotated[
     str | None, typer.Option("--gravity", metavar="X,Y,Z", help="Gravity in the frame of the base, m/s².")
 ]
@@ -49,15 +59,46 @@ def load_inputs(
     joints: str | None = None,
     installation: Installation | None = None,
     model_robot: RobotModel | None = None,
+    find_mount: bool = False,
 ) -> Inputs:
-    """Recordings and their robot; what was found wrong in each is said on stderr. As `read_inputs`."""
+    """Recordings and their robot; what was found wrong in each is said on stderr. As `read_inputs`.
+
+    find_mount: take gravity as the recordings show it. Otherwise it is said where they show another than is stated.
+    """
     from identification.recordings.reader import read_inputs
 
-    inputs = read_inputs(logs, robot=robot, installation=installation, joints=names_of(joints), model_robot=model_robot)
+    def read(stand: Installation | None) -> Inputs:
+        return read_inputs(logs, robot=robot, installation=stand, joints=names_of(joints), model_robot=model_robot)
+
+    inputs = read(installation)
     for log, recording in zip(logs, inputs.recordings, strict=True):
         for finding in recording.report.findings:
             message(f"{log}: {finding.sentence}")
+    found = _mounting(inputs)
+    if found is not None and found.is_other:
+        message(found.sentence if not find_mount else found.taken)
+        if find_mount:
+            held = inputs.robot.locked_joints
+            return read(found.installation(held))
+    elif find_mount:
+        message("The recordings show no other mounting than the one stated.")
     return inputs
+
+
+def _mounting(inputs: Inputs) -> Mounting | None:
+    """How the base stands by the recordings alone; None where they are too short or at rest to say."""
+    from identification.audit.mount import mounting_of
+    from identification.errors import RecordingError
+
+    try:
+        return mounting_of(inputs.recordings, inputs.robot)
+    except RecordingError:
+        return None
+
+
+def stated_mount(mount: str | None) -> str | None:
+    """The mount as the user states it; None where the recordings are to say."""
+    return None if mount == AUTO else mount
 
 
 def names_of(joints: str | None) -> list[str] | None:

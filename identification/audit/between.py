@@ -1,0 +1,93 @@
+"""What changed between two recordings of one arm: the fewest causes, and the parameters in σ. Called by `compare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from identification.audit.audit import audit
+from identification.audit.difference import Audit
+from identification.base_parameters import BaseRegressor
+from identification.fit import fit_recordings
+from identification.fitting.result import FitResult
+from identification.fitting.settings import FitSettings
+from identification.model_file import Model
+from identification.recordings.recording import Recording
+from identification.robots.model import RobotModel
+
+__all__ = ["Change", "ParameterChange", "changes_between", "model_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterChange:
+    """One base parameter before and after. sigmas: (after − before) over the deviation of both together."""
+
+    name: str
+    before: float
+    after: float
+    sigmas: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """audit: the fewest causes. parameters: all that both have, the largest difference in σ first."""
+
+    audit: Audit
+    parameters: tuple[ParameterChange, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "audit": self.audit.to_json(),
+            "differences": [item.to_json() for item in self.audit.differences],
+            "parameters": [
+                {"name": item.name, "before": item.before, "after": item.after, "sigmas": item.sigmas,
+                 "unit": item.unit}
+                for item in self.parameters
+            ],
+        }  # fmt: skip
+
+
+def fitted_to(recording: Recording, robot: RobotModel) -> FitResult:
+    """The fit of one recording as it stands, without its physical sets."""
+    return fit_recordings([recording], robot, FitSettings(physical=False, check_torque_sign=False))
+
+
+def model_of(recording: Recording, robot: RobotModel) -> Model:
+    """The fit of one recording as a model. Raises the errors of a fit."""
+    return model_of_fit(fitted_to(recording, robot), Path(recording.source.path).name)
+
+
+def model_of_fit(fit: FitResult, name: str) -> Model:
+    """A fit as a model, named after its recording."""
+    regressor, nothing = fit.regressor, np.zeros(fit.robot.n)
+    return Model(
+        fit.robot.spec, fit.names, fit.values, fit.std, regressor.units, None, nothing, nothing, regressor.options,
+        name, fit.to_model_json(),
+    )  # fmt: skip
+
+
+def changes_between(model: Model, recording: Recording, robot: RobotModel) -> Change:
+    """What of a recording differs from a model of the same arm. Raises the errors of a fit and of an audit."""
+    fit = fitted_to(recording, robot)
+    before = dict(zip(model.names, zip(model.values, _deviations(model, robot), strict=True), strict=True))
+    units = dict(zip(fit.names, fit.regressor.units, strict=True))
+    parameters = []
+    for name, after, std in zip(fit.names, fit.values, fit.std, strict=True):
+        if name in before:
+            value, deviation = before[name]
+            sigmas = float((after - value) / max(float(np.hypot(std, deviation)), 1e-300))
+            parameters.append(ParameterChange(name, float(value), float(after), sigmas, units[name]))
+    parameters.sort(key=lambda item: -abs(item.sigmas))
+    return Change(audit([recording], robot, model), tuple(parameters))
+
+
+def _deviations(model: Model, robot: RobotModel) -> list[float]:
+    regressor = BaseRegressor(robot, model.options)
+    covariance = model.base_covariance(regressor)
+    order = [regressor.names.index(name) for name in model.names]
+    return [float(np.sqrt(covariance[place, place])) for place in order]

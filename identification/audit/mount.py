@@ -1,0 +1,102 @@
+"""How the base stands, asked of a recording alone: gravity's direction over the whole sphere. Pure.
+
+A model fitted under the wrong gravity leaves much and looks like noise, so this is asked before any fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.audit.columns import GRAVITY, Geometry
+from identification.audit.directions import Directions
+from identification.audit.given import sizes_of, wide_open
+from identification.audit.rows import rows_of
+from identification.recordings.recording import Recording
+from identification.robots.installation import Installation
+from identification.robots.model import RobotModel
+
+__all__ = ["Mounting", "mounting_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+LEAST_GAIN = 20.0
+"""Nats against the stated gravity: a recording's own misfit makes some."""
+LEAST_ANGLE = np.radians(3.0)
+"""A floor is level within this; less is for the audit against a model."""
+LEAST_SHARE = 0.3
+"""Of what the stated gravity leaves, that another takes away."""
+_TURNS = 2
+_REPEATED = 4.0
+"""Neighbouring rows that count as one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mounting:
+    """gravity: (3,) m/s² in the base frame, the likeliest. stated: (3,) what the description says. angle: rad between
+    them. gain: nats of the one against the other. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
+    """
+
+    gravity: FloatArray
+    stated: FloatArray
+    angle: float
+    gain: float
+    rms_stated: FloatArray
+    rms_found: FloatArray
+
+    @property
+    def is_other(self) -> bool:
+        """Whether the base stands otherwise than stated."""
+        stated, found = (float(np.sum(values**2 / self.rms_found**2)) for values in (self.rms_stated, self.rms_found))
+        return self.gain > LEAST_GAIN and self.angle > LEAST_ANGLE and found < (1.0 - LEAST_SHARE) * stated
+
+    @property
+    def sentence(self) -> str:
+        """What an operator reads."""
+        x, y, z = (f"{value:.2f}" for value in self.gravity)
+        if not self.is_other:
+            return f"The base stands as stated, within {np.degrees(self.angle):.1f}° by this recording."
+        return (
+            f"The base does not stand as stated: gravity is ({x}, {y}, {z}) m/s² in its frame, "
+            f"{np.degrees(self.angle):.0f}° from what is stated. Give --mount auto, or --gravity={x},{y},{z}."
+        )
+
+    @property
+    def taken(self) -> str:
+        """What is said where it is taken for the fit."""
+        x, y, z = (f"{value:.2f}" for value in self.gravity)
+        return f"Gravity is taken as the recordings show it: ({x}, {y}, {z}) m/s² in the frame of the base."
+
+    def installation(self, locked_joints: tuple[tuple[str, float], ...]) -> Installation:
+        """The stand found, with joints that were held."""
+        x, y, z = (float(value) for value in self.gravity)
+        return Installation((x, y, z), locked_joints)
+
+
+def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting | None:
+    """Gravity of recordings without any model of the arm; None for one that no gravity acts on or that is all level.
+
+    Raises RecordingError for recordings at rest or too short.
+    """
+    stated = np.array(robot.gravity, dtype=np.float64)
+    rows = rows_of(recordings)
+    geometry, sizes = Geometry(robot, rows), sizes_of(robot, rows)
+    if not geometry.heavy.any():
+        return None
+    everything = Directions.of(geometry, rows.torque)
+    factor, mean = np.diag(wide_open(sizes)), np.zeros(len(sizes.each))
+    gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
+    weight = 1.0 / (_REPEATED * std**2)
+    for _ in range(_TURNS):
+        # Weighted by what is left, the next direction may be another one.
+        std = np.maximum(everything.left(gravity, 1.0 / std**2, factor), 1e-4 * sizes.torque)
+        weight = 1.0 / (_REPEATED * std**2)
+        gravity, _ = everything.best(weight, mean, factor, GRAVITY)
+    gain = everything.evidence(gravity, weight, mean, factor) - everything.evidence(stated, weight, mean, factor)
+    size = GRAVITY * max(float(np.linalg.norm(stated)), 1e-9)
+    angle = float(np.arccos(np.clip(gravity @ stated / size, -1.0, 1.0)))
+    rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
+    return Mounting(gravity, stated, angle, gain, rms[0], rms[1])

@@ -1,0 +1,173 @@
+"""The mass, centre and inertia of a tool, from recordings without and with it.
+
+Both are explained by one arm, τ = Y δ, and those with the tool by ten parameters of a body on the last link besides;
+friction and offsets may differ between the two as from day to day. Pure. Called by the command `payload`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
+from identification.audit.comparison import ALL, PARTS
+from identification.audit.difference import Number
+from identification.audit.evidence import Estimate, Products, posterior, products_of, repeated_rows
+from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, Sizes, sizes_of, wide_open
+from identification.audit.rows import Rows, rows_of
+from identification.errors import EstimationError
+from identification.recordings.recording import Recording
+from identification.robots.model import RobotModel
+
+__all__ = ["Body", "weigh"]
+
+FloatArray = npt.NDArray[np.float64]
+
+WIDEST = 20.0
+"""Sizes of the arm's mean link that a load may have; more is no load of this arm."""
+LEAST_SIGMAS = 3.0
+_TURNS = 4
+_INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A load in a frame of the flange: mass kg, center (3) m, inertia about its centre (6) kg m², xx yy zz xy xz yz.
+
+    share: of the torque's difference between the recordings that it explains. rms_before, rms_after: (n,) Nm of the
+    recordings with it, without and with the body.
+    """
+
+    mass: Number
+    center: tuple[Number, ...]
+    inertia: tuple[Number, ...]
+    rms_before: tuple[float, ...]
+    rms_after: tuple[float, ...]
+
+
+def weigh(
+    robot: RobotModel,
+    without: Sequence[Recording],
+    with_load: Sequence[Recording],
+    *,
+    rotation: FloatArray | None = None,
+    origin: FloatArray | None = None,
+) -> Body:
+    """The body on the last link that only the second recordings have.
+
+    rotation, origin: of the flange's frame in the last link's, (3, 3) and (3,) m; the link's own where not given.
+    Raises RecordingError for recordings at rest or too short, EstimationError where no load can be seen or it is beyond
+    reason.
+    """
+    turn = np.eye(3) if rotation is None else rotation
+    place = np.zeros(3) if origin is None else origin
+    runs = [rows_of(recordings) for recordings in (without, with_load)]
+    sizes = sizes_of(robot, runs[0])
+    columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
+    factor, width = _prior(sizes, robot.n)
+    estimate, products, weight, rms = _fitted(runs, columns, factor, np.maximum(0.1 * sizes.torque, 1e-9))
+    own = slice(PARAMETERS * robot.n, PARAMETERS * robot.n + INERTIAL)
+    without_one = np.array(
+        [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
+    )
+    moved = without_one - without_one.mean(axis=0)
+    between = (len(ALL) - 1) / len(ALL) * moved.T @ moved
+    covariance = estimate.covariance[own, own] + between
+    values = estimate.values[own]
+    if abs(values[0]) > width:
+        raise EstimationError(
+            f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
+            "different arms, or torque is not in Nm."
+        )
+    if abs(values[0]) < LEAST_SIGMAS * float(np.sqrt(covariance[0, 0])):
+        raise EstimationError(
+            f"No load can be seen: {values[0]:.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a motion "
+            "that turns the wrist through its range, without and with the tool."
+        )
+    numbers = _in_frame(values, covariance, lambda body: _physical(body, turn, place))
+    return Body(numbers[0], numbers[1:4], numbers[4:], *rms)
+
+
+def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
+    """(R, n, K): the arm, the body, and what friction and offset differ by; the last two of the loaded run only."""
+    arm = Geometry(robot, rows).columns(np.array(robot.gravity))
+    last = arm[..., PARAMETERS * (robot.n - 1) : PARAMETERS * (robot.n - 1) + INERTIAL]
+    drives = [PARAMETERS * joint + SYMBOLS.index(symbol) for joint in range(robot.n) for symbol in ("FV", "FS", "OFF")]
+    return np.concatenate([arm, loaded * last, loaded * arm[..., drives]], axis=2)
+
+
+def _prior(sizes: Sizes, n: int) -> tuple[FloatArray, float]:
+    """The factor of all columns' prior, and the largest mass."""
+    mass, length = WIDEST * float(sizes.mass.mean()), float(sizes.length.max())
+    body = mass * np.array([1.0, *3 * [length], *6 * [length**2]])
+    table = sizes.each.reshape(n, PARAMETERS)
+    daily = np.column_stack(
+        [DAILY_FRICTION * table[:, INERTIAL : INERTIAL + 2], DAILY_OFFSET / DRIVE * table[:, INERTIAL + 2]]
+    )
+    return block_diag(np.diag(wide_open(sizes)), np.diag(body), np.diag(daily.ravel())), mass
+
+
+def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatArray, std: FloatArray) -> tuple[
+    Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]]
+]:  # fmt: skip
+    """The estimate weighted by what it leaves itself, its products and weights (n,), and the loaded runs' RMS."""
+    each = [
+        products_of(matrix, rows.torque, rows.used, [rows.block % PARTS == part for part in ALL])
+        for rows, matrix in zip(runs, columns, strict=True)
+    ]
+    products = Products(*(getattr(each[0], name) + getattr(each[1], name) for name in _PRODUCTS))
+    repeated = np.ones(len(std))
+    for _ in range(_TURNS):
+        weight = 1.0 / (std**2 * repeated)
+        estimate = posterior(*products.summed(ALL, weight), factor)
+        left = [
+            np.where(rows.used, rows.torque - matrix @ estimate.values, 0.0)
+            for rows, matrix in zip(runs, columns, strict=True)
+        ]
+        counts = sum(rows.used.sum(axis=0) for rows in runs)
+        std = np.maximum(np.sqrt(sum((item**2).sum(axis=0) for item in left) / np.maximum(counts, 1)), 1e-9)
+        repeated = np.mean([repeated_rows(item, rows.used) for item, rows in zip(left, runs, strict=True)], axis=0)
+    own = slice(factor.shape[0] - 3 * len(std) - INERTIAL, factor.shape[0] - 3 * len(std))
+    body = columns[1][..., own] @ estimate.values[own]
+    loaded = runs[1].used
+    rms = [
+        tuple(float(v) for v in np.sqrt((item**2).sum(axis=0) / np.maximum(loaded.sum(axis=0), 1)))
+        for item in (np.where(loaded, left[1] + body, 0.0), left[1])
+    ]
+    return estimate, products, weight, (rms[0], rms[1])
+
+
+_PRODUCTS = ("gram", "right", "square", "count")
+
+
+def _physical(body: FloatArray, turn: FloatArray, place: FloatArray) -> FloatArray:
+    """(10,) mass, centre and inertia about it in the flange's frame, of parameters about the last link's origin."""
+    mass = body[0]
+    center = body[1:4] / mass
+    tensor = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
+    about = tensor - mass * (center @ center * np.eye(3) - np.outer(center, center))
+    about = turn.T @ about @ turn
+    entries = about[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.concatenate([[mass], turn.T @ (center - place), entries])
+
+
+def _in_frame(values: FloatArray, covariance: FloatArray, form: Callable[[FloatArray], FloatArray]) -> tuple[
+    Number, ...
+]:  # fmt: skip
+    """The numbers of a body with their deviations, linearised."""
+    result = form(values)
+    slopes = np.empty((len(result), len(values)))
+    for column, deviation in enumerate(np.sqrt(np.diag(covariance))):
+        step = np.zeros(len(values))
+        step[column] = 1e-3 * deviation
+        slopes[:, column] = (form(values + step) - form(values - step)) / (2e-3 * deviation)
+    std = np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0.0))
+    names = ("mass", *(f"com_{axis}" for axis in "xyz"), *(f"inertia_{entry}" for entry in _INERTIA))
+    units = ("kg", *3 * ("m",), *6 * ("kg m^2",))
+    return tuple(
+        Number(name, float(v), float(s), unit) for name, v, s, unit in zip(names, result, std, units, strict=True)
+    )

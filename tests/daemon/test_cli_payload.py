@@ -1,0 +1,92 @@
+"""Claims about `payload` and `compare`: where the dashes and options may stand, what is printed, exit codes.
+
+Truth: a body that Pinocchio adds to the paper's arm.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+
+from daemon.cli.app import main
+from fixtures.physics import iiwa14_table_three
+from identification.estimators.physical import PhysicalParameters
+from identification.robots import load_robot
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
+
+
+def run(*words: str) -> int:
+    try:
+        main(list(words))
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Recordings of an iiwa 14 without and with 2 kg on its last link."""
+    robot, links = load_robot("iiwa14"), iiwa14_table_three()
+    bare = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+    states = fourier_motion(7, period_s=20.0, samples=2000, seed=3)
+    model = robot.pinocchio_model.copy()
+    for joint in range(1, model.njoints):
+        model.inertias[joint] = pinocchio.Inertia.Zero()
+    body = pinocchio.Inertia(2.0, np.array([0.0, 0.03, 0.2]), 0.002 * np.eye(3))
+    model.appendBodyToJoint(7, body, pinocchio.SE3.Identity())
+    data = model.createData()
+    load = np.array([pinocchio.rnea(model, data, *state) for state in zip(*states, strict=True)])
+    generator, folder = np.random.default_rng(5), tmp_path_factory.mktemp("payload")
+    for name, extra in (("bare", 0.0), ("tool", load)):
+        torque = inverse_dynamics(robot, bare, *states) + extra + 0.03 * generator.standard_normal((2000, 7))
+        np.savez(folder / f"{name}.npz", t=np.arange(2000) * 0.01, q=states[0], tau=torque, robot="iiwa14")
+    return folder / "bare.npz", folder / "tool.npz"
+
+
+def test_options_may_stand_behind_the_files(files: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "load.json"
+    bare, tool = map(str, files)
+    assert run("payload", bare, "--", tool, "--robot", "iiwa14", "--json", str(out)) == 0
+    found = json.loads(out.read_text())
+    assert found["mass"]["value"] == pytest.approx(2.0, rel=0.01)
+    # In the flange's frame, which is the last link's turned by π about z and 126 mm further out.
+    assert found["load_data"]["Y"] == pytest.approx(-30.0, abs=2.0)
+    assert found["load_data"]["Z"] == pytest.approx(74.0, abs=2.0)
+    low, high = found["mass"]["ci95"]
+    assert low < 2.0 < high
+
+
+def test_the_load_is_printed_as_the_cabinet_asks_for_it(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("payload", *map(str, files)) == 0
+    text = capsys.readouterr().out
+    assert float(text.removeprefix("Mass M: ").split()[0]) == pytest.approx(2.0, rel=0.01)
+    assert "does not say which load data are set" in text
+
+
+def test_one_list_is_refused_with_what_to_write(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("payload", str(files[0])) == 2
+    assert "then --, then those with it" in capsys.readouterr().err
+
+
+def test_the_same_arm_without_a_tool_has_no_load(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("payload", str(files[0]), str(files[0])) == 65
+    assert "No load can be seen" in capsys.readouterr().err
+
+
+def test_compare_names_the_tool_as_what_changed(files: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "changes.json"
+    assert run("compare", *map(str, files), "--json", str(out)) == 0
+    (change,) = json.loads(out.read_text())["changes"]
+    (difference,) = change["differences"]
+    assert difference["kind"] == "payload"
+    assert difference["link"] == 7
+    assert difference["number"] == pytest.approx(2.0, rel=0.05)
+    low, high = difference["interval"]
+    assert low < 2.0 < high
+    assert abs(change["parameters"][0]["sigmas"]) > 10.0
