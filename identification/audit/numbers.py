@@ -19,9 +19,11 @@ from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout
 from identification.audit.search import Audited
 
-__all__ = ["Found", "found_numbers"]
+__all__ = ["FEW_PARTS", "Found", "found_numbers"]
 
 FloatArray = npt.NDArray[np.float64]
+FEW_PARTS = 2.365 / 1.96
+"""Student's factor of seven degrees of freedom over the normal one: the scatter is that of eight parts."""
 SCALE_WIDTH = 0.1
 """A torque sensor's scale differs by less than this between two runs; motor currents by a few per cent."""
 
@@ -52,7 +54,7 @@ def found_numbers(found: Audited, model: GivenModel, sizes: Sizes) -> list[Found
     birge = max(1.0, float(noise.weight @ left) / max(expected, 1.0))
     without = np.array([_fitted(now, basis, noise.weight, [p for p in ALL if p != part])[0] for part in ALL])
     moved = without - without.mean(axis=0)
-    between = (len(ALL) - 1) / len(ALL) * moved.T @ moved
+    between = FEW_PARTS**2 * (len(ALL) - 1) / len(ALL) * moved.T @ moved
     scale = _scale_scatter(now, basis, layout, noise.weight)
     result, place = [], len(layout.base)
     for step in found.steps:

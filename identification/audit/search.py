@@ -43,6 +43,8 @@ REPORTED = 0.5
 """Of the least share: what is named has to explain something on rows that neither fitted nor accepted it."""
 MOST_STEPS = 5
 ALIKE = 0.03
+AS_LIKELY = 3.0
+"""Nats within which two hypotheses cannot be told apart."""
 TURNS = 4
 TRIED = 4
 WEIGHS = 3.0
@@ -58,13 +60,14 @@ SIGN_BELOW = -0.3
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
     """One difference. gain: nats. share, explained: of the difference of torque that it takes away on the rows that
-    accept it, and on those that were not used for that either.
+    accept it, and on those that were not used for that either. alternatives: what is as likely on these rows.
     """
 
     hypothesis: Hypothesis
     gain: float
     share: float
     explained: float
+    alternatives: tuple[Hypothesis, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +164,7 @@ def _next(now: Comparison, noise: Noise, model: GivenModel, sizes: Sizes, candid
         tilt = next(item for item in candidates if item.effect == "base_tilt")
         if turn[1] + tilt.log_odds > scored[0][0]:
             scored = [(turn[1] + tilt.log_odds, tilt), *[pair for pair in scored if pair[1] is not tilt]]
-    for score, item in _fewest_columns_first(scored)[:TRIED]:
+    for score, item in _fewest_columns_first(scored, model.own)[:TRIED]:
         if score < LEAST_GAIN:
             return None
         after = now
@@ -178,7 +181,7 @@ def _next(now: Comparison, noise: Noise, model: GivenModel, sizes: Sizes, candid
             continue
         explained = _share(now, after, before, item, first, noise, model, sizes)
         if explained >= REPORTED * least and _plausible(after, basis.plus(item), noise, item, sizes):
-            return Step(item, score, share, explained), after
+            return Step(item, score, share, explained, _alike(item, score, scored)), after
     return None
 
 
@@ -278,12 +281,26 @@ def _turned_base(now: Comparison, noise: Noise, model: GivenModel, sizes: Sizes)
     return gravity, best - present
 
 
-def _fewest_columns_first(scored: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
-    """Bodies that explain the same within a few per cent: that with the fewest numbers is tried first."""
+def _alike(item: Hypothesis, score: float, scored: list[tuple[float, Hypothesis]]) -> tuple[Hypothesis, ...]:
+    """Other places or things with the same evidence, one of each; none for what was turned into the data."""
+    if item.bends:
+        return ()
+    found: dict[tuple[str, int | None, int | None], Hypothesis] = {}
+    for other_score, other in scored:
+        if other.place != item.place and abs(other_score - score) < AS_LIKELY:
+            found.setdefault(other.place, other)
+    return tuple(found.values())
+
+
+def _fewest_columns_first(scored: list[tuple[float, Hypothesis]], own: bool) -> list[tuple[float, Hypothesis]]:
+    """Bodies that explain the same within a few per cent: that with the fewest numbers is tried first.
+
+    own: of a fit of this arm, where a link does not change but what hangs on it does.
+    """
     best = scored[0][0]
     alike = [pair for pair in scored if pair[1].is_body and pair[0] > best - ALIKE * abs(best)]
     if not scored[0][1].is_body or len(alike) < 2:
         return scored
-    alike.sort(key=lambda pair: (len(pair[1].columns), -pair[0]))
+    alike.sort(key=lambda pair: (own and pair[1].effect == "link_parameters", len(pair[1].columns), -pair[0]))
     chosen = {id(pair[1]) for pair in alike}
     return [*alike, *[pair for pair in scored if id(pair[1]) not in chosen]]

@@ -77,9 +77,20 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             text = f"The clock is wrong: true rate over stated rate is {with_interval(numbers[0])}"
         case _:
             numbers, text = _tilt(found, first, last, layout)
+    others = tuple(
+        (item.effect, _from_one(item.joint if item.link is None else item.link)) for item in step.alternatives
+    )
+    if others:
+        text += ", or as likely " + ", ".join(
+            effect.replace("_", " ") + ("" if place is None else f" ({place})") for effect, place in others
+        )
     sentence = f"{text}: {100.0 * step.explained:.0f} % of the difference to {source}."
     against = "recording" if hypothesis.effect in DATA_FAULTS else "model"
-    return Difference(hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence)
+    return Difference(hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence, others)
+
+
+def _from_one(place: int | None) -> int | None:
+    return None if place is None else place + 1
 
 
 def turned_signs(signs: FloatArray, share: float, gain: float, source: str) -> Difference:

@@ -16,8 +16,10 @@ import numpy.typing as npt
 from scipy.stats import f as fisher
 
 from identification.audit import Audit, audit
+from identification.audit.between import model_of_fit
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError
+from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
@@ -25,7 +27,7 @@ from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.extension import extend
-from identification.mismatch.findings import Baseline, Diagnosis
+from identification.mismatch.findings import Baseline, Diagnosis, HeldOut
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
 from identification.mismatch.nominal import (
@@ -165,6 +167,8 @@ def diagnose(
         diagnosis = replace(
             diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes), audit=audited
         )
+    if audited is None and fit is not None and diagnosis.heldout is not None:
+        diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis.heldout, fit, to_fit, to_check, robot))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
@@ -180,6 +184,17 @@ def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
         return audit(recordings, robot, model)
     except RecordingError:
         return None
+
+
+def _other_set_up(
+    left: HeldOut, fit: FitResult, fitted: Sequence[Recording], unseen: Sequence[Recording], robot: RobotModel
+) -> Audit | None:
+    """What in the set-up of the held-out recordings differs from the fitted ones, where the two disagree."""
+    if not unseen or not any(item.differs for item in left.misfits):
+        return None
+    name = " and ".join(Path(item.source.path).name for item in fitted)
+    found = _audited(unseen, robot, model_of_fit(fit, name))
+    return found if found is not None and found.differences else None
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:
