@@ -174,7 +174,7 @@ class Pilot:
         """
         guard = self.motion.guard
         if not guard.anchored or pace == Pace.FIRST or (pace == Pace.STANDS and not self._commanded):
-            if self._session.state == _ACTIVE and not self._ipo.is_still:
+            if self._commanded and not self._ipo.is_still:
                 return None
             guard.anchor(ipo)
         elif pace == Pace.STANDS:

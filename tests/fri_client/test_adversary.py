@@ -140,6 +140,16 @@ def test_a_set_point_of_the_robot_that_moves_when_the_motion_would_begin(speed: 
     assert f"moves at {speed:g} rad/s" in outcome.loop._pilot.hindrance
 
 
+@pytest.mark.parametrize("state", [3, 4])
+@pytest.mark.parametrize(("period", "multiplier"), [(1, 1), (2, 2), (5, 1), (10, 1)])
+def test_a_moving_set_point_of_a_robot_that_commands_is_not_mirrored_whatever_state_a_message_claims(
+    state: int, period: int, multiplier: int
+) -> None:
+    """Four messages claimed COMMANDING_WAIT: the position that had moved on was sent back, 1 141 % of a limit."""
+    setting = Setting(period, multiplier, ipo_speed=0.44, starts_active=True, duration_ms=100 * period)
+    assert play(setting, (Move("state", 67, 4, state, "receive"),)).judgement.excess_count == 0
+
+
 @pytest.mark.parametrize("lost", [1, 2, 3, 9])
 @pytest.mark.parametrize("how", ["lost", "silent, and the counter stands", "refused"])
 @pytest.mark.parametrize(("period", "multiplier"), [(5, 1), (10, 1), (5, 2), (2, 2), (1, 2)])
