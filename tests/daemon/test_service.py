@@ -6,6 +6,7 @@ loop counted, and files read back by rosbags. Children are killed for real.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pty
@@ -131,6 +132,13 @@ def assert_nothing_missing(path: Path) -> None:
     assert sorted(indexes) == list(range(max(indexes) + 1))
 
 
+def words_of(process: psutil.Process) -> str:
+    """Its command line; none of one that has ended, as the robot may have by then."""
+    with contextlib.suppress(psutil.ZombieProcess):
+        return " ".join(process.cmdline())
+    return ""
+
+
 def child_of(process: psutil.Process, module: str) -> psutil.Process:
     return next(child for child in process.children() if module in " ".join(child.cmdline()))
 
@@ -172,7 +180,7 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
         assert told.stdout.split()[0] == digest.sha256
         assert (folder / digest.name).stat().st_size == digest.bytes
     assert {digest.name for digest in outcome.files} == names - {"run.json"}
-    assert not [child for child in psutil.Process().children() if "daemon." in " ".join(child.cmdline())]
+    assert not [child for child in psutil.Process().children() if "daemon." in words_of(child)]
 
 
 def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
