@@ -58,7 +58,8 @@ class Block:
 
     columns: (R, n, p) and torque: (R, n), both projected. fitted, held_out: (R, n) which rows enter which table.
     scale: (R, n) 1/Nm, factor on each row of the fit (1 where unweighted). evaluation: the same stretch over time in
-    Nm for RMS values, fitted rows; evaluation_held_out: held-out rows, None when there are none.
+    Nm for RMS values, fitted rows; evaluation_held_out: held-out rows, None when there are none. recording: its number
+    among those fitted.
     """
 
     signals: ProcessedSignals
@@ -69,6 +70,7 @@ class Block:
     scale: FloatArray
     evaluation: Evaluation
     evaluation_held_out: CompressedObservation | None
+    recording: int = 0
 
 
 def build_block(

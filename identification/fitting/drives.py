@@ -92,11 +92,16 @@ def _columns(regressor: BaseRegressor, rotor_inertia: bool, offset: bool) -> Int
 
 
 def _fold_products(blocks: list[Block]) -> list[FloatArray]:
-    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each; folds are contiguous in time, interleaved in lines."""
+    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each.
+
+    Folds are of recordings where there are several, as what drifts within one is alike in all of its parts; of one
+    recording they are contiguous in time, interleaved in lines.
+    """
     size = blocks[0].columns.shape[2]
     joints = blocks[0].columns.shape[1]
     folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS)]
     total = sum(len(block.torque) for block in blocks)
+    several = len({block.recording for block in blocks}) > 1
     passed = 0
     for block in blocks:
         rows = np.arange(len(block.torque))
@@ -104,6 +109,8 @@ def _fold_products(blocks: list[Block]) -> list[FloatArray]:
         fold = (
             rows // 2 % FOLDS if spectral else np.minimum((passed + rows) * 2 * FOLDS // total, 2 * FOLDS - 1) % FOLDS
         )
+        if several:
+            fold = np.full(len(rows), block.recording % FOLDS)
         passed += len(block.torque)
         for joint in range(joints):
             for number in range(FOLDS):

@@ -71,12 +71,12 @@ def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings:
     """The rows of every stretch. Raises RecordingError where none is left to fit."""
     split = None if settings.split is None else Split.parse(settings.split)
     blocks = []
-    for item in processed:
+    for number, item in enumerate(processed):
         start, duration = float(item.recording.time[0]), item.recording.duration_s
         for stretch in item.stretches:
             block = build_block(stretch, regressor, split, start, duration)
             if block is not None:
-                blocks.append(block)
+                blocks.append(replace(block, recording=number))
     if not any(block.fitted.any() for block in blocks):
         raise RecordingError(
             "No row is left to fit: the robot stands still in all of the recording, or all is held out"
