@@ -97,6 +97,7 @@ class Pilot:
         self._ipo = IpoWatch()
         self._ipo_at_begin: tuple[float, ...] = ()
         self._commanded = False  # the robot was seen in COMMANDING_ACTIVE
+        self._commands_now = False  # and has not surely left since
         self._in_monitoring_for = 0  # answered messages in a row
         self._never_again = False
         self._is_step = False
@@ -136,7 +137,8 @@ class Pilot:
             return None
         self._in_monitoring_for = 0
         measured = monitor.measured_joint_position
-        self._commanded = self._commanded or session.state == _ACTIVE
+        if session.state == _ACTIVE:
+            self._commanded = self._commands_now = True
         if session.drop is not None:
             return self._after_drop(measured, ipo.joint_position, pace)
         if not session.begun:
@@ -155,7 +157,9 @@ class Pilot:
         if self._session.begun:
             return HEADER if pace == Pace.STANDS or self._never_again else None
         self._in_monitoring_for += 1
-        if not self._commanded or (pace == Pace.STANDS and self._in_monitoring_for >= LEFT_RUN):
+        has_left = self._in_monitoring_for >= LEFT_RUN and pace in (Pace.FIRST, Pace.STANDS)
+        if has_left or not self._commanded:
+            self._commands_now = False
             self._gate.forget()
         self._ipo.reset()
         return HEADER if self._commanded else monitoring_echo(message, self._version)
@@ -174,7 +178,7 @@ class Pilot:
         """
         guard = self.motion.guard
         if not guard.anchored or pace == Pace.FIRST or (pace == Pace.STANDS and not self._commanded):
-            if self._commanded and not self._ipo.is_still:
+            if self._commands_now and not self._ipo.is_still:
                 return None
             guard.anchor(ipo)
         elif pace == Pace.STANDS:
