@@ -139,6 +139,10 @@ def simulate(
             f"{item['effect']}" + (f" (joint {item['joint']})" if item["joint"] else "") for item in effects
         )
         message(f"Effects of the model, taken along the motion to be followed: {names}.")
+    if model.data.get("class_terms"):
+        from identification.mismatch.unknown.model_terms import range_sentence
+
+        message(range_sentence(model.data["class_terms"]))
     settings = SimulationSettings(
         motor_inertia=motors,
         motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
@@ -178,12 +182,13 @@ def _compare(
     from identification.mismatch.prediction import torque_along, torque_along_recording
     from identification.simulation import compare_with_plan, compare_with_recording
 
-    regressor = BaseRegressor(robot, model.options) if effects else None
+    terms = model.data.get("class_terms")
+    regressor = BaseRegressor(robot, model.options) if effects or terms else None
     extra = None
     if motion is not None and _is_recording(motion):
         (recording,) = load_inputs([motion], None, model_robot=robot).recordings
         if regressor is not None:
-            extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording)
+            extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording, terms)
         return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)
     trajectory = default_trajectory(robot.name) if motion is None else load_trajectory(motion)
     if trajectory.joints != robot.n:
@@ -191,7 +196,7 @@ def _compare(
     if regressor is not None:
         time = np.arange(round(trajectory.period_s / _EFFECT_STEP_S), dtype=np.float64) * _EFFECT_STEP_S
         states = trajectory.evaluate(time)
-        extra = torque_along(effects, regressor, model.base_values(regressor), time, states)
+        extra = torque_along(effects, regressor, model.base_values(regressor), time, states, terms)
     return compare_with_plan(trajectory, robot, parameters, law, settings, extra_torque=extra)
 
 

@@ -48,6 +48,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
+from identification.mismatch.unknown.judgement import judge
 from identification.model_file import Model
 from identification.recordings.independence import refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -170,6 +171,15 @@ def diagnose(
     if audited is None and fit is not None and diagnosis.heldout is not None:
         diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis.heldout, fit, to_fit, to_check, robot))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
+    if physics:
+        judgement = judge(fitted, unseen, claims, problem, result.candidates)
+        diagnosis = replace(
+            diagnosis,
+            classes=judgement.claims,
+            class_model=judgement.model,
+            offer=judgement.offer,
+            notes=(*diagnosis.notes, *judgement.notes),
+        )
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)

@@ -39,7 +39,8 @@ def extended_model(
     """
     extended = diagnosis.extended_model_json()
     regressor = BaseRegressor(robot, RegressorOptions.from_json(diagnosis.provenance["regressor"]))
-    known = {item.name: item.after for item in diagnosis.parameter_shift}
+    known = {item["name"]: item["value"] for item in extended["base_parameters"]}
+    terms = extended.get("class_terms")
     values = np.array([known[name] for name in regressor.names])
     settings = FitSettings(
         rotor_inertia="yes" if regressor.options.rotor_inertia else "no",
@@ -58,7 +59,7 @@ def extended_model(
             ]
             faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
             remaining.append(
-                without_effects(upright(recording, faults), present, regressor, values, settings.low_pass_hz)
+                without_effects(upright(recording, faults), present, regressor, values, settings.low_pass_hz, terms)
             )
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
@@ -68,6 +69,7 @@ def extended_model(
         **model,
         "base_parameters": extended["base_parameters"],
         "effects": extended["effects"],
+        **({} if terms is None else {"class_terms": terms}),
         "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }

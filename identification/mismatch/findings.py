@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from identification.audit.difference import Audit
 from identification.mismatch.effects.base import Parameter, Place
+from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
 
 if TYPE_CHECKING:
     from identification.mismatch.baseline import ModelComparison
@@ -274,6 +275,8 @@ class Diagnosis:
     curves of what is not explained. notes: sentences on how the data were handled.
     model_comparison: of the model that the diagnosis was asked to start from, if any. encoders: motor against link
     encoder, where there are two. torque_units: of each joint, where one is prismatic ("Nm", "N"); empty: all Nm.
+    classes: what joints' torques depend on where no name is needed; class_model: what
+    they are worth together; offer: what of them goes into the extended model.
     """
 
     robot: str
@@ -298,6 +301,9 @@ class Diagnosis:
     model_comparison: ModelComparison | None = None
     encoders: tuple[EncoderDifference, ...] = ()
     audit: Audit | None = None
+    classes: tuple[ClassClaim, ...] = ()
+    class_model: ClassModel | None = None
+    offer: Offer | None = None
 
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
@@ -365,6 +371,8 @@ class Diagnosis:
                 }
                 for item in self.parameter_shift
             ],
+            "classes": [item.to_json() for item in self.classes],
+            **({} if self.class_model is None else {"class_model": self.class_model.to_json()}),
             "remaining": self.remaining,
             "curves": [curve.to_json() for curve in self.curves],
             "notes": list(self.notes),
@@ -376,8 +384,12 @@ class Diagnosis:
         }
 
     def extended_model_json(self) -> dict[str, Any]:
-        """`model.json`, contract §5: base parameters fitted together with the findings, and the findings as effects."""
-        values = {item.name: item for item in self.parameter_shift}
+        """`model.json`, contract §5: base parameters, the findings as effects, torque without a name as class terms."""
+        shifts = self.parameter_shift
+        if self.offer is not None:
+            fitted = zip(shifts, self.offer.base.tolist(), self.offer.std.tolist(), strict=True)
+            shifts = tuple(replace(item, after=value, std=std) for item, value, std in fitted)
+        values = {item.name: item for item in shifts}
         joints = self.baseline.rms_nm.size
         friction = [
             {
@@ -387,18 +399,22 @@ class Diagnosis:
             }
             for joint in range(1, joints + 1)
         ]
-        heldout = [] if self.heldout is None else json_list(self.heldout.rms_after_nm)
+        fit = self.rms_after_nm
+        heldout = np.zeros(0) if self.heldout is None else self.heldout.rms_after_nm
+        if self.offer is not None:
+            fit, heldout = self.offer.fitted_rms, self.offer.heldout_rms
         return {
             "format": MODEL_FORMAT,
             "robot": self.robot,
             "base_parameters": [
                 {"name": item.name, "value": number(item.after), "std": number(item.std), "unit": item.unit}
-                for item in self.parameter_shift
+                for item in values.values()
             ],
             "physical_parameters": [],
             "friction": friction,
             "effects": [finding.to_json() for finding in self.findings],
-            "rms_nm": {"fit": json_list(self.rms_after_nm), "heldout": heldout},
+            **({} if self.offer is None else {"class_terms": plain(dict(self.offer.terms))}),
+            "rms_nm": {"fit": json_list(fit), "heldout": json_list(heldout)},
             "certificate": {},
             "provenance": plain(dict(self.provenance)),
         }

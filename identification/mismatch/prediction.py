@@ -20,6 +20,7 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import build_evidence, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.validation import RmsTable, validate_model
@@ -74,19 +75,22 @@ def without_effects(
     regressor: BaseRegressor,
     values: FloatArray,
     low_pass_hz: float | None = None,
+    class_terms: Mapping[str, Any] | None = None,
 ) -> Recording:
     """The recording with the effects' torque taken off each sample that has a place in a period or a stretch.
 
     values: (p,) base parameters of the regressor, whose torque effects that depend on load see. low_pass_hz: of the
-    motion of recordings without periods. Raises RecordingError
+    motion of recordings without periods. class_terms: torque without a name, as in `model.json`. Raises RecordingError
     where the recording cannot be used.
     """
-    if not effects:
+    if not effects and class_terms is None:
         return recording
     torque = recording.torque.copy()
     for evidence in build_evidence(recording, regressor.robot, regressor, DiagnosisSettings(low_pass_hz=low_pass_hz)):
         motion = with_parameters(evidence, regressor, values).motion
         taken = effects_torque(effects, motion)
+        if class_terms is not None:
+            taken = taken + terms_torque(class_terms, motion)
         if motion.periodic:
             assert recording.period_index is not None
             assert recording.sample_in_period is not None
@@ -103,18 +107,18 @@ def without_effects(
 
 
 def validate_with_effects(model: Model, recordings: Sequence[Recording]) -> RmsTable:
-    """`validate_model` with the model's repeatable effects in its torque; without any, the same table.
+    """`validate_model` with the model's repeatable effects and class terms in its torque; without any, the same table.
 
     What was found to change within one recording is taken to be absent from others. Raises as `validate_model` does.
     """
-    effects = repeatable(model.data.get("effects", []))
-    if not effects:
+    effects, terms = repeatable(model.data.get("effects", [])), model.data.get("class_terms")
+    if not effects and terms is None:
         return validate_model(model, recordings)
     regressor = BaseRegressor(model.load_robot(), model.options)
     values = model.base_values(regressor)
     band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
     return validate_model(
-        model, [without_effects(recording, effects, regressor, values, band) for recording in recordings]
+        model, [without_effects(item, effects, regressor, values, band, terms) for item in recordings]
     )
 
 
@@ -124,6 +128,7 @@ def torque_along(
     values: FloatArray,
     time: FloatArray,
     states: Sequence[FloatArray],
+    class_terms: Mapping[str, Any] | None = None,
 ) -> Callable[[_Timed], FloatArray]:
     """Effects' torque as a function of a simulated state's time, evaluated along the commanded periodic motion.
 
@@ -143,11 +148,15 @@ def torque_along(
         start_s=np.zeros(1),
         coulomb_velocity=regressor.options.coulomb_velocity,
     )
-    return _by_time(effects, motion)
+    return _by_time(effects, motion, class_terms)
 
 
 def torque_along_recording(
-    effects: Sequence[EffectJson], regressor: BaseRegressor, values: FloatArray, recording: Recording
+    effects: Sequence[EffectJson],
+    regressor: BaseRegressor,
+    values: FloatArray,
+    recording: Recording,
+    class_terms: Mapping[str, Any] | None = None,
 ) -> Callable[[_Timed], FloatArray]:
     """As `torque_along`, along a recording's mean period. Raises RecordingError for one without periods."""
     evidence = build_evidence(recording, regressor.robot, regressor)[0]
@@ -158,11 +167,15 @@ def torque_along_recording(
             file=recording.source.path,
             field="period_s",
         )
-    return _by_time(effects, motion)
+    return _by_time(effects, motion, class_terms)
 
 
-def _by_time(effects: Sequence[EffectJson], motion: Motion) -> Callable[[_Timed], FloatArray]:
+def _by_time(
+    effects: Sequence[EffectJson], motion: Motion, class_terms: Mapping[str, Any] | None
+) -> Callable[[_Timed], FloatArray]:
     table = effects_torque(repeatable(effects), motion)[0]
+    if class_terms is not None:
+        table = table + terms_torque(class_terms, motion)
     step, samples = motion.sampling_period_s, motion.samples
     return lambda state: np.asarray(table[round(state.time_s / step) % samples], dtype=np.float64)
 

@@ -116,6 +116,12 @@ def reweighted(problem: Problem, inflation: FloatArray) -> Problem:
     )
 
 
+def with_torque(problem: Problem, torque: Sequence[FloatArray]) -> Problem:
+    """The same problem for another torque, (R, n) Nm of each evidence."""
+    whitened = (np.concatenate(list(torque)).T * problem.weight).ravel()
+    return replace(problem, torque=whitened, residual=off(problem.basis, whitened))
+
+
 def _with_basis(problem: Problem) -> Problem:
     columns = (problem.nominal * problem.weight[..., None]).reshape(-1, problem.nominal.shape[2])
     basis = orthonormal(columns)

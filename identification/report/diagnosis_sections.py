@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.findings import Diagnosis, HeldOut
+from identification.report.class_section import class_section
 from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table, Tone
 from identification.report.finding_blocks import claim, curve_panel, effect_name, finding_blocks, place_name
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
@@ -62,7 +63,13 @@ def tone_of(diagnosis: Diagnosis) -> Tone:
 
 def diagnosis_sections(diagnosis: Diagnosis) -> list[Section]:
     """Findings, held-out check, parameter shift and limits of what these data can show, each where there is any."""
-    sections = [_findings(diagnosis), _heldout(diagnosis), _shift(diagnosis), _limits(diagnosis)]
+    sections = [
+        _findings(diagnosis),
+        class_section(diagnosis),
+        _heldout(diagnosis),
+        _shift(diagnosis),
+        _limits(diagnosis),
+    ]
     return [section for section in sections if section is not None]
 
 

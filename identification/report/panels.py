@@ -175,6 +175,8 @@ def _draw_line(axes: Axes, line: Line) -> None:
             markerfacecolor=colour if line.style == "after" else "none", markeredgewidth=0.7,
         )  # fmt: skip
     else:
+        if line.band is not None:
+            axes.fill_between(line.x, line.y - line.band, line.y + line.band, color=colour, alpha=0.25, linewidth=0.0)
         x, y = decimate(line.x, line.y)
         axes.plot(x, y, color=colour, solid_joinstyle="round", **_LINES[line.style])
 

@@ -107,9 +107,27 @@ def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions(shared_folder
         assert joints[0].claim == "delay"
 
 
-def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(shared_folder: Path) -> None:
+@pytest.fixture(scope="module")
+def panda(shared_folder: Path) -> tuple[Diagnosis, np.ndarray]:
+    return _diagnosed(shared_folder, "panda_excitation.npz")
+
+
+def test_classes_lower_the_panda_s_error_on_rows_that_were_not_fitted(panda: tuple[Diagnosis, np.ndarray]) -> None:
+    model = panda[0].class_model
+    assert model is not None
+    assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
+    assert model.heldout_after[6] < 0.4 * model.heldout_before[6]
+
+
+def test_classes_lower_the_tx40_s_error_on_rows_that_were_not_fitted(tx40: tuple[Diagnosis, np.ndarray]) -> None:
+    model = tx40[0].class_model
+    assert model is not None
+    assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
+
+
+def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(panda: tuple[Diagnosis, np.ndarray]) -> None:
     """Its friction is known not to jump at a reversal (Gaz et al., RA-L 2019, fit a sigmoid of velocity)."""
-    diagnosis, torque = _diagnosed(shared_folder, "panda_excitation.npz")
+    diagnosis, torque = panda
     (finding,) = diagnosis.findings
     assert (finding.effect, finding.place.joint) == ("presliding_hysteresis", 7)
     assert diagnosis.heldout is not None

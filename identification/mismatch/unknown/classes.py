@@ -1,0 +1,372 @@
+"""What a joint's torque may depend on, without a form: a basis of functions for each class of dependence.
+
+The functions are fixed by the ranges of the motions at hand; any other motion gets the same ones, and beyond the ranges
+of the fitted motions they fade to zero. A class's columns are scaled so that independent weights of variance v give a
+torque of mean square v on the motions at hand. No measured torque is seen here. Called by `rows` and `model_terms`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import direction_of
+from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
+from identification.mismatch.motion import Motion
+from identification.mismatch.unknown.functions import fade, responses, smooth_table, stops, tabulated, warped
+
+FloatArray = npt.NDArray[np.float64]
+
+SMOOTH, FINE = (0.5, 9), (0.125, 27)
+"""Length of a function of position, in half ranges, and how many functions of that length there are."""
+SPEED, LOAD = (0.3, 11), (0.5, 7)
+STOP_WIDTHS = np.geomspace(0.003, 0.3, 5)
+"""Widths of stop operators of position, in half ranges."""
+LOAD_STOP_WIDTHS = np.geomspace(0.01, 0.3, 4)
+LAGS_S = np.geomspace(0.002, 0.2, 5)
+RESONANCES_HZ = np.geomspace(3.0, 35.0, 11)
+DAMPING = 0.1
+NOTHING = 1e-18
+"""Mean square below which functions of an input that does not move are none."""
+WAVES = 48
+"""Random waves over the configuration, of about a half range of each joint."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """What the fitted motions reached, (n,) each: position in rad (m), speed, load and torque in Nm, acceleration.
+
+    load: torque of the rigid links. torque: largest nominal torque, friction and all.
+    """
+
+    position_lower: FloatArray
+    position_upper: FloatArray
+    speed: FloatArray
+    load_lower: FloatArray
+    load_upper: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion]) -> Ranges:
+        """The ranges of several motions together."""
+        position, velocity, acceleration, torque = (
+            np.concatenate([getattr(motion, name) for motion in motions])
+            for name in ("position", "velocity", "acceleration", "torque")
+        )
+        load = np.concatenate([rigid_torque(motion).torque for motion in motions])
+        return cls(
+            position.min(axis=0), position.max(axis=0), np.abs(velocity).max(axis=0),
+            load.min(axis=0), load.max(axis=0), np.abs(acceleration).max(axis=0), np.abs(torque).max(axis=0),
+        )  # fmt: skip
+
+    def bounds(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Least and largest (n,) of one input: "position", "velocity", "acceleration", "load" or "torque"."""
+        if name in ("position", "load"):
+            return getattr(self, f"{name}_lower"), getattr(self, f"{name}_upper")
+        largest = {"velocity": self.speed, "acceleration": self.acceleration, "torque": self.torque}[name]
+        return -largest, largest
+
+    def to_json(self) -> dict[str, list[float]]:
+        """Plain JSON types."""
+        return {name: getattr(self, name).tolist() for name in self.__slots__}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Ranges:
+        """The ranges that `to_json` wrote."""
+        return cls(**{name: np.array(data[name], dtype=np.float64) for name in cls.__slots__})
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """A motion seen through ranges: every input is −1 … 1 within them. Not slotted: what is asked is kept.
+
+    fade_width: distance beyond the limits, in half of them, over which functions fade to zero. limits: ranges beyond
+    which they do; None: nowhere.
+    """
+
+    motion: Motion
+    ranges: Ranges
+    fade_width: float
+    limits: Ranges | None = None
+
+    @cached_property
+    def position(self) -> FloatArray:
+        """(S, n) position."""
+        return self._scaled("position", self.ranges)
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """(S, n) velocity over the largest speed."""
+        return self._scaled("velocity", self.ranges)
+
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """(S, n) acceleration over the largest."""
+        return self._scaled("acceleration", self.ranges)
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """(S, n) torque of the rigid links: friction, which turns round with the motion, is no load."""
+        return self._scaled("load", self.ranges)
+
+    @cached_property
+    def torque(self) -> FloatArray:
+        """(S, n) nominal torque over the largest."""
+        return self._scaled("torque", self.ranges)
+
+    @cached_property
+    def direction(self) -> FloatArray:
+        """(S, n) direction of motion, as the nominal Coulomb friction has it."""
+        return direction_of(self.motion.velocity, self.motion.coulomb_velocity)
+
+    def inside(self, name: str) -> FloatArray:
+        """(S, n) 1 where an input is within its limits, fading to 0 beyond."""
+        if self.limits is None:
+            return np.ones((self.motion.samples, self.motion.n))
+        return fade(self._scaled(name, self.limits), self.fade_width)
+
+    def within(self, limits: Ranges) -> bool:
+        """Whether no input leaves some limits."""
+        names = ("position", "velocity", "acceleration", "load", "torque")
+        return all(bool(np.all(np.abs(self._scaled(name, limits)) <= 1.0 + 1e-9)) for name in names)
+
+    @cached_property
+    def all_inside(self) -> FloatArray:
+        """(S,) 1 where all positions are."""
+        return np.asarray(self.inside("position").prod(axis=1))
+
+    @cached_property
+    def _rigid(self) -> FloatArray:
+        return rigid_torque(self.motion).torque
+
+    def _scaled(self, name: str, ranges: Ranges) -> FloatArray:
+        lower, upper = ranges.bounds(name)
+        half = 0.5 * (upper - lower)
+        values = self._rigid if name == "load" else getattr(self.motion, name)
+        return np.asarray((values - 0.5 * (lower + upper)) / np.where(half > 1e-9, half, np.inf))
+
+    @cached_property
+    def waves(self) -> FloatArray:
+        """(S, WAVES) random waves over the configuration, always the same ones."""
+        random = np.random.default_rng(12)
+        direction = random.normal(size=(self.motion.n, WAVES))
+        return np.asarray(np.cos(np.clip(self.position, -1.0, 1.0) @ direction + random.uniform(0, 2 * np.pi, WAVES)))
+
+    @cached_property
+    def moments(self) -> FloatArray:
+        """(S, n, 2) bending moments across the joints, Nm."""
+        return np.ascontiguousarray(bending_moments(self.motion)[..., 0])
+
+
+class Along(Inputs):
+    """One input of one joint running over the fitted range, all others in the middle, every joint moving forward.
+
+    place: (samples,) where it runs, rad (m), rad/s (m/s) or Nm (N).
+    """
+
+    place: FloatArray
+
+    def __init__(self, like: Inputs, fitted: Ranges, joint: int, coordinate: str, samples: int) -> None:
+        super().__init__(like.motion, like.ranges, like.fade_width)
+        (lower, upper), (first, last) = like.ranges.bounds(coordinate), fitted.bounds(coordinate)
+        place = np.linspace(first[joint], last[joint], samples)
+        middle = np.zeros((samples, like.motion.n))
+        running = middle.copy()
+        running[:, joint] = (2.0 * place - lower[joint] - upper[joint]) / max(upper[joint] - lower[joint], 1e-9)
+        for name in ("position", "velocity", "load", "torque"):
+            self.__dict__[name] = running if name == coordinate else middle
+        self.__dict__["direction"] = np.sign(running) if coordinate == "velocity" else np.ones_like(middle)
+        object.__setattr__(self, "place", place)
+
+    def inside(self, name: str) -> FloatArray:
+        """1 everywhere: it stays within the fitted range."""
+        del name
+        return np.ones_like(self.position)
+
+
+Part = tuple[FloatArray, FloatArray]
+"""Functions (S, m) before they are centred and scaled, and their fade (S,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DependenceClass:
+    """One class of dependence. name: contract §6. words: for a sentence, after "a torque that".
+
+    groups: functions of a joint (from 0), each group with a variance of its own. coordinate: the input over which the
+    class has a curve, "" where it has none. shared: the functions are the same for all joints.
+    """
+
+    name: str
+    words: str
+    groups: tuple[Callable[[Inputs, int], Part], ...]
+    coordinate: str = ""
+    shared: bool = False
+
+
+def _constant(inputs: Inputs, joint: int) -> Part:
+    del joint
+    ones = np.ones(inputs.motion.samples)
+    return ones[:, None], ones
+
+
+def _position_smooth(inputs: Inputs, joint: int) -> Part:
+    place = inputs.position[:, joint]
+    length, count = SMOOTH
+    table = smooth_table(length, count, ("one", "linear"))
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values, inputs.inside("position")[:, joint]
+
+
+def _position_fine(inputs: Inputs, joint: int) -> Part:
+    length, count = FINE
+    table = smooth_table(length, count, ("one", "linear"))
+    return tabulated(table, inputs.position[:, joint]), inputs.inside("position")[:, joint]
+
+
+def _position_by_direction(inputs: Inputs, joint: int) -> Part:
+    place = inputs.position[:, joint]
+    table = smooth_table(*SMOOTH, ("one", "linear"))[:, :8]
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values * inputs.direction[:, joint, None], inputs.inside("position")[:, joint]
+
+
+def _velocity(inputs: Inputs, joint: int) -> Part:
+    speed = np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
+    place = 2.0 * warped(speed) - 1.0
+    table = smooth_table(*SPEED, ("one", "sinh"))
+    either_way = np.concatenate([tabulated(table, place), speed[:, None]], axis=1)
+    one_way = tabulated(table, place) * inputs.direction[:, joint, None]
+    return np.concatenate([either_way, one_way], axis=1), inputs.inside("velocity")[:, joint]
+
+
+def _load(inputs: Inputs, joint: int) -> Part:
+    place = inputs.torque[:, joint]
+    table = smooth_table(*LOAD, ("one", "linear"))
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values, inputs.inside("torque")[:, joint]
+
+
+def _load_by_direction(inputs: Inputs, joint: int) -> Part:
+    table = smooth_table(*LOAD, ("one",))
+    values = tabulated(table, inputs.load[:, joint]) * inputs.direction[:, joint, None]
+    return values, inputs.inside("load")[:, joint]
+
+
+def _load_by_position(inputs: Inputs, joint: int) -> Part:
+    load, position = (np.clip(values[:, joint], -1, 1) for values in (inputs.load, inputs.position))
+    values = np.stack([load**i * position**k for i in (1, 2, 3) for k in (1, 2, 3)], axis=1)
+    return values, inputs.inside("load")[:, joint] * inputs.inside("position")[:, joint]
+
+
+def _path_memory(inputs: Inputs, joint: int) -> Part:
+    values = stops(inputs.position[:, joint], STOP_WIDTHS, periodic=inputs.motion.periodic)
+    return values, inputs.inside("position")[:, joint]
+
+
+def _load_memory(inputs: Inputs, joint: int) -> Part:
+    values = stops(inputs.torque[:, joint], LOAD_STOP_WIDTHS, periodic=inputs.motion.periodic)
+    return values, inputs.inside("torque")[:, joint]
+
+
+def _configuration(inputs: Inputs, joint: int) -> Part:
+    del joint
+    return inputs.waves, inputs.all_inside
+
+
+def _dynamics(name: str) -> Callable[[Inputs, int], Part]:
+    def columns(inputs: Inputs, joint: int) -> Part:
+        values = responses(
+            getattr(inputs, name)[:, joint],
+            inputs.motion.sampling_period_s,
+            periodic=inputs.motion.periodic,
+            lags_s=LAGS_S if name == "torque" else LAGS_S[:1],
+            resonances_hz=RESONANCES_HZ,
+            damping=DAMPING,
+        )
+        return values, inputs.inside(name)[:, joint]
+
+    return columns
+
+
+def _other_torques(inputs: Inputs, joint: int) -> Part:
+    load = np.delete(np.clip(inputs.torque, -1, 1), joint, axis=1)
+    bending = inputs.moments[:, joint] / np.maximum(np.abs(inputs.moments[:, joint]).max(axis=0), 1e-9)
+    return np.concatenate([load, load**2, bending], axis=1), inputs.inside("torque").prod(axis=1)
+
+
+def _other_motion(inputs: Inputs, joint: int) -> Part:
+    velocity, acceleration, direction = (
+        np.delete(np.clip(values, -1, 1), joint, axis=1)
+        for values in (inputs.velocity, inputs.acceleration, inputs.direction)
+    )
+    product = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
+    values = np.concatenate([velocity, acceleration, product, direction], axis=1)
+    return values, inputs.inside("velocity").prod(axis=1)
+
+
+CLASSES: tuple[DependenceClass, ...] = (
+    DependenceClass("constant", "is constant", (_constant,)),
+    DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
+    DependenceClass(
+        "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
+        (_position_by_direction,), "position",
+    ),
+    DependenceClass("own_velocity", "depends on its own velocity", (_velocity,), "velocity"),
+    DependenceClass("own_load", "depends on its own load", (_load,), "torque"),
+    DependenceClass(
+        "own_load_by_direction", "depends on its own load and turns round with its direction of motion",
+        (_load_by_direction,), "load",
+    ),
+    DependenceClass("own_load_by_position", "depends on its own load and position together", (_load_by_position,)),
+    DependenceClass("path_memory", "depends on where its path last turned round", (_path_memory,)),
+    DependenceClass("load_memory", "depends on where its load last turned round", (_load_memory,)),
+    DependenceClass("configuration", "depends on the configuration of the arm", (_configuration,), "", True),
+    DependenceClass("torque_dynamics", "follows its own torque late, or rings with it", (_dynamics("torque"),)),
+    DependenceClass(
+        "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)
+    ),
+    DependenceClass("other_torques", "depends on the torques of other joints", (_other_torques,)),
+    DependenceClass("other_motion", "depends on the motion of other joints", (_other_motion,)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """The functions of one group of one class on one joint, centred and scaled on all motions.
+
+    number: of the class in CLASSES. group: which group of it. joint: from 0. centre: (m,). scale: one number.
+    """
+
+    number: int
+    group: int
+    joint: int
+    centre: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, number: int, group: int, joint: int, motions: Sequence[Part]) -> Basis:
+        """The basis whose unit weights give a torque of mean square one, and mean zero, on some motions.
+
+        motions: what the functions are on each of them.
+        """
+        if CLASSES[number].name == "constant":
+            return cls(number, group, joint, np.zeros(1), 1.0)
+        values = np.concatenate([part[0] for part in motions])
+        centre = values.mean(axis=0)
+        square = float(np.mean(np.sum((values - centre) ** 2, axis=1)))
+        return cls(number, group, joint, centre, 1.0 / np.sqrt(square) if square > NOTHING else 0.0)
+
+    def columns(self, inputs: Inputs) -> FloatArray:
+        """(S, m) torque of each unit weight on a motion."""
+        return self.scaled(CLASSES[self.number].groups[self.group](inputs, self.joint))
+
+    def scaled(self, part: Part) -> FloatArray:
+        """(S, m) torque of each unit weight, from what the functions are on a motion."""
+        values, inside = part
+        return (values - self.centre) * (self.scale * inside)[:, None]

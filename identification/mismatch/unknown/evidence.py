@@ -1,0 +1,238 @@
+"""One Gaussian model of a joint's rows, and the log evidence of what it holds.
+
+y_j = F_j b + B_j a_j + ε_j: y, F the whitened torque and base columns of joint j, b the same for all joints and free,
+B_j the columns of its classes, a of variance v per group, ε of variance κ per band (1 where the noise is the measured
+one). Everything enters through Gram matrices of [B F y] per band, so that a hypothesis costs a Cholesky factor of a few
+columns. Variances by MacKay's fixed point (Neural Computation 4, 1992; the noise by the same rule). Here: the model of
+given groups. Not here: which groups (`selection`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+FREE = 1e-9
+"""Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""
+LEAST_NOISE = 1e-6
+LEAST_FREEDOM = 0.05
+"""Share of a band's rows below which its freedom is not taken, however many columns describe it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointGram:
+    """Products of one joint's rows. gram: (bands, M, M) of [B F y], M = m + p + 1. count: (bands,) rows.
+
+    group: (m,) number of the group that each column of B belongs to, 0 … groups − 1, in order.
+    """
+
+    gram: FloatArray
+    count: FloatArray
+    group: IntArray
+
+    @property
+    def columns(self) -> int:
+        """Number m of columns of B."""
+        return int(self.group.size)
+
+    def only(self, groups: Sequence[int]) -> JointGram:
+        """The same rows with some groups, numbered anew in that order."""
+        chosen = [np.flatnonzero(self.group == number) for number in groups]
+        kept = np.concatenate([*chosen, np.arange(self.columns, self.gram.shape[1])]).astype(np.int64)
+        numbers = np.repeat(np.arange(len(groups)), [part.size for part in chosen])
+        return JointGram(np.ascontiguousarray(self.gram[:, kept[:, None], kept]), self.count, numbers)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hyper:
+    """Variances of one joint: of each group, Nm², and of the noise in each band, in units of the measured one."""
+
+    variance: FloatArray
+    noise: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marginal:
+    """A joint's rows with a integrated out. rest: (p + 1, p + 1) of [F y]. log_determinant: of the rows' covariance.
+
+    root: (m,) deviation of each weight; factor: L of I + root BᵀK⁻¹B root; solved: L⁻¹ root BᵀK⁻¹[F y].
+    """
+
+    rest: FloatArray
+    log_determinant: float
+    root: FloatArray
+    factor: FloatArray
+    solved: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """What joints have in common. information: (p, p) on b. target: (p,). square: yᵀΣ⁻¹y. log_determinant: sum."""
+
+    information: FloatArray
+    target: FloatArray
+    square: float
+    log_determinant: float
+
+    @classmethod
+    def of(cls, parts: Sequence[Marginal]) -> Shared:
+        """The sum over joints."""
+        rest = np.sum([part.rest for part in parts], axis=0)
+        return cls(rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), sum(part.log_determinant for part in parts))
+
+    def plus(self, part: Marginal) -> Shared:
+        """With one more joint."""
+        return Shared(
+            self.information + part.rest[:-1, :-1],
+            self.target + part.rest[:-1, -1],
+            self.square + float(part.rest[-1, -1]),
+            self.log_determinant + part.log_determinant,
+        )
+
+    @property
+    def precision(self) -> FloatArray:
+        """(p, p) posterior precision of b."""
+        return self.information + FREE * np.eye(len(self.information))
+
+    @property
+    def log_evidence(self) -> float:
+        """Log p(y), but for −½ N log 2π, and for ½ p log FREE, which all hypotheses share."""
+        factor = cholesky(self.precision, lower=True, check_finite=False)
+        half = solve_triangular(factor, self.target, lower=True, check_finite=False)
+        determinant = self.log_determinant + 2.0 * float(np.log(np.diag(factor)).sum())
+        return -0.5 * (determinant + self.square - float(half @ half))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posterior:
+    """What the rows say. weights: (m,) a. covariance: (M − 1, M − 1) of [a b]. base: (p,) b.
+
+    left: (bands,) squares of y − B a − F b. spread: (bands,) what the uncertainty of a and b adds to them.
+    """
+
+    weights: FloatArray
+    base: FloatArray
+    covariance: FloatArray
+    left: FloatArray
+    spread: FloatArray
+
+
+def marginal(joint: JointGram, hyper: Hyper) -> Marginal:
+    """One joint with its weights integrated out, under given variances."""
+    size = joint.columns
+    total = np.tensordot(1.0 / hyper.noise, joint.gram, axes=1)
+    root = np.sqrt(hyper.variance[joint.group]) if size else np.zeros(0)
+    inner = root[:, None] * total[:size, :size] * root
+    inner[np.diag_indices(size)] += 1.0
+    factor = cholesky(inner, lower=True, check_finite=False) if size else inner
+    solved = root[:, None] * total[:size, size:]
+    if size:
+        solved = solve_triangular(factor, solved, lower=True, check_finite=False)
+    determinant = 2.0 * float(np.log(np.diag(factor)).sum()) + float(joint.count @ np.log(hyper.noise))
+    return Marginal(total[size:, size:] - solved.T @ solved, determinant, root, factor, solved)
+
+
+def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
+    """Weights of one joint and the base parameters, all joints' rows seen."""
+    size = joint.columns
+    factor = cholesky(shared.precision, lower=True, check_finite=False)
+    scatter = cho_solve((factor, True), np.eye(len(factor)), check_finite=False)
+    base = scatter @ shared.target
+    if size:
+        inverse = lapack.dtrtri(part.factor, lower=1)[0] * part.root
+        back = inverse.T @ part.solved
+        weights = back[:, -1] - back[:, :-1] @ base
+        across = back[:, :-1] @ scatter
+        covariance = np.block([[inverse.T @ inverse + across @ back[:, :-1].T, -across], [-across.T, scatter]])
+    else:
+        weights, covariance = np.zeros(0), scatter
+    line = np.concatenate([-weights, -base, [1.0]])
+    left = (joint.gram @ line) @ line
+    padded = np.zeros(joint.gram.shape[1:])
+    padded[:-1, :-1] = covariance
+    return Posterior(weights, base, covariance, left, joint.gram.reshape(len(left), -1) @ padded.ravel())
+
+
+def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_rows: float, odds: float) -> Hyper:
+    """One step of the fixed point. cap: largest variance. noise_rows: worth of the measured noise, 0 without any.
+
+    odds: that a band's noise is not the measured one, beforehand.
+    """
+    variance = hyper.variance.copy()
+    diagonal = np.diag(now.covariance)
+    for number, value in enumerate(variance):
+        own = np.flatnonzero(joint.group == number)
+        determined = own.size - float(diagonal[own].sum()) / value
+        square = float(now.weights[own] @ now.weights[own])
+        variance[number] = min(max(square / max(determined, 1e-3), 1e-6 * cap), cap)
+    trust = noise_rows * as_measured(hyper.noise, noise_rows, odds)
+    freedom = np.maximum(joint.count - now.spread / hyper.noise, LEAST_FREEDOM * joint.count)
+    noise = (now.left + trust) / np.maximum(freedom + trust, 1e-9)
+    return Hyper(variance, np.where(joint.count > 0.0, np.maximum(noise, LEAST_NOISE), 1.0))
+
+
+def settled_variance(joint: JointGram, hyper: Hyper, beside: Shared, cap: float, rounds: int) -> FloatArray:
+    """Variance of each group after some steps of the fixed point in which the noise is held, b integrated out.
+
+    beside: all other joints. The same steps as `updated`, on the products of B alone.
+    """
+    size = joint.columns
+    total = np.tensordot(1.0 / hyper.noise, joint.gram, axes=1)
+    within, across, target = total[:size, :size], total[size:-1, :size], total[:size, -1]
+    precision = beside.information + total[size:-1, size:-1] + FREE * np.eye(len(across))
+    factor = cholesky(precision, lower=True, check_finite=False)
+    both = np.column_stack([across, beside.target + total[size:-1, -1]])
+    half = solve_triangular(factor, both, lower=True, check_finite=False)
+    visible, target = within - half[:, :-1].T @ half[:, :-1], target - half[:, :-1].T @ half[:, -1]
+    first = np.searchsorted(joint.group, np.arange(hyper.variance.size))
+    width = np.bincount(joint.group, minlength=hyper.variance.size)
+    variance = hyper.variance
+    for _ in range(rounds):
+        root = np.sqrt(variance[joint.group])
+        inner = root[:, None] * visible * root
+        inner[np.diag_indices(size)] += 1.0
+        inverse = lapack.dtrtri(cholesky(inner, lower=True, check_finite=False), lower=1)[0]
+        weights = inverse.T @ (inverse @ (root * target))
+        determined = width - np.add.reduceat((inverse**2).sum(axis=0), first)
+        square = variance * np.add.reduceat(weights**2, first)
+        variance = np.clip(square / np.maximum(determined, 1e-3), 1e-6 * cap, cap)
+    return variance
+
+
+def as_measured(noise: FloatArray, noise_rows: float, odds: float) -> FloatArray:
+    """Probability, by its size alone, that a band's noise is the measured one."""
+    if noise_rows == 0.0:
+        return np.zeros_like(noise)
+    usual = np.exp(-0.5 * noise_rows * (np.log(noise) + 1.0 / noise - 1.0))
+    return np.asarray(usual / (usual + odds))
+
+
+def log_prior(noise: FloatArray, noise_rows: float, odds: float) -> float:
+    """Log p(κ): a band's noise is the measured one, known as from so many rows, or else anything at those odds."""
+    if noise_rows == 0.0:
+        return 0.0
+    usual = np.exp(-0.5 * noise_rows * (np.log(noise) + 1.0 / noise - 1.0))
+    return float(np.sum(np.log(usual + odds) - np.log1p(odds)))
+
+
+def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequence[int]) -> float:
+    """Nats that the evidence falls without some groups, all other variances as they are (Savage and Dickey's ratio)."""
+    own = np.flatnonzero(np.isin(joint.group, groups))
+    root = np.sqrt(hyper.variance[joint.group[own]])
+    scaled = now.covariance[own[:, None], own] / np.outer(root, root)
+    # Rounding of a covariance that the data hardly narrow.
+    factor = cholesky(scaled + 1e-12 * np.eye(own.size), lower=True, check_finite=False)
+    half = solve_triangular(factor, now.weights[own] / root, lower=True, check_finite=False)
+    return float(np.log(np.diag(factor)).sum() + 0.5 * (half @ half))
+
+
+def with_noise(hyper: Hyper, noise: FloatArray) -> Hyper:
+    """The same with other noise."""
+    return replace(hyper, noise=noise)

@@ -1,0 +1,234 @@
+"""The answer without forms: which classes each joint's torque depends on beside the nominal model, and what they bring.
+
+Classes are chosen on fitted and held-out rows together; sizes, curves and held-out figures come from weights and
+variances of the fitted rows alone. Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.claims import Claims
+from identification.mismatch.effects import EFFECTS
+from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.prepared import Prepared
+from identification.mismatch.problem import Problem, off
+from identification.mismatch.refinement import Member, gram_of
+from identification.mismatch.screening import group_gain
+from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
+from identification.mismatch.unknown.classes import CLASSES, Along
+from identification.mismatch.unknown.evidence import FREE
+from identification.mismatch.unknown.left import Left, shortened
+from identification.mismatch.unknown.offer import offer, refusal, without_members
+from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.selection import FULL_ROUNDS, Held, JointState, Selection
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMS_NAMED, LEAST_SHARE = 3, 0.1
+CURVE_POINTS = 61
+SAME_AS = {"constant": "own_position"}
+"""Classes without a name of their own in the contract: a constant is a function of the position too."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """claims: what is said of classes. model: what all that stands, said or not, is worth. offer: for `model.json`.
+    notes: joints whose torque without a name is not part of it.
+    """
+
+    claims: tuple[ClassClaim, ...]
+    model: ClassModel
+    offer: Offer | None
+    notes: tuple[str, ...]
+
+
+def judge(
+    fitted: Prepared,
+    unseen: Prepared | None,
+    names: Claims,
+    problem: Problem,
+    candidates: Sequence[EffectRows],
+    settings: ClaimSettings | None = None,
+) -> Judgement:
+    """Classes of what the nominal model leaves, and what the model gains by classes beside the names that stand.
+
+    problem, candidates: of the fitted rows, to find the nearest forms.
+    """
+    settings = settings if settings is not None else ClaimSettings()
+    every = build_rows(fitted, unseen, settings)
+    held, alone = select(every, settings)
+    rows = alone.rows
+    left = Left.of(rows)
+    plain, after = left(Selection.of(rows, range(rows.folds), settings)), left(alone)
+    claims, silent = [], set[int]()
+    for item in sorted(held, key=lambda item: -item.loss):
+        state = alone.states[item.joint]
+        if item.loss < settings.speak:
+            continue
+        if rows.heldout and after[1][item.joint] >= plain[1][item.joint]:
+            # What does not predict is not said, however well it fits.
+            silent.add(item.joint + 1)
+            continue
+        if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
+            # Part of whatever else the joint's torque depends on.
+            continue
+        gain = np.zeros(0)
+        if rows.heldout:
+            gain = left(shortened(alone, item.joint, item.number))[1] - after[1]
+        claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
+    model = ClassModel(plain[0], after[0], plain[1], after[1])
+    offered: Offer | None = None
+    given_up: tuple[int, ...] = ()
+    if unseen is not None and names.heldout_after is not None:
+        roles = fitted, unseen
+        if names.extension.members:
+            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
+            roles = (
+                without_members(fitted, names.extension, known[0]),
+                without_members(unseen, names.extension, known[1]),
+            )
+            # The classes stay those chosen without names; their weights are found anew beside them.
+            alone = weighed(
+                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
+            )
+        offered, given_up = offer(alone, left, names.heldout_after)
+    joints = sorted(silent.union(given_up))
+    notes = (refusal(joints),) if joints else ()
+    return Judgement(tuple(claims), model, offered, notes)
+
+
+def select(every: Rows, settings: ClaimSettings) -> tuple[tuple[Held, ...], Selection]:
+    """Classes chosen on all rows, and the same ones with variances and weights of the fitted rows alone."""
+    together = Selection.of(every, range(every.folds + every.heldout), settings).run()
+    return tuple(together.held), weighed(every.limited([state.groups for state in together.states]), settings)
+
+
+def weighed(rows: Rows, settings: ClaimSettings) -> Selection:
+    """All classes of the rows, with variances and weights of the fitted rows alone."""
+    alone = Selection.of(rows, range(rows.folds), settings)
+    for turn in range(2):
+        for joint in range(rows.problem.n):
+            if rows.asked[joint]:
+                state = alone.states[joint] if turn else alone.full(joint)
+                alone.states[joint] = alone.settled(joint, state, FULL_ROUNDS, quiet=0 if turn else FULL_ROUNDS)
+    return alone
+
+
+def _claim(
+    rows: Rows,
+    alone: Selection,
+    item: Held,
+    state: JointState,
+    gain: FloatArray,
+    problem: Problem,
+    candidates: Sequence[EffectRows],
+) -> ClassClaim:
+    joint, kind = item.joint, CLASSES[item.number]
+    now = alone.posterior(joint, state)
+    places = alone.classes(joint, state)[item.number]
+    within = np.flatnonzero(np.isin(state.gram.group, places))
+    weights, covariance = now.weights[within], now.covariance[within[:, None], within]
+    here = rows.part < rows.folds
+    columns = rows.joints[joint].whitened[here][:, alone.columns(joint, state, places)]
+    rms, interval = _size(rows, joint, columns, weights, covariance)
+    torque = np.zeros((problem.n, problem.rows))
+    torque[joint] = columns @ weights
+    forms = _nearest_forms(problem, candidates, joint, torque)
+    if kind.name == "constant":
+        forms = (NearestForm("torque_offset", 1.0),)
+    alternatives = tuple(
+        dict.fromkeys(
+            CLASSES[other].name
+            for other in item.alternatives
+            if CLASSES[other].name not in (*SAME_AS, SAME_AS.get(kind.name, kind.name))
+        )
+    )
+    name = SAME_AS.get(kind.name, kind.name)
+    curve = _curve(rows, item, state, places, weights, covariance)
+    sentence = _sentence(kind.words, item, rms, interval, alternatives, forms, gain)
+    return ClassClaim(name, joint + 1, rms, interval, item.loss, gain, alternatives, forms, sentence, curve)
+
+
+def _size(
+    rows: Rows, joint: int, columns: FloatArray, weights: FloatArray, covariance: FloatArray
+) -> tuple[float, tuple[float, float]]:
+    """RMS in Nm of the part that base parameters cannot take up, on the fitted rows, and its 95 % interval.
+
+    The mean square is a quadratic form Q of Gaussian weights: variance 4 wᵀQCQw + 2 tr (QC)².
+    """
+    here = rows.part < rows.folds
+    base = [item.whitened[here][:, item.columns : -1] for item in rows.joints]
+    information = np.sum([part.T @ part for part in base], axis=0) + FREE * np.eye(base[0].shape[1])
+    taken = np.linalg.solve(information, base[joint].T @ columns)
+    visible = (columns - base[joint] @ taken) * rows.problem.noise[joint, here][:, None]
+    square = visible.T @ visible / rows.samples[0]
+    mean = float(weights @ square @ weights)
+    product = square @ covariance
+    variance = 4.0 * float(weights @ product @ square @ weights) + 2.0 * float(np.sum(product * product.T))
+    deviation = np.sqrt(max(variance, 0.0))
+    low, high = (float(np.sqrt(max(mean + sign * 1.96 * deviation, 0.0))) for sign in (-1.0, 1.0))
+    return float(np.sqrt(max(mean, 0.0))), (low, high)
+
+
+def _nearest_forms(
+    problem: Problem, candidates: Sequence[EffectRows], joint: int, torque: FloatArray
+) -> tuple[NearestForm, ...]:
+    """Forms of the library that take most of a class's visible energy. torque: (n, R) whitened."""
+    visible = off(problem.basis, torque.ravel())
+    energy = float(visible @ visible)
+    shadowed = Problem(**{name: getattr(problem, name) for name in problem.__slots__} | {"residual": visible})
+    best: dict[str, float] = {}
+    for candidate in candidates:
+        if joint not in candidate.joints or energy <= 0.0:
+            continue
+        gram, target, raw = gram_of(shadowed, Member(candidate, tuple(range(candidate.coefficients))))
+        share = min(group_gain(gram, target, raw)[0] / energy, 1.0)
+        best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), share)
+    found = sorted(((share, name) for name, share in best.items() if share >= LEAST_SHARE), reverse=True)
+    return tuple(NearestForm(name, share) for share, name in found[:FORMS_NAMED])
+
+
+def _curve(
+    rows: Rows, item: Held, state: JointState, places: Sequence[int], weights: FloatArray, covariance: FloatArray
+) -> ClassCurve | None:
+    """Mean and deviation over the class's own variable, moving in the positive direction; None without one."""
+    kind, joint = CLASSES[item.number], item.joint
+    if not kind.coordinate:
+        return None
+    running = Along(rows.inputs[0], rows.fitted, joint, kind.coordinate, CURVE_POINTS)
+    bases = [rows.joints[joint].bases[state.groups[number]] for number in places]
+    columns = np.concatenate([basis.columns(running) for basis in bases], axis=1)
+    std = np.sqrt(np.maximum(np.einsum("sm,mk,sk->s", columns, covariance, columns), 0.0))
+    revolute = bool(rows.inputs[0].motion.robot.kinematics.revolute[joint])
+    units = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s")}.get(kind.coordinate, ("Nm", "N"))
+    return ClassCurve(kind.coordinate, units[0 if revolute else 1], running.place, columns @ weights, std)
+
+
+def _sentence(
+    words: str,
+    item: Held,
+    rms: float,
+    interval: tuple[float, float],
+    alternatives: Sequence[str],
+    forms: Sequence[NearestForm],
+    gain: FloatArray,
+) -> str:
+    text = (
+        f"Joint {item.joint + 1}: a torque that {words}, {rms:.2g} Nm RMS ({interval[0]:.2g} to {interval[1]:.2g}) "
+        "beyond what the base parameters take up."
+    )
+    if alternatives:
+        text += f" These data cannot tell it from {' or '.join(name.replace('_', ' ') for name in alternatives)}."
+    if forms:
+        text += f" Nearest form: {forms[0].effect.replace('_', ' ')}, {100 * forms[0].share:.0f} % of it."
+    if gain.size:
+        change = float(gain[item.joint])
+        verb = "lowers" if change >= 0.0 else "RAISES"
+        text += f" On data that were not fitted it {verb} the joint's RMS by {abs(change):.2g} Nm."
+    return text

@@ -1,0 +1,76 @@
+"""What classes leave of the fitted and of the held-out rows, their weights from the fitted ones alone.
+
+Called by `judgement` and `offer`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.problem import off
+from identification.mismatch.unknown.evidence import FREE
+from identification.mismatch.unknown.rows import Rows
+from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
+
+FloatArray = npt.NDArray[np.float64]
+
+OPEN_BEYOND_NOISE = 5.0
+"""Deviations of the noise by which a direction of the base parameters must be open for held-out rows to settle it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Left:
+    """RMS (n,) Nm of what selections leave on the fitted and on the held-out rows (empty without any).
+
+    free: (n R', k) whitened directions of held-out rows along which base parameters may go that the fitted rows leave
+    open (as in `heldout`).
+    """
+
+    rows: Rows
+    free: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows) -> Left:
+        """For selections from these rows, or from the same ones with another torque."""
+        base = [joint.whitened[:, joint.columns : -1] for joint in rows.joints]
+        if not rows.heldout:
+            return cls(rows, np.zeros((0, 0)))
+        there = rows.part == rows.folds
+        values, vectors = np.linalg.eigh(np.sum([part[~there].T @ part[~there] for part in base], axis=0))
+        spread = np.concatenate([part[there] for part in base]) @ (vectors / np.sqrt(np.maximum(values, FREE)))
+        scale, turned = np.linalg.eigh(spread.T @ spread)
+        chosen = scale > OPEN_BEYOND_NOISE**2
+        return cls(rows, spread @ (turned[:, chosen] / np.sqrt(scale[chosen])))
+
+    def __call__(self, selection: Selection) -> tuple[FloatArray, FloatArray]:
+        """Fitted and held-out RMS under a selection from rows of these evidences."""
+        fitted, unseen = self.of_rows(selection)
+        return _rms(fitted, self.rows.samples[0]), _rms(unseen, self.rows.samples[1])
+
+    def of_rows(self, selection: Selection) -> tuple[FloatArray, FloatArray]:
+        """Rows (n, R) and (n, R') Nm themselves, zero where they do not count."""
+        rows, there = selection.rows, self.rows.part == self.rows.folds
+        problem = rows.problem
+        left = np.empty((problem.n, problem.rows))
+        for joint, state in enumerate(selection.states):
+            now = selection.posterior(joint, state)
+            whitened = rows.joints[joint].whitened
+            size, chosen = rows.joints[joint].columns, selection.columns(joint, state)
+            left[joint] = whitened[:, -1] - whitened[:, size:-1] @ now.base - whitened[:, chosen] @ now.weights
+        if rows.heldout:
+            left[:, there] = off(self.free, left[:, there].ravel()).reshape(problem.n, -1)
+        left = np.where(problem.weight > 0.0, left * problem.noise, 0.0)
+        return left[:, ~there], left[:, there]
+
+
+def shortened(selection: Selection, joint: int, number: int) -> Selection:
+    """A selection without one class of one joint (from 0), that joint estimated anew."""
+    shorter = selection.without(joint, selection.states[joint], [number])
+    return selection.with_state(joint, selection.settled(joint, shorter, FULL_ROUNDS))
+
+
+def _rms(left: FloatArray, samples: int) -> FloatArray:
+    return np.asarray(np.sqrt((left**2).sum(axis=1) / samples)) if samples else np.zeros(0)

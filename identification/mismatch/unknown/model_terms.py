@@ -1,0 +1,78 @@
+"""Class terms as they stand in `model.json`: bases, weights, the ranges they were fitted in; and their torque.
+
+Beyond the fitted ranges every term fades to zero. Called by `offer`, and by `prediction` for validation and simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.errors import ModelFileError
+from identification.mismatch.motion import Motion
+from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.selection import Selection
+
+FloatArray = npt.NDArray[np.float64]
+
+_NUMBERS = {item.name: number for number, item in enumerate(CLASSES)}
+
+
+def terms_of(selection: Selection) -> dict[str, Any]:
+    """JSON of all classes that a selection holds, with their posterior mean weights."""
+    rows = selection.rows
+    terms = []
+    for joint, state in enumerate(selection.states):
+        if not state.groups:
+            continue
+        weights = selection.posterior(joint, state).weights
+        for place, group in enumerate(state.groups):
+            basis = rows.joints[joint].bases[group]
+            terms.append(
+                {
+                    "class": CLASSES[basis.number].name,
+                    "group": basis.group,
+                    "joint": joint + 1,
+                    "centre": basis.centre.tolist(),
+                    "scale": basis.scale,
+                    "weights": weights[state.gram.group == place].tolist(),
+                }
+            )
+    return {
+        "ranges": rows.inputs[0].ranges.to_json(),
+        "fitted_ranges": rows.fitted.to_json(),
+        "fade": rows.inputs[0].fade_width,
+        "terms": terms,
+    }
+
+
+def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
+    """(S, n) Nm of class terms along a motion. Raises ModelFileError where they are not complete or of another arm."""
+    torque = np.zeros((motion.samples, motion.n))
+    try:
+        ranges, fitted = (Ranges.from_json(data[name]) for name in ("ranges", "fitted_ranges"))
+        inputs = Inputs(motion, ranges, float(data["fade"]), fitted)
+        if inputs.ranges.speed.size != motion.n:
+            raise ValueError(f"{inputs.ranges.speed.size} joints")
+        for term in data["terms"]:
+            joint, centre = int(term["joint"]) - 1, np.array(term["centre"], dtype=np.float64)
+            basis = Basis(_NUMBERS[term["class"]], int(term["group"]), joint, centre, float(term["scale"]))
+            torque[:, joint] += basis.columns(inputs) @ np.array(term["weights"], dtype=np.float64)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ModelFileError(
+            f"The class terms of the model are not complete ({error!r})", field="class_terms"
+        ) from error
+    return torque
+
+
+def range_sentence(data: Mapping[str, Any]) -> str:
+    """Where the terms hold, in words."""
+    joints = sorted({int(term["joint"]) for term in data["terms"]})
+    named = ", ".join(map(str, joints))
+    return (
+        f"The model holds torque without a name on joint{'s' if len(joints) > 1 else ''} {named}; it was fitted within "
+        "the ranges that stand with it in model.json, and fades to zero beyond them."
+    )

@@ -1,0 +1,261 @@
+"""Rows of fitted and held-out evidences together, with the columns of every class on every joint beside the base ones.
+
+Here: from motions to Gram matrices. Not here: what they are worth (`evidence`, `selection`). Called by `judgement`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc
+
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.prepared import Prepared
+from identification.mismatch.problem import Problem, build_problem, with_torque
+from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.evidence import JointGram
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
+"""Upper edges of the bands with a noise of their own, every other one of those in which misfit is tested."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRows:
+    """One joint. whitened: (R, M) [B F y]. bases: of the groups of B, in order. group: (m,) number of each column."""
+
+    whitened: FloatArray
+    bases: tuple[Basis, ...]
+    group: IntArray
+
+    @property
+    def columns(self) -> int:
+        """Number m of columns of B."""
+        return int(self.group.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """All joints. part: (R,) 0 … folds − 1 of the fitted rows, `folds` for those held out. band: (R,).
+
+    problem: all rows. fitted: ranges of the fitted motions. inputs: of each evidence, the fitted ones first. misfit:
+    (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more than their
+    noise. samples: behind the fitted and the held-out rows. grams: per joint (parts, bands, M, M), and count
+    (n, parts, bands).
+    """
+
+    problem: Problem
+    evidences: tuple[Evidence, ...]
+    fitted: Ranges
+    inputs: tuple[Inputs, ...]
+    joints: tuple[JointRows, ...]
+    part: IntArray
+    band: IntArray
+    folds: int
+    grams: tuple[FloatArray, ...]
+    count: FloatArray
+    misfit: FloatArray
+    asked: BoolArray
+    samples: tuple[int, int]
+
+    @property
+    def heldout(self) -> bool:
+        """Whether any row is held out."""
+        return bool((self.part == self.folds).any())
+
+    def of(self, parts: Sequence[int]) -> tuple[JointGram, ...]:
+        """Gram matrices of some parts together."""
+        chosen = list(parts)
+        return tuple(
+            JointGram(gram[chosen].sum(axis=0), count[chosen].sum(axis=0), joint.group)
+            for gram, count, joint in zip(self.grams, self.count, self.joints, strict=True)
+        )
+
+    def with_torque(self, torque: Sequence[FloatArray], settings: ClaimSettings) -> Rows:
+        """The same columns beside another torque, (R, n) Nm of each evidence."""
+        problem = with_torque(self.problem, torque)
+        residual = problem.residual.reshape(problem.weight.shape)
+        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
+        joints, grams = [], []
+        for joint, gram, values in zip(self.joints, self.grams, residual, strict=True):
+            whitened = np.concatenate([joint.whitened[:, :-1], values[:, None]], axis=1)
+            changed = gram.copy()
+            changed[..., -1] = _products(whitened, values[:, None], key, (parts, bands))[..., 0]
+            changed[..., -1, :] = changed[..., -1]
+            joints.append(JointRows(whitened, joint.bases, joint.group))
+            grams.append(changed)
+        return replace(
+            self, problem=problem, joints=tuple(joints), grams=tuple(grams),
+            misfit=_mean_square(problem, self.part < self.folds, self.samples[0]),
+            asked=self.asked & _worth_asking(problem, self.band, settings),
+        )  # fmt: skip
+
+    def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
+        """Only some groups of each joint, which fade to zero beyond the fitted ranges, as they will elsewhere.
+
+        Without the products of held-out rows.
+        """
+        outside = [place for place, item in enumerate(self.inputs) if not item.within(self.fitted)]
+        faded = {place: replace(self.inputs[place], limits=self.fitted) for place in outside}
+        edges = np.cumsum([0, *(item.frequency.size for item in self.evidences)])
+        joints, grams = [], []
+        for number, (joint, wanted, gram) in enumerate(zip(self.joints, chosen, self.grams, strict=True)):
+            own = np.flatnonzero(np.isin(joint.group, list(wanted)))
+            places, group = np.unique(joint.group[own], return_inverse=True)
+            kept = np.concatenate([own, np.arange(joint.columns, joint.whitened.shape[1])])
+            bases = tuple(joint.bases[place] for place in places)
+            whitened = joint.whitened[:, kept]
+            for place in outside if bases else ():
+                here = slice(edges[place], edges[place + 1])
+                columns = np.concatenate([basis.columns(faded[place]) for basis in bases], axis=1)
+                rows = self.evidences[place].project(columns)
+                whitened[here, : own.size] = rows * self.problem.weight[number, here, None]
+            joints.append(JointRows(whitened, bases, group.astype(np.int64)))
+            grams.append(gram[: self.folds][:, :, kept[:, None], kept])
+        return replace(self, joints=tuple(joints), grams=tuple(grams), count=self.count[:, : self.folds])
+
+
+def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings) -> Rows:
+    """The rows of both roles, base parameters common, what changes between the periods of each kept free.
+
+    All classes on the joints that hold more than their noise; their functions are fixed by all motions, so that what a
+    class is worth is judged on all rows.
+    """
+    roles = [fitted] if unseen is None else [fitted, unseen]
+    evidences = tuple(item for role in roles for item in role.evidences)
+    nuisance, first = [], 0
+    for role in roles:
+        nuisance += [(first + number, rows) for number, rows in role.nuisance]
+        first += len(role.evidences)
+    problem = build_problem(evidences, [rows for role in roles for rows in role.torque], nuisance)
+    every = Ranges.of([item.motion for item in evidences])
+    inputs = tuple(Inputs(item.motion, every, 2.0 * settings.fade) for item in evidences)
+    part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured, settings)
+    band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
+    asked = _worth_asking(problem, band, settings)
+    joints = _joints(problem, evidences, inputs, asked)
+    bands, parts = len(BAND_EDGES_HZ) + 1, folds + (unseen is not None)
+    key = part * bands + band
+    count = np.stack([np.bincount(key, weights=row > 0.0, minlength=parts * bands) for row in problem.weight])
+    samples = (
+        sum(item.samples for item in fitted.evidences),
+        0 if unseen is None else sum(item.samples for item in unseen.evidences),
+    )
+    return Rows(
+        problem=problem,
+        evidences=evidences,
+        fitted=Ranges.of([item.motion for item in fitted.evidences]),
+        inputs=inputs,
+        joints=joints,
+        part=part,
+        band=band,
+        folds=folds,
+        grams=tuple(_products(item.whitened, item.whitened, key, (parts, bands)) for item in joints),
+        count=count.reshape(problem.n, parts, bands).astype(np.float64),
+        misfit=_mean_square(problem, part < folds, samples[0]),
+        asked=asked,
+        samples=samples,
+    )
+
+
+def _mean_square(problem: Problem, chosen: BoolArray, samples: int) -> FloatArray:
+    """(n,) Nm² that the nominal model leaves on some rows."""
+    residual = problem.residual.reshape(problem.weight.shape)
+    left = np.where(problem.weight > 0.0, residual * problem.noise, 0.0)
+    return np.asarray((left[:, chosen] ** 2).sum(axis=1) / samples)
+
+
+def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool, settings: ClaimSettings) -> tuple[IntArray, int]:
+    """Part of each row. Where noise is measured all fitted rows are one; else stretches of time in turn.
+
+    The lines of a block of time begin at 0 Hz.
+    """
+    blocks = []
+    for item in evidences[:fitted]:
+        start = np.zeros(item.frequency.size) if measured else item.frequency == 0.0
+        blocks.append(np.maximum(np.cumsum(start).astype(np.int64) - 1, 0))
+    offsets = np.cumsum([0, *(int(block[-1]) + 1 for block in blocks)])
+    number = np.concatenate([block + offset for block, offset in zip(blocks, offsets, strict=False)])
+    folds = 1 if measured else min(settings.folds, int(offsets[-1]))
+    fold = number * folds // int(offsets[-1]) if not measured else np.zeros_like(number)
+    rest = sum(item.frequency.size for item in evidences[fitted:])
+    return np.concatenate([fold, np.full(rest, folds)]), folds
+
+
+def _worth_asking(problem: Problem, band: IntArray, settings: ClaimSettings) -> BoolArray:
+    """(n,) joints whose rows below some frequency hold more than noise, beyond the odds against a class."""
+    if not problem.noise_is_measured:
+        return np.ones(problem.n, dtype=np.bool_)
+    used = problem.weight > 0.0
+    squares = np.where(used, problem.residual.reshape(used.shape) ** 2, 0.0)
+    freedom = used - (problem.basis.reshape(*used.shape, -1) ** 2).sum(axis=2)
+    edges = range(int(band.max()) + 1)
+    rest, count = (np.stack([values[:, band <= edge].sum(axis=1) for edge in edges]) for values in (squares, freedom))
+    chance = chdtrc(np.maximum(count, 1.0), rest)
+    return np.asarray(chance.min(axis=0) < np.exp(-settings.prior_cost))
+
+
+def _joints(
+    problem: Problem, evidences: Sequence[Evidence], inputs: Sequence[Inputs], asked: BoolArray
+) -> tuple[JointRows, ...]:
+    """Columns of all classes on the joints that are asked, beside the base columns and the torque."""
+    common: list[tuple[Basis, FloatArray]] = []
+    result = []
+    for joint in range(problem.n):
+        own = []
+        if asked[joint]:
+            if not common:
+                common = _built(evidences, inputs, joint, shared=True)
+            own = _built(evidences, inputs, joint, shared=False)
+            own += [(replace(basis, joint=joint), rows) for basis, rows in common]
+        whitened = [
+            *(rows * problem.weight[joint][:, None] for _, rows in own),
+            problem.basis.reshape(problem.n, problem.rows, -1)[joint],
+            problem.residual.reshape(problem.n, problem.rows)[joint][:, None],
+        ]
+        sizes = [rows.shape[1] for _, rows in own]
+        group = np.repeat(np.arange(len(own)), np.array(sizes, dtype=np.int64)).astype(np.int64)
+        result.append(JointRows(np.concatenate(whitened, axis=1), tuple(basis for basis, _ in own), group))
+    return tuple(result)
+
+
+def _built(
+    evidences: Sequence[Evidence], inputs: Sequence[Inputs], joint: int, *, shared: bool
+) -> list[tuple[Basis, FloatArray]]:
+    """The groups of a joint's own classes, or of those that all joints share, with their rows (R, m)."""
+    bases, columns = [], []
+    for number, item in enumerate(CLASSES):
+        for group, functions in enumerate(item.groups if item.shared == shared else ()):
+            parts = [functions(each, joint) for each in inputs]
+            basis = Basis.of(number, group, joint, parts)
+            if basis.scale > 0.0:
+                bases.append(basis)
+                columns.append([basis.scaled(part) for part in parts])
+    if not bases:
+        return []
+    rows = [
+        evidence.project(np.concatenate([parts[place] for parts in columns], axis=1))
+        for place, evidence in enumerate(evidences)
+    ]
+    cuts = np.cumsum([basis.centre.size for basis in bases])[:-1]
+    return list(zip(bases, np.split(np.concatenate(rows), cuts, axis=1), strict=True))
+
+
+def _products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
+    """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
+    parts, bands = shape
+    result = np.zeros((parts * bands, left.shape[1], right.shape[1]))
+    order = np.argsort(key, kind="stable")
+    edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
+    for number, (first, last) in enumerate(pairwise(edges.tolist())):
+        rows = order[first:last]
+        result[number] = left[rows].T @ right[rows]
+    return result.reshape(parts, bands, left.shape[1], right.shape[1])

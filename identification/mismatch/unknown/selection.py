@@ -1,0 +1,320 @@
+"""Which classes the rows ask for: all of a joint's first, then backwards, the rest estimated anew each time.
+
+Where the noise is measured, hypotheses are compared by their evidence. Where it is not, rows of one kind are no proof
+for each other, and they are compared by how well each stretch of time is predicted from the others (the chain rule with
+every stretch last in turn). Called by `judgement`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+
+from identification.mismatch.unknown.evidence import (
+    Hyper,
+    JointGram,
+    Marginal,
+    Posterior,
+    Shared,
+    log_prior,
+    loss_without,
+    marginal,
+    posterior,
+    settled_variance,
+    updated,
+)
+from identification.mismatch.unknown.rows import Rows
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+FULL_ROUNDS, FEW_ROUNDS = 8, 3
+"""Rounds of the fixed point with all classes of a joint, and after a change."""
+START = 0.1
+"""Share of a joint's misfit that each group is given to begin with."""
+GRID = 12
+"""Variances that a class is tried with before it is put in."""
+WEAK = 0.1
+"""Nats below which several classes are dropped at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A class that stands on a joint (from 0), with nats lost without it and the classes as good in its place."""
+
+    number: int
+    joint: int
+    loss: float
+    alternatives: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """One joint with the classes that it holds. groups: numbers of its groups in `JointRows.bases`.
+
+    gram, part: of all rows that are fitted. elsewhere: parts of other worlds, as far as they were asked for.
+    """
+
+    groups: tuple[int, ...]
+    gram: JointGram
+    hyper: Hyper
+    part: Marginal
+    elsewhere: dict[int, Marginal] = field(default_factory=dict)
+
+
+@dataclass(slots=True, eq=False)
+class Selection:
+    """The state of all joints while classes are put in and taken out.
+
+    worlds: sets of parts whose evidence counts; the first holds all, and is what variances are estimated on. signs:
+    how often each counts.
+    """
+
+    rows: Rows
+    settings: ClaimSettings
+    worlds: tuple[tuple[JointGram, ...], ...]
+    signs: tuple[float, ...]
+    states: list[JointState] = field(default_factory=list)
+    held: list[Held] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings) -> Selection:
+        """No class on any joint; noise estimated."""
+        total = rows.of(parts)
+        worlds, signs = [total], [1.0]
+        if not rows.problem.noise_is_measured and len(parts) > 1:
+            worlds += [rows.of([other for other in parts if other != part]) for part in parts]
+            signs = [float(len(parts)), *(-1.0 for _ in parts)]
+        result = cls(rows, settings, tuple(worlds), tuple(signs))
+        bands = total[0].gram.shape[0]
+        start = np.ones(bands)
+        result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
+        for _ in range(FULL_ROUNDS):
+            for joint in range(rows.problem.n):
+                result.states[joint] = result.settled(joint, result.states[joint], 1)
+        return result
+
+    @property
+    def _noise_rows(self) -> float:
+        return self.settings.noise_rows if self.rows.problem.noise_is_measured else 0.0
+
+    @property
+    def _odds(self) -> float:
+        return float(np.exp(-self.settings.prior_cost))
+
+    def state(self, joint: int, groups: tuple[int, ...], hyper: Hyper) -> JointState:
+        """A joint with some groups under given variances."""
+        gram = self.worlds[0][joint].only(groups)
+        return JointState(groups, gram, hyper, marginal(gram, hyper))
+
+    def with_state(self, joint: int, state: JointState) -> Selection:
+        """A copy with another state of one joint."""
+        states = list(self.states)
+        states[joint] = state
+        return Selection(self.rows, self.settings, self.worlds, self.signs, states)
+
+    def part(self, joint: int, state: JointState, world: int) -> Marginal:
+        """A joint's rows of one world under a state."""
+        if world == 0:
+            return state.part
+        if world not in state.elsewhere:
+            state.elsewhere[world] = marginal(self.worlds[world][joint].only(state.groups), state.hyper)
+        return state.elsewhere[world]
+
+    def others(self, joint: int, world: int) -> Shared:
+        """All joints but one."""
+        parts = [self.part(number, state, world) for number, state in enumerate(self.states) if number != joint]
+        if not parts:
+            size = self.states[joint].part.rest.shape[0] - 1
+            return Shared(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+        return Shared.of(parts)
+
+    def settled(self, joint: int, state: JointState, rounds: int, quiet: int = 0) -> JointState:
+        """A joint after some rounds of the fixed point, the other joints as they are.
+
+        quiet: rounds before them in which the noise is held: a class that is new would find its torque taken for noise.
+        """
+        beside = self.others(joint, 0)
+        cap = self.settings.variance_cap * max(float(self.rows.misfit[joint]), 1e-24)
+        hyper, part = state.hyper, state.part
+        if quiet and state.groups:
+            hyper = replace(hyper, variance=settled_variance(state.gram, hyper, beside, cap, quiet))
+            part = marginal(state.gram, hyper)
+        for _ in range(rounds):
+            now = posterior(state.gram, part, beside.plus(part))
+            hyper = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds)
+            part = marginal(state.gram, hyper)
+        return JointState(state.groups, state.gram, hyper, part)
+
+    def score(self, joint: int, state: JointState) -> float:
+        """Nats of the whole hypothesis with this joint in this state, the prior cost of its classes taken off."""
+        evidence = sum(
+            sign * self.others(joint, world).plus(self.part(joint, state, world)).log_evidence
+            for world, sign in enumerate(self.signs)
+        )
+        prior = log_prior(state.hyper.noise, self._noise_rows, self._odds)
+        return evidence + prior - self.settings.prior_cost * len(self.classes(joint, state))
+
+    def classes(self, joint: int, state: JointState) -> dict[int, list[int]]:
+        """Number of each class that a state holds, with the positions of its groups in the state."""
+        found: dict[int, list[int]] = {}
+        for position, group in enumerate(state.groups):
+            found.setdefault(self.rows.joints[joint].bases[group].number, []).append(position)
+        return found
+
+    def columns(self, joint: int, state: JointState, places: Sequence[int] | None = None) -> IntArray:
+        """Columns of B in the order of a state's weights, of all its groups or of those at some places."""
+        chosen = state.groups if places is None else [state.groups[place] for place in places]
+        found = [np.flatnonzero(self.rows.joints[joint].group == group) for group in chosen]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+    def posterior(self, joint: int, state: JointState) -> Posterior:
+        """Weights of a joint under a state."""
+        return posterior(state.gram, state.part, self.others(joint, 0).plus(state.part))
+
+    def without(self, joint: int, state: JointState, numbers: Sequence[int]) -> JointState:
+        """A state without some classes, not yet estimated anew."""
+        bases = self.rows.joints[joint].bases
+        kept = [place for place, group in enumerate(state.groups) if bases[group].number not in numbers]
+        hyper = Hyper(state.hyper.variance[kept], state.hyper.noise)
+        return self.state(joint, tuple(state.groups[place] for place in kept), hyper)
+
+    def with_class(self, joint: int, state: JointState, number: int) -> JointState:
+        """A state with one class more, not yet estimated anew."""
+        bases = self.rows.joints[joint].bases
+        added = tuple(group for group, basis in enumerate(bases) if basis.number == number)
+        start = np.full(len(added), START * max(float(self.rows.misfit[joint]), 1e-24))
+        hyper = Hyper(np.concatenate([state.hyper.variance, start]), state.hyper.noise)
+        return self.state(joint, (*state.groups, *added), hyper)
+
+    def run(self) -> Selection:
+        """Put classes on every joint that asks for one, the worst joint first; twice, as joints share base columns."""
+        order = np.argsort(-self.rows.misfit * np.median(self.rows.problem.weight, axis=1) ** 2)
+        for _ in range(2):
+            for joint in map(int, order):
+                if self.rows.asked[joint] and self.asks(joint):
+                    self.states[joint] = self.eliminated(joint)
+                elif self.states[joint].groups:
+                    self.states[joint] = self.settled(joint, self.states[joint], FEW_ROUNDS)
+        self._exchange()
+        return self
+
+    def asks(self, joint: int) -> bool:
+        """Whether a class that a joint does not hold might gain more than it costs.
+
+        On a joint without any the noise is the measured one, or what takes it for noise would hide the class.
+        """
+        state = self.states[joint]
+        if not state.groups and self._noise_rows:
+            state = self.state(joint, (), Hyper(state.hyper.variance, np.ones_like(state.hyper.noise)))
+        return max(self.gains(joint, state).values(), default=0.0) > self.settings.prior_cost
+
+    def gains(self, joint: int, state: JointState) -> dict[int, float]:
+        """Nats that each absent class would gain, its variance the best of a grid, all else as it is."""
+        gram = self.worlds[0][joint]
+        held = self.columns(joint, state)
+        absent = np.setdiff1d(np.arange(gram.columns), held)
+        if not absent.size:
+            return {}
+        total = np.tensordot(1.0 / state.hyper.noise, gram.gram, axes=1)
+        rest = total[absent]
+        if held.size:
+            across = (state.part.root[:, None] * total[held[:, None], absent]).T
+            half = solve_triangular(state.part.factor, across.T, lower=True, check_finite=False).T
+            visible = total[absent[:, None], absent] - half @ half.T
+            rest = rest[:, gram.columns :] - half @ state.part.solved
+        else:
+            visible, rest = total[absent[:, None], absent], rest[:, gram.columns :]
+        shared = self.others(joint, 0).plus(state.part)
+        solved = np.linalg.solve(shared.precision, np.column_stack([rest[:, :-1].T, shared.target]))
+        visible = visible - rest[:, :-1] @ solved[:, :-1]
+        target = rest[:, -1] - rest[:, :-1] @ solved[:, -1]
+        bases = self.rows.joints[joint].bases
+        number_of = np.array([bases[group].number for group in gram.group[absent]])
+        variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, self.settings.variance_cap, GRID)[:, None]
+        found = {}
+        for number in np.unique(number_of).tolist():
+            chosen = np.flatnonzero(number_of == number)
+            values, vectors = np.linalg.eigh(visible[chosen[:, None], chosen])
+            along = (vectors.T @ target[chosen]) ** 2
+            grown = variances * np.maximum(values, 0.0)
+            gain = 0.5 * np.sum(variances * along / (1.0 + grown) - np.log1p(grown), axis=1)
+            found[int(number)] = float(gain.max())
+        return found
+
+    def full(self, joint: int) -> JointState:
+        """A joint with all classes that its rows hold, not yet estimated, the noise as measured where it is."""
+        groups = tuple(range(len(self.rows.joints[joint].bases)))
+        noise = self.states[joint].hyper.noise
+        start = np.full(len(groups), START * max(float(self.rows.misfit[joint]), 1e-24))
+        return self.state(joint, groups, Hyper(start, np.ones_like(noise) if self._noise_rows else noise))
+
+    def eliminated(self, joint: int) -> JointState:
+        """A joint with all classes, taken away one by one, the least missed first, while that costs too little."""
+        state = self.settled(joint, self.full(joint), FEW_ROUNDS, quiet=FULL_ROUNDS)
+        while state.groups:
+            now = self.posterior(joint, state)
+            losses = {
+                number: loss_without(state.gram, state.hyper, now, places)
+                for number, places in self.classes(joint, state).items()
+            }
+            weak = [number for number, loss in losses.items() if loss < WEAK]
+            least = min(losses, key=lambda number: losses[number])
+            if losses[least] < self.settings.prior_cost:
+                state = self.settled(joint, self.without(joint, state, weak or [least]), FEW_ROUNDS)
+                continue
+            shorter = self._one_less(joint, state, losses)
+            if shorter is None:
+                break
+            state = shorter
+        return self.settled(joint, state, FULL_ROUNDS)
+
+    def _one_less(self, joint: int, state: JointState, losses: dict[int, float]) -> JointState | None:
+        """The state without the class that is missed least once the others are estimated anew, where that is better."""
+        state = self.settled(joint, state, FEW_ROUNDS)
+        score = self.score(joint, state)
+        options = [
+            self.settled(joint, self.without(joint, state, [number]), FEW_ROUNDS)
+            for number in sorted(losses, key=lambda number: losses[number])[:4]
+        ]
+        best = max(options, key=lambda option: self.score(joint, option))
+        return best if self.score(joint, best) > score else None
+
+    def _exchange(self) -> None:
+        """Every class against every other one in its place: the better one stands, those as good are its alternatives.
+
+        Classes that lose less than `speak` nats stay in the model but are not held.
+        """
+        self.held = []
+        for joint in range(self.rows.problem.n):
+            for _ in range(3):
+                state, score = self.states[joint], self.score(joint, self.states[joint])
+                found: list[Held] = []
+                better: JointState | None = None
+                best = score + WEAK
+                for number in self.classes(joint, state):
+                    rest = self.without(joint, state, [number])
+                    shorter = self.settled(joint, rest, FULL_ROUNDS)
+                    loss = score + self.settings.prior_cost - self.score(joint, shorter)
+                    as_good = []
+                    gains = self.gains(joint, rest)
+                    least = gains[number] - self.settings.alternative - self.settings.prior_cost
+                    for other in (other for other, gain in gains.items() if other != number and gain > least):
+                        option = self.with_class(joint, rest, other)
+                        option = self.settled(joint, option, FEW_ROUNDS, quiet=FEW_ROUNDS)
+                        value = self.score(joint, option)
+                        if value > best:
+                            best, better = value, option
+                        if value > score - self.settings.alternative:
+                            as_good.append((value, other))
+                    names = tuple(other for _, other in sorted(as_good, reverse=True))
+                    found.append(Held(number, joint, loss, names))
+                if better is None:
+                    break
+                self.states[joint] = better
+            self.held += found

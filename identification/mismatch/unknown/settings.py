@@ -1,0 +1,29 @@
+"""Every constant that decides what may be claimed without a form, each as odds, a probability or a count of rows.
+
+Called by all of `unknown`; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimSettings:
+    """What a hypothesis costs, and when it is spoken of. Log-likelihood in nats: 4 nats are odds of about 1 : 50.
+
+    prior_cost: nats that one class on one joint, and one band whose noise is not the measured one, cost beforehand.
+    speak: nats by which the evidence must fall without a class for it to be claimed. alternative: nats within which
+    another class in its place is as good (3 nats: 20 : 1). noise_rows: how many rows the measured noise of a band is
+    worth against its own residual. variance_cap: most that a class may be beforehand, as a multiple of the joint's
+    mean square misfit. fade: distance beyond the fitted range, as a share of it, over which a class fades to zero.
+    folds: parts of a recording without periods that are predicted from the others.
+    """
+
+    prior_cost: float = 4.0
+    speak: float = 8.0
+    alternative: float = 3.0
+    noise_rows: float = 20.0
+    variance_cap: float = 100.0
+    fade: float = 0.25
+    folds: int = 5

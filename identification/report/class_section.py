@@ -1,0 +1,58 @@
+"""What a joint's torque depends on beyond the model, named or not, as a section: sentences, curves with bands, errors.
+
+Called by `diagnosis_sections`.
+"""
+
+from __future__ import annotations
+
+from identification.mismatch.findings import Diagnosis
+from identification.mismatch.unknown.claims import ClassClaim
+from identification.report.document import Block, Figure, Line, Panel, Paragraph, Section, Table
+from identification.report.numbers import joint_heads, row_of
+
+__all__ = ["class_section"]
+
+
+def class_section(diagnosis: Diagnosis) -> Section | None:
+    """The classes of a diagnosis; None where none is claimed."""
+    claims, model = diagnosis.classes, diagnosis.class_model
+    if not claims or model is None:
+        return None
+    blocks: list[Block] = [
+        Paragraph(
+            "A class says what a torque depends on and leaves its form open; a name above says which physics has that "
+            "form. Nats are log-likelihood: 8 are odds of 3000 to 1.",
+            "note",
+        ),
+        *(Paragraph(f"{claim.sentence} ({claim.significance:.0f} nats)") for claim in claims),
+    ]
+    panels = tuple(panel for panel in map(_panel, claims) if panel is not None)
+    if panels:
+        caption = "Torque over what it depends on, within the fitted range"
+        blocks.append(Figure(caption, panels, (("fitted", "torque of the class ± one deviation"),)))
+    rows = [
+        ("fitted, nominal model", *row_of(model.fitted_before)),
+        ("fitted, with the classes", *row_of(model.fitted_after)),
+    ]
+    if model.heldout_before.size:
+        rows += [
+            ("not fitted, nominal model", *row_of(model.heldout_before)),
+            ("not fitted, with the classes", *row_of(model.heldout_after)),
+        ]
+    head = ("", *joint_heads(model.fitted_before.size))
+    blocks.append(Table("RMS of measured minus modelled torque by joint, Nm, no name used", head, tuple(rows)))
+    return Section("classes", "What the rest depends on, whatever its form", tuple(blocks))
+
+
+def _panel(claim: ClassClaim) -> Panel | None:
+    curve = claim.curve
+    if curve is None:
+        return None
+    words = claim.name.replace("_", " ")
+    return Panel(
+        f"Joint {claim.joint}: {words}",
+        f"{curve.coordinate} ({curve.unit})",
+        "torque (Nm)",
+        (Line("fitted", curve.place, curve.mean, curve.std),),
+        f"torque of the class over {curve.coordinate}, from {curve.mean.min():.2g} to {curve.mean.max():.2g} Nm",
+    )
