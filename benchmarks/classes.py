@@ -2,8 +2,10 @@
 
 Reproduce: `OPENBLAS_NUM_THREADS=1 python -m benchmarks.classes --known 36 --cases 30 --seed 4300`. `--known`: torques
 of nine known forms that the library does not hold, on one joint each, at λ of 60, 150, 10³ and 3·10⁴ for an oracle;
-`--cases`: the generator's own. No name is right for the former. Per case: names, classes with their nats, RMS of the
-joint on a motion that was not fitted (nominal → names → model with names and classes → noise), seconds of process time.
+`--cases`: the generator's own; `--negatives`: those of them that hide nothing: clean, decoys, and a smooth error on
+every joint that is a function of q_j, dq_j and q_j+1; every name is false there, and every class that is said. No name
+is right for the known forms. Per case: names, classes with their nats, RMS of the joint on a motion that was not fitted
+(nominal → names → model with names and classes → noise), seconds of process time.
 The classes were drawn up with these nine forms in sight: they are no fresh test.
 """
 
@@ -25,6 +27,7 @@ from fixtures.cases.excitation import POOL, excitation
 from fixtures.cases.files import write_recording
 from fixtures.cases.noise import draw_noise, measured_position
 from fixtures.cases.oracle import Oracle
+from fixtures.cases.plan import plan_of
 from fixtures.cases.scene import Scene
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
@@ -155,6 +158,13 @@ def drawn(seed: int, number: int) -> Hidden:
     )
 
 
+def negatives(seed: int, count: int) -> list[int]:
+    """Numbers of the first cases of a seed that hide nothing, as many with a smooth error of the model as without."""
+    groups = [plan_of(seed, number).group for number in range(40 * max(count, 1))]
+    clean = [number for number, group in enumerate(groups) if group in ("negative", "decoy")][: (count + 1) // 2]
+    return clean + [number for number, group in enumerate(groups) if group == "background"][: count // 2]
+
+
 def diagnosed(hidden: Hidden) -> tuple[Diagnosis, float]:
     """The diagnosis of a case, blind, and its seconds of process time."""
     with TemporaryDirectory() as folder:
@@ -172,12 +182,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--known", type=int, default=9)
     parser.add_argument("--cases", type=int, default=0)
+    parser.add_argument("--negatives", type=int, default=0)
     parser.add_argument("--seed", type=int, default=4300)
     options = parser.parse_args()
     named = right = elsewhere = 0
     seconds, taken = [], []
-    for make, count in ((known, options.known), (drawn, options.cases)):
-        for number in range(count):
+    silent: dict[str, list[bool]] = {}
+    chosen = (
+        (known, range(options.known)),
+        (drawn, range(options.cases)),
+        (drawn, negatives(options.seed, options.negatives)),
+    )
+    for make, numbers in chosen:
+        for number in numbers:
             hidden = make(options.seed, number)
             diagnosis, spent = diagnosed(hidden)
             seconds.append(spent)
@@ -185,6 +202,10 @@ def main() -> None:
             classes = [f"{item.name} {item.joint} ({item.significance:.0f})" for item in diagnosis.classes]
             print(f"{number:3} {hidden.title} [{spent:.1f} s] {diagnosis.verdict}")
             print(f"      names: {', '.join(names) or 'none'}; classes: {', '.join(classes) or 'none'}")
+            group = hidden.title.split()[0]
+            if group in ("negative", "decoy", "background"):
+                kept = silent.setdefault("background" if group == "background" else "clean or decoy", [])
+                kept.append(not names and not classes)
             if hidden.joint is None or diagnosis.heldout is None or diagnosis.class_model is None:
                 continue
             joint = hidden.joint - 1
@@ -205,6 +226,8 @@ def main() -> None:
             f"a class on another joint {elsewhere}; held-out excess energy taken by the model, median "
             f"{np.median(taken):.0%}"
         )
+    for group, kept in silent.items():
+        print(f"{group}: {len(kept) - sum(kept)} of {len(kept)} cases with a name or a class")
     print(f"process time: median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s")
 
 

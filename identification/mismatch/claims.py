@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from identification.mismatch.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
 from identification.mismatch.between_periods import Change
+from identification.mismatch.earned import earned
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.evidence import Evidence, rows_to_time
@@ -30,6 +31,7 @@ from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.tenable import recurring, tenable
 from identification.mismatch.trial import Trial
+from identification.mismatch.unknown.rows import Rows as ClassRows
 from identification.mismatch.verdict import (
     alternatives,
     joints_of,
@@ -67,25 +69,29 @@ def build_findings(
     fitted_role: Prepared,
     unseen: Prepared | None,
     settings: DiagnosisSettings,
-    *,
-    physics: bool,
+    every: ClassRows | None,
 ) -> Claims:
     """The members that the rule of abstention lets pass, and the changes between periods, as findings.
 
-    physics: False where a data fault makes names worthless; then nothing is claimed.
+    every: the rows of both roles with the columns of all classes, which names have to stand out from; None where a data
+    fault makes names worthless; then nothing is claimed.
     """
+    physics = every is not None
     elsewhere = (
         None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
     )
     exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
     trial, remarks = admitted(exam, result.trial if physics else result.before)
     trial, untenable = tenable(exam, trial)
+    unearned: list[str] = []
+    if every is not None:
+        trial, unearned = earned(exam, trial, every)
     before, now = exam.check(()), exam.check(trial.members)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
-    remarks += [*untenable, *(_came_again(change) for change in again)]
+    remarks += [*untenable, *unearned, *(_came_again(change) for change in again)]
     findings = [
         *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before),

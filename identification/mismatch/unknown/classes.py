@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,8 @@ RESONANCES_HZ = np.geomspace(3.0, 35.0, 11)
 DAMPING = 0.1
 NOTHING = 1e-18
 """Mean square below which functions of an input that does not move are none."""
+STATE_ORDER, STATE = 6, 96
+"""Functions of one variable and how many products of them make a smooth function of the state of a joint."""
 WAVES = 48
 """Random waves over the configuration, of about a half range of each joint."""
 
@@ -199,7 +201,9 @@ class DependenceClass:
     """One class of dependence. name: contract §6. words: for a sentence, after "a torque that".
 
     groups: functions of a joint (from 0), each group with a variance of its own. coordinate: the input over which the
-    class has a curve, "" where it has none. shared: the functions are the same for all joints.
+    class has a curve, "" where it has none. shared: the functions are the same for all joints. background: stands for
+    whatever is smooth; it is part of the model and the rival of every particular class, and nothing is said of it.
+    described: names that describe the class completely.
     """
 
     name: str
@@ -207,6 +211,8 @@ class DependenceClass:
     groups: tuple[Callable[[Inputs, int], Part], ...]
     coordinate: str = ""
     shared: bool = False
+    background: bool = False
+    described: tuple[str, ...] = ()
 
 
 def _constant(inputs: Inputs, joint: int) -> Part:
@@ -279,6 +285,33 @@ def _configuration(inputs: Inputs, joint: int) -> Part:
     return inputs.waves, inputs.all_inside
 
 
+def _state(inputs: Inputs, joint: int) -> Part:
+    """Products of smooth functions of own position, own speed and the positions of all other joints.
+
+    The leading ones of a covariance whose length is one half range in the joint's own state and two in the rest.
+    """
+    others = [other for other in range(inputs.motion.n) if other != joint]
+    places = [inputs.position[:, joint], inputs.velocity[:, joint], *inputs.position[:, others].T]
+    tables = [smooth_table(length, STATE_ORDER, ()) for length in (1.0, 1.0, *(2.0 for _ in others))]
+    single = [tabulated(table, place) for table, place in zip(tables, places, strict=True)]
+    values = [
+        np.prod([single[place][:, number] for place, number in enumerate(order)], axis=0)
+        for order in _leading(tuple(tuple(np.linalg.norm(table, axis=0).tolist()) for table in tables))
+    ]
+    return np.stack(values, axis=1), inputs.all_inside * inputs.inside("velocity")[:, joint]
+
+
+@lru_cache(maxsize=16)
+def _leading(sizes: tuple[tuple[float, ...], ...]) -> tuple[tuple[int, ...], ...]:
+    """The STATE largest products of one function of each variable, but for the constant one, as their numbers."""
+    found: list[tuple[tuple[int, ...], float]] = [((), 1.0)]
+    for own in sizes:
+        grown = [((*order, number), size * value) for order, size in found for number, value in enumerate(own)]
+        # The rest of a product is its first functions, the largest.
+        found = sorted(grown, key=lambda item: (-item[1], item[0]))[: STATE + 1]
+    return tuple(order for order, _ in found if any(order))[:STATE]
+
+
 def _dynamics(name: str) -> Callable[[Inputs, int], Part]:
     def columns(inputs: Inputs, joint: int) -> Part:
         values = responses(
@@ -305,13 +338,13 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
         np.delete(np.clip(values, -1, 1), joint, axis=1)
         for values in (inputs.velocity, inputs.acceleration, inputs.direction)
     )
-    product = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
-    values = np.concatenate([velocity, acceleration, product, direction], axis=1)
+    both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
+    values = np.concatenate([velocity, acceleration, both, direction], axis=1)
     return values, inputs.inside("velocity").prod(axis=1)
 
 
 CLASSES: tuple[DependenceClass, ...] = (
-    DependenceClass("constant", "is constant", (_constant,)),
+    DependenceClass("constant", "is constant", (_constant,), described=("torque_offset",)),
     DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
@@ -324,9 +357,13 @@ CLASSES: tuple[DependenceClass, ...] = (
         (_load_by_direction,), "load",
     ),
     DependenceClass("own_load_by_position", "depends on its own load and position together", (_load_by_position,)),
-    DependenceClass("path_memory", "depends on where its path last turned round", (_path_memory,)),
+    DependenceClass(
+        "path_memory", "depends on where its path last turned round", (_path_memory,),
+        described=("presliding_hysteresis",),
+    ),
     DependenceClass("load_memory", "depends on where its load last turned round", (_load_memory,)),
     DependenceClass("configuration", "depends on the configuration of the arm", (_configuration,), "", True),
+    DependenceClass("state", "depends on the state of the joint and of its neighbours", (_state,), background=True),
     DependenceClass("torque_dynamics", "follows its own torque late, or rings with it", (_dynamics("torque"),)),
     DependenceClass(
         "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)

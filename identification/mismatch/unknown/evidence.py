@@ -74,18 +74,24 @@ class Marginal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shared:
-    """What joints have in common. information: (p, p) on b. target: (p,). square: yᵀΣ⁻¹y. log_determinant: sum."""
+    """What joints have in common. information: (p, p) on b. target: (p,). square: yᵀΣ⁻¹y. log_determinant: sum.
+
+    prior: (p,) precision of each of b beforehand, FREE for base parameters.
+    """
 
     information: FloatArray
     target: FloatArray
     square: float
     log_determinant: float
+    prior: FloatArray
 
     @classmethod
-    def of(cls, parts: Sequence[Marginal]) -> Shared:
+    def of(cls, parts: Sequence[Marginal], prior: FloatArray) -> Shared:
         """The sum over joints."""
-        rest = np.sum([part.rest for part in parts], axis=0)
-        return cls(rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), sum(part.log_determinant for part in parts))
+        size = prior.size
+        rest = np.sum([part.rest for part in parts], axis=0) if parts else np.zeros((size + 1, size + 1))
+        determinant = sum(part.log_determinant for part in parts)
+        return cls(rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), determinant, prior)
 
     def plus(self, part: Marginal) -> Shared:
         """With one more joint."""
@@ -94,20 +100,21 @@ class Shared:
             self.target + part.rest[:-1, -1],
             self.square + float(part.rest[-1, -1]),
             self.log_determinant + part.log_determinant,
+            self.prior,
         )
 
     @property
     def precision(self) -> FloatArray:
         """(p, p) posterior precision of b."""
-        return self.information + FREE * np.eye(len(self.information))
+        return self.information + np.diag(self.prior)
 
     @property
     def log_evidence(self) -> float:
-        """Log p(y), but for −½ N log 2π, and for ½ p log FREE, which all hypotheses share."""
+        """Log p(y), but for −½ N log 2π, and for ½ log FREE of each of b, which all hypotheses share."""
         factor = cholesky(self.precision, lower=True, check_finite=False)
         half = solve_triangular(factor, self.target, lower=True, check_finite=False)
         determinant = self.log_determinant + 2.0 * float(np.log(np.diag(factor)).sum())
-        return -0.5 * (determinant + self.square - float(half @ half))
+        return -0.5 * (determinant - float(np.log(self.prior / FREE).sum()) + self.square - float(half @ half))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +193,7 @@ def settled_variance(joint: JointGram, hyper: Hyper, beside: Shared, cap: float,
     size = joint.columns
     total = np.tensordot(1.0 / hyper.noise, joint.gram, axes=1)
     within, across, target = total[:size, :size], total[size:-1, :size], total[:size, -1]
-    precision = beside.information + total[size:-1, size:-1] + FREE * np.eye(len(across))
+    precision = beside.precision + total[size:-1, size:-1]
     factor = cholesky(precision, lower=True, check_finite=False)
     both = np.column_stack([across, beside.target + total[size:-1, -1]])
     half = solve_triangular(factor, both, lower=True, check_finite=False)

@@ -24,7 +24,8 @@ from identification.mismatch.unknown.classes import CLASSES, Along
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.left import Left, shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.predictive import log_predictive
+from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
@@ -49,6 +50,7 @@ class Judgement:
 
 
 def judge(
+    every: Rows,
     fitted: Prepared,
     unseen: Prepared | None,
     names: Claims,
@@ -58,18 +60,21 @@ def judge(
 ) -> Judgement:
     """Classes of what the nominal model leaves, and what the model gains by classes beside the names that stand.
 
-    problem, candidates: of the fitted rows, to find the nearest forms.
+    every: rows of both roles. problem, candidates: of the fitted rows, to find the nearest forms.
     """
     settings = settings if settings is not None else ClaimSettings()
-    every = build_rows(fitted, unseen, settings)
     held, alone = select(every, settings)
     rows = alone.rows
     left = Left.of(rows)
     plain, after = left(Selection.of(rows, range(rows.folds), settings)), left(alone)
     claims, silent = [], set[int]()
+    predicted = log_predictive(alone) if rows.heldout else 0.0
     for item in sorted(held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
-        if item.loss < settings.speak:
+        if item.loss < settings.speak or any(
+            CLASSES[number].background for number in (item.number, *item.alternatives)
+        ):
+            # What a smooth background describes as well is nothing particular.
             continue
         if rows.heldout and after[1][item.joint] >= plain[1][item.joint]:
             # What does not predict is not said, however well it fits.
@@ -80,7 +85,10 @@ def judge(
             continue
         gain = np.zeros(0)
         if rows.heldout:
-            gain = left(shortened(alone, item.joint, item.number))[1] - after[1]
+            rest = shortened(alone, item.joint, item.number)
+            gain = left(rest)[1] - after[1]
+            if gain[item.joint] <= 0.0 or predicted - log_predictive(rest) < settings.alternative:
+                continue
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
     model = ClassModel(plain[0], after[0], plain[1], after[1])
     offered: Offer | None = None

@@ -17,7 +17,7 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
 from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
-from identification.mismatch.unknown.evidence import JointGram
+from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -48,8 +48,8 @@ class Rows:
 
     problem: all rows. fitted: ranges of the fitted motions. inputs: of each evidence, the fitted ones first. misfit:
     (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more than their
-    noise. samples: behind the fitted and the held-out rows. grams: per joint (parts, bands, M, M), and count
-    (n, parts, bands).
+    noise. samples: behind the fitted and the held-out rows. prior: (P,) precision beforehand of what stands in F.
+    grams: per joint (parts, bands, M, M), and count (n, parts, bands).
     """
 
     problem: Problem
@@ -60,6 +60,7 @@ class Rows:
     part: IntArray
     band: IntArray
     folds: int
+    prior: FloatArray
     grams: tuple[FloatArray, ...]
     count: FloatArray
     misfit: FloatArray
@@ -88,7 +89,7 @@ class Rows:
         for joint, gram, values in zip(self.joints, self.grams, residual, strict=True):
             whitened = np.concatenate([joint.whitened[:, :-1], values[:, None]], axis=1)
             changed = gram.copy()
-            changed[..., -1] = _products(whitened, values[:, None], key, (parts, bands))[..., 0]
+            changed[..., -1] = products(whitened, values[:, None], key, (parts, bands))[..., 0]
             changed[..., -1, :] = changed[..., -1]
             joints.append(JointRows(whitened, joint.bases, joint.group))
             grams.append(changed)
@@ -97,6 +98,24 @@ class Rows:
             misfit=_mean_square(problem, self.part < self.folds, self.samples[0]),
             asked=self.asked & _worth_asking(problem, self.band, settings),
         )  # fmt: skip
+
+    def with_columns(self, names: Sequence[tuple[FloatArray, FloatArray]]) -> Rows:
+        """With columns (n, R, k) Nm beside the base ones, each with its coefficients (k,) as they were found.
+
+        Beforehand each coefficient is as large as makes its torque that of the average one of its name.
+        """
+        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
+        prior = [self.prior]
+        for columns, size in names:
+            square = ((columns * self.problem.weight[..., None]) ** 2).sum(axis=(0, 1))
+            prior.append(np.maximum(square, 1e-300) / max(float(np.mean(square * size**2)), 1e-300))
+        added = np.concatenate([columns for columns, _ in names], axis=2) * self.problem.weight[..., None]
+        joints = tuple(
+            replace(joint, whitened=np.concatenate([joint.whitened[:, :-1], own, joint.whitened[:, -1:]], axis=1))
+            for joint, own in zip(self.joints, added, strict=True)
+        )
+        grams = tuple(products(item.whitened, item.whitened, key, (parts, bands)) for item in joints)
+        return replace(self, joints=joints, grams=grams, prior=np.concatenate(prior))
 
     def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
         """Only some groups of each joint, which fade to zero beyond the fitted ranges, as they will elsewhere.
@@ -158,7 +177,8 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSetting
         part=part,
         band=band,
         folds=folds,
-        grams=tuple(_products(item.whitened, item.whitened, key, (parts, bands)) for item in joints),
+        prior=np.full(problem.basis.shape[1], FREE),
+        grams=tuple(products(item.whitened, item.whitened, key, (parts, bands)) for item in joints),
         count=count.reshape(problem.n, parts, bands).astype(np.float64),
         misfit=_mean_square(problem, part < folds, samples[0]),
         asked=asked,
@@ -249,7 +269,7 @@ def _built(
     return list(zip(bases, np.split(np.concatenate(rows), cuts, axis=1), strict=True))
 
 
-def _products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
+def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
     """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
     parts, bands = shape
     result = np.zeros((parts * bands, left.shape[1], right.shape[1]))

@@ -129,10 +129,7 @@ class Selection:
     def others(self, joint: int, world: int) -> Shared:
         """All joints but one."""
         parts = [self.part(number, state, world) for number, state in enumerate(self.states) if number != joint]
-        if not parts:
-            size = self.states[joint].part.rest.shape[0] - 1
-            return Shared(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
-        return Shared.of(parts)
+        return Shared.of(parts, self.rows.prior)
 
     def settled(self, joint: int, state: JointState, rounds: int, quiet: int = 0) -> JointState:
         """A joint after some rounds of the fixed point, the other joints as they are.
@@ -159,6 +156,19 @@ class Selection:
         )
         prior = log_prior(state.hyper.noise, self._noise_rows, self._odds)
         return evidence + prior - self.settings.prior_cost * len(self.classes(joint, state))
+
+    def total(self) -> float:
+        """Nats of the whole hypothesis, the prior cost of all classes taken off."""
+        joints = range(len(self.states))
+        evidence = sum(
+            sign * Shared.of(
+                [self.part(joint, self.states[joint], world) for joint in joints], self.rows.prior
+            ).log_evidence
+            for world, sign in enumerate(self.signs)
+        )  # fmt: skip
+        prior = sum(log_prior(state.hyper.noise, self._noise_rows, self._odds) for state in self.states)
+        count = sum(len(self.classes(joint, self.states[joint])) for joint in joints)
+        return evidence + prior - self.settings.prior_cost * count
 
     def classes(self, joint: int, state: JointState) -> dict[int, list[int]]:
         """Number of each class that a state holds, with the positions of its groups in the state."""
@@ -254,9 +264,13 @@ class Selection:
         start = np.full(len(groups), START * max(float(self.rows.misfit[joint]), 1e-24))
         return self.state(joint, groups, Hyper(start, np.ones_like(noise) if self._noise_rows else noise))
 
-    def eliminated(self, joint: int) -> JointState:
-        """A joint with all classes, taken away one by one, the least missed first, while that costs too little."""
-        state = self.settled(joint, self.full(joint), FEW_ROUNDS, quiet=FULL_ROUNDS)
+    def eliminated(self, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
+        """A joint with all classes, taken away one by one, the least missed first, while that costs too little.
+
+        banned: numbers of classes that are left aside.
+        """
+        full = self.without(joint, self.full(joint), sorted(banned)) if banned else self.full(joint)
+        state = self.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)
         while state.groups:
             now = self.posterior(joint, state)
             losses = {

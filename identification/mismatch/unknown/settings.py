@@ -17,7 +17,9 @@ class ClaimSettings:
     another class in its place is as good (3 nats: 20 : 1). noise_rows: how many rows the measured noise of a band is
     worth against its own residual. variance_cap: most that a class may be beforehand, as a multiple of the joint's
     mean square misfit. fade: distance beyond the fitted range, as a share of it, over which a class fades to zero.
-    folds: parts of a recording without periods that are predicted from the others.
+    folds: parts of a recording without periods that are predicted from the others. rival: share of a name's torque from
+    which a class that can carry it is its rival. captured: share of its nats that a rival may keep once the name is in.
+    invariance: chance below which coefficients of fitted and of held-out rows differ.
     """
 
     prior_cost: float = 4.0
@@ -27,3 +29,6 @@ class ClaimSettings:
     variance_cap: float = 100.0
     fade: float = 0.25
     folds: int = 5
+    rival: float = 0.5
+    captured: float = 0.1
+    invariance: float = 1e-3

@@ -23,6 +23,7 @@ BANDS = np.repeat([0, 1], [14, 22])
 GROUPS = np.repeat([0, 1], [3, 2])
 SHARED = 4
 PRECISION = 0.01
+FLAT = np.full(SHARED, evidence.FREE)
 
 
 def rows_of(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -53,21 +54,22 @@ def density(joints: list[tuple[np.ndarray, np.ndarray, np.ndarray]], hypers: lis
     )
 
 
-def test_log_evidence_is_the_density_of_the_stacked_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_log_evidence_is_the_density_of_the_stacked_rows() -> None:
     # SciPy takes a prior that says nothing for a singular covariance; one that says something must come out as well.
-    monkeypatch.setattr(evidence, "FREE", PRECISION)
     joints = [rows_of(1), rows_of(2)]
     grams = [gram_of(*item) for item in joints]
     hypers = [Hyper(np.array([3.0, 0.2]), np.array([1.0, 3.5])), Hyper(np.array([0.7, 1.9]), np.array([1.3, 4.0]))]
     other = [Hyper(np.array([0.5, 0.01]), np.array([2.0, 2.5])), hypers[1]]
     ours, theirs = (
         [
-            Shared.of([marginal(gram, hyper) for gram, hyper in zip(grams, chosen, strict=True)]).log_evidence
+            Shared.of(
+                [marginal(gram, hyper) for gram, hyper in zip(grams, chosen, strict=True)], np.full(SHARED, PRECISION)
+            ).log_evidence
             for chosen in (hypers, other)
         ],
         [density(joints, chosen) for chosen in (hypers, other)],
     )
-    constant = 0.5 * SHARED * np.log(PRECISION) - 0.5 * 2 * BANDS.size * np.log(2.0 * np.pi)
+    constant = 0.5 * SHARED * np.log(evidence.FREE) - 0.5 * 2 * BANDS.size * np.log(2.0 * np.pi)
     assert ours[0] - ours[1] == pytest.approx(theirs[0] - theirs[1], abs=1e-4)
     assert ours[0] + constant == pytest.approx(theirs[0], abs=1e-3)
 
@@ -77,12 +79,12 @@ def test_the_fixed_point_is_where_a_numerical_optimiser_ends(noise_rows: float) 
     gram, odds = gram_of(*rows_of(5)), np.exp(-4.0)
 
     def value(hyper: Hyper) -> float:
-        return Shared.of([marginal(gram, hyper)]).log_evidence + log_prior(hyper.noise, noise_rows, odds)
+        return Shared.of([marginal(gram, hyper)], FLAT).log_evidence + log_prior(hyper.noise, noise_rows, odds)
 
     hyper = Hyper(np.full(2, 0.5), np.ones(2))
     for _ in range(300):
         part = marginal(gram, hyper)
-        hyper = updated(gram, hyper, posterior(gram, part, Shared.of([part])), 100.0, noise_rows, odds)
+        hyper = updated(gram, hyper, posterior(gram, part, Shared.of([part], FLAT)), 100.0, noise_rows, odds)
     best = minimize(
         lambda x: -value(Hyper(np.exp(x[:2]), np.exp(x[2:]))),
         np.log([1.0, 0.1, 1.0, 3.0]),
@@ -98,11 +100,11 @@ def test_what_a_class_is_missed_by_is_the_difference_of_two_evidences() -> None:
     gram = gram_of(*rows_of(9))
     hyper = Hyper(np.array([2.0, 0.3]), np.array([1.1, 3.0]))
     part = marginal(gram, hyper)
-    now = posterior(gram, part, Shared.of([part]))
+    now = posterior(gram, part, Shared.of([part], FLAT))
     for group in (0, 1):
         rest = gram.only([1 - group])
-        less = Shared.of([marginal(rest, Hyper(hyper.variance[[1 - group]], hyper.noise))]).log_evidence
-        expected = Shared.of([part]).log_evidence - less
+        less = Shared.of([marginal(rest, Hyper(hyper.variance[[1 - group]], hyper.noise))], FLAT).log_evidence
+        expected = Shared.of([part], FLAT).log_evidence - less
         assert loss_without(gram, hyper, now, [group]) == pytest.approx(expected, abs=1e-6)
 
 
@@ -111,7 +113,7 @@ def test_weights_and_base_parameters_are_those_of_generalised_least_squares() ->
     gram = gram_of(columns, base, torque)
     hyper = Hyper(np.array([2.0, 0.3]), np.array([1.1, 3.0]))
     part = marginal(gram, hyper)
-    now = posterior(gram, part, Shared.of([part]))
+    now = posterior(gram, part, Shared.of([part], FLAT))
     every = np.concatenate([columns, base], axis=1)
     weight = 1.0 / hyper.noise[BANDS]
     prior = np.diag(np.concatenate([1.0 / hyper.variance[GROUPS], np.full(SHARED, evidence.FREE)]))

@@ -97,10 +97,16 @@ def _recorded(folder: Path, file: str, robot: str | None = None) -> Diagnosis:
 
 
 def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity(shared_folder: Path) -> None:
-    """Janot, Gautier and Brunot find asymmetric viscous friction on it: even in velocity, which no base column is."""
+    """Janot, Gautier and Brunot: viscous friction 166.71 one way, 240.42 N s/m the other; half difference −36.86.
+
+    That is even in velocity, which no base column is: the even part of the curve has that slope.
+    """
     diagnosis = _recorded(shared_folder, "emps_a.npz", "emps.urdf")
     (claim,) = (item for item in diagnosis.classes if item.name == "own_velocity")
-    assert "asymmetric_viscous_friction" in [form.effect for form in claim.nearest_forms]
+    assert claim.curve is not None
+    speed, even = claim.curve.place, 0.5 * (claim.curve.mean + claim.curve.mean[::-1])
+    fast = speed > 0.2 * speed.max()
+    assert np.polyfit(speed[fast], even[fast], 1)[0] == pytest.approx(-36.86, rel=0.15)
     assert diagnosis.class_model is not None
     assert diagnosis.class_model.heldout_after[0] < 0.5 * diagnosis.class_model.heldout_before[0]
 

@@ -1,0 +1,160 @@
+"""Whether a name is earned: odds over the best model without it but with all classes, capture, invariance.
+
+A name's columns stand beside the base parameters, common to all joints, its size known beforehand to the order of what
+was found. Without it the classes of its joints are chosen anew: a name that they explain better falls. A class that a
+name describes completely is no rival of it. Called by the claims.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from identification.mismatch.library import EffectRows, Library
+from identification.mismatch.refinement import Member
+from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.evidence import loss_without
+from identification.mismatch.unknown.rows import Rows
+from identification.mismatch.unknown.selection import JointState, Selection
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+ABSENT = 1e12
+"""Precision beforehand of a name that is left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Named:
+    """A name as all rows see it. columns: (n, R, k) Nm per unit. size: (k,) units found. cost: nats of its choice."""
+
+    effect: str
+    joints: tuple[int, ...]
+    columns: FloatArray
+    size: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
+
+    kept: largest share of a rival's nats that is still missed with the name in. agree: chance that its coefficients
+    differ so much between fitted and held-out rows; 1 without any. earned: whether it stands.
+    """
+
+    odds: float
+    rivals: tuple[str, ...]
+    kept: float
+    agree: float
+    earned: bool
+
+
+def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Rows) -> Named:
+    """A member of the model on the rows of both roles. size: its coefficients; elsewhere: library of the held-out."""
+    there = None if elsewhere is None else elsewhere.rows(member.effect, member.place, member.rows.shape)
+    count = int((rows.part < rows.folds).sum())
+    used = list(member.selection)
+    columns = np.zeros((rows.problem.n, rows.problem.rows, len(used)))
+    columns[list(member.rows.joints), :count] = member.rows.rows[:, :, used]
+    if there is not None:
+        columns[list(there.joints), count:] = there.rows[:, :, used]
+    joints = _shown(member.rows, columns, size[used])
+    return Named(member.effect.name, joints, columns, size[used], member.rows.cost)
+
+
+def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int, ...]:
+    """Joints on which a name's torque is more than a tenth of its largest."""
+    rms = np.sqrt(((columns @ size) ** 2).sum(axis=1))
+    return tuple(joint for joint in rows.joints if rms[joint] > 0.1 * rms.max())
+
+
+def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> list[Standing]:
+    """Each name beside all others."""
+    rows = every.with_columns([(name.columns, name.size) for name in names])
+    whole = _chosen(Selection.of(rows, range(rows.folds + rows.heldout), settings), range(rows.problem.n))
+    found, first = [], every.prior.size
+    for name in names:
+        own = np.arange(first, first + name.size.size)
+        first += name.size.size
+        found.append(_standing(whole, name, own, settings))
+    return found
+
+
+def _chosen(selection: Selection, joints: Sequence[int], banned: frozenset[int] = frozenset()) -> Selection:
+    """With the classes of some joints chosen anew, a few kinds left aside."""
+    for joint in joints:
+        if selection.rows.asked[joint] and selection.asks(joint):
+            selection.states[joint] = selection.eliminated(joint, banned)
+    return selection
+
+
+def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSettings) -> Standing:
+    described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
+    prior = whole.rows.prior.copy()
+    prior[own] = ABSENT
+    rest = Selection(replace(whole.rows, prior=prior), settings, whole.worlds, whole.signs, list(whole.states))
+    rest = _chosen(rest, name.joints, described)
+    odds = whole.total() - rest.total() - settings.prior_cost - name.cost
+    base = whole.posterior(0, whole.states[0])
+    size = base.base[own]
+    rivals, kept = [], 0.0
+    for joint in name.joints:
+        losses, left = _losses(rest, joint), _losses(whole, joint)
+        for number, loss in losses.items():
+            if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
+                continue
+            rivals.append(CLASSES[number].name)
+            if left.get(number, 0.0) >= settings.speak:
+                kept = max(kept, left[number] / loss)
+    agree = _agreement(whole, own)
+    earned = odds >= settings.alternative and kept <= settings.captured and agree >= settings.invariance
+    return Standing(odds, tuple(dict.fromkeys(rivals)), kept, agree, earned)
+
+
+def _losses(selection: Selection, joint: int) -> dict[int, float]:
+    state = selection.states[joint]
+    if not state.groups:
+        return {}
+    now = selection.posterior(joint, state)
+    return {
+        number: loss_without(state.gram, state.hyper, now, places)
+        for number, places in selection.classes(joint, state).items()
+    }
+
+
+def _carried(rest: Selection, joint: int, number: int, whole: Selection, own: IntArray, size: FloatArray) -> float:
+    """Share of a name's torque on a joint that one class can carry beside the base parameters."""
+    state: JointState = rest.states[joint]
+    places = rest.classes(joint, state)[number]
+    rows = rest.rows.joints[joint]
+    first = rows.columns
+    torque = whole.rows.joints[joint].whitened[:, first + own] @ size
+    base = rows.whitened[:, first : first + rest.rows.prior.size - own.size]
+    columns = np.concatenate([rows.whitened[:, rest.columns(joint, state, places)], base], axis=1)
+    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
+    plain = torque - base @ np.linalg.lstsq(base, torque, rcond=1e-9)[0]
+    return 1.0 - float(left @ left) / max(float(plain @ plain), 1e-300)
+
+
+def _agreement(whole: Selection, own: IntArray) -> float:
+    """Chance that coefficients from the fitted and the held-out rows alone, beside the same classes, differ so much."""
+    rows = whole.rows
+    if not rows.heldout:
+        return 1.0
+    estimates = []
+    for parts in (range(rows.folds), [rows.folds]):
+        side = Selection(rows, whole.settings, (rows.of(list(parts)),), (1.0,))
+        side.states = [side.state(joint, state.groups, state.hyper) for joint, state in enumerate(whole.states)]
+        now = side.posterior(0, side.states[0])
+        place = now.covariance.shape[0] - now.base.size + own
+        estimates.append((now.base[own], now.covariance[np.ix_(place, place)]))
+    (first, spread), (second, other) = estimates
+    change = first - second
+    distance = float(change @ np.linalg.solve(spread + other, change))
+    return float(chi2.sf(distance, change.size))

@@ -1,0 +1,108 @@
+"""Claims about names against classes, on plants computed by Pinocchio with torque written here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.prepared import Prepared, prepare
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.named import Named, Standing, standings
+from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.settings import ClaimSettings
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import on_joint, record
+
+JOINT = 5
+Form = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def slack(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """A hose that pulls on joint 5 beyond 0.4 rad either way."""
+    del dq
+    return np.sign(q[:, JOINT - 1]) * np.maximum(np.abs(q[:, JOINT - 1]) - 0.4, 0.0)
+
+
+def spring(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """A straight spring on joint 5."""
+    del dq
+    return np.asarray(q[:, JOINT - 1])
+
+
+def stribeck(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Friction of joint 5 that falls off with speed."""
+    del q
+    return np.asarray(np.exp(-((dq[:, JOINT - 1] / 0.1) ** 2)) * np.sign(dq[:, JOINT - 1]))
+
+
+@pytest.fixture(scope="module")
+def prepared(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> Callable[[dict[Form, float]], tuple[Prepared, Prepared]]:
+    def of(hidden: dict[Form, float], elsewhere: dict[Form, float] | None = None) -> tuple[Prepared, Prepared]:
+        def torque(forms: dict[Form, float]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+            return lambda q, dq, _: on_joint(
+                JOINT, sum((size * form(q, dq) for form, size in forms.items()), np.zeros(len(q)))
+            )
+
+        there = hidden if elsewhere is None else elsewhere
+        recordings = (
+            record(iiwa14, table3, torque(hidden), motion=9),
+            record(iiwa14, table3, torque(there), periods=4, motion=3, seed=2),
+        )
+        first, second = (
+            prepare([recording], iiwa14, iiwa14_base, DiagnosisSettings(), None) for recording in recordings
+        )
+        return first, second
+
+    return of
+
+
+def asked(pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str = "") -> list[Standing]:
+    """How names of these forms, found of these sizes, stand against the classes of the rows."""
+    settings = ClaimSettings()
+    rows = build_rows(*pair, settings)
+    return standings(rows, [_named(rows, form, size, effect) for form, size in forms.items()], settings)
+
+
+def _named(rows: Rows, form: Form, size: float, effect: str) -> Named:
+    columns = np.concatenate([_projected(item, form) for item in rows.evidences], axis=1)
+    return Named(effect, (JOINT - 1,), columns, np.array([size]), 0.0)
+
+
+def _projected(evidence: Evidence, form: Form) -> np.ndarray:
+    motion = evidence.motion
+    torque = on_joint(JOINT, form(motion.position, motion.velocity))
+    return evidence.project(torque[:, :, None]).transpose(1, 0, 2)
+
+
+def test_a_wrong_form_of_the_right_dependence_is_not_earned_and_the_right_one_is(prepared: Callable) -> None:
+    pair = prepared({slack: 0.6})
+    (wrong,), (right,) = asked(pair, {spring: 0.3}), asked(pair, {slack: 0.6})
+    assert not wrong.earned
+    assert "own_position" in wrong.rivals
+    assert right.earned
+    assert right.odds > 3.0
+    assert "own_position" in right.rivals
+    assert right.kept == 0.0
+
+
+def test_right_names_stand_beside_each_other_on_one_joint(prepared: Callable) -> None:
+    forms = {spring: 0.4, stribeck: 0.3}
+    assert [item.earned for item in asked(prepared(forms), forms)] == [True, True]
+
+
+def test_a_size_that_another_motion_does_not_have_is_not_earned(prepared: Callable) -> None:
+    (standing,) = asked(prepared({spring: 0.6}, {spring: 0.2}), {spring: 0.5})
+    assert standing.agree < 1e-3
+    assert not standing.earned
+
+
+def test_nothing_is_earned_where_nothing_is(prepared: Callable) -> None:
+    (standing,) = asked(prepared({}), {spring: 0.02})
+    assert not standing.earned
