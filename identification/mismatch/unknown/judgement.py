@@ -69,11 +69,12 @@ def judge(
     plain, after = left(Selection.of(rows, range(rows.folds), settings)), left(alone)
     claims, silent = [], set[int]()
     predicted = log_predictive(alone) if rows.heldout else 0.0
+    smooth = [item for item in held if CLASSES[item.number].background and item.loss >= settings.speak]
+    # A smooth error that other joints show may have any form on this one, that of a class too.
+    needed = max([settings.speak, *(item.loss for item in smooth)])
     for item in sorted(held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
-        if item.loss < settings.speak or any(
-            CLASSES[number].background for number in (item.number, *item.alternatives)
-        ):
+        if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
         if rows.heldout and after[1][item.joint] >= plain[1][item.joint]:
@@ -107,8 +108,10 @@ def judge(
             )
         offered, given_up = offer(alone, left, names.heldout_after)
     joints = sorted(silent.union(given_up))
-    notes = (refusal(joints),) if joints else ()
-    return Judgement(tuple(claims), model, offered, notes)
+    notes = [refusal(joints)] if joints else []
+    if smooth:
+        notes.append(_background([item.joint + 1 for item in smooth]))
+    return Judgement(tuple(claims), model, offered, tuple(notes))
 
 
 def select(every: Rows, settings: ClaimSettings) -> tuple[tuple[Held, ...], Selection]:
@@ -126,6 +129,15 @@ def weighed(rows: Rows, settings: ClaimSettings) -> Selection:
                 state = alone.states[joint] if turn else alone.full(joint)
                 alone.states[joint] = alone.settled(joint, state, FULL_ROUNDS, quiet=0 if turn else FULL_ROUNDS)
     return alone
+
+
+def _background(joints: Sequence[int]) -> str:
+    """What is said where a smooth function of the state explains most of what is left. joints: from 1."""
+    named = ", ".join(map(str, sorted(joints)))
+    return (
+        f"Joint{'s' if len(joints) > 1 else ''} {named}: what the model leaves is a smooth function of the state. "
+        "Only what stands out from that is said of any joint."
+    )
 
 
 def _claim(
