@@ -88,7 +88,7 @@ def judge(
         if rows.heldout:
             rest = shortened(alone, item.joint, item.number)
             gain = left(rest)[1] - after[1]
-            if gain[item.joint] <= 0.0 or predicted - log_predictive(rest) < settings.alternative:
+            if gain[item.joint] <= 0.0 or predicted <= log_predictive(rest):
                 continue
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
     model = ClassModel(plain[0], after[0], plain[1], after[1])

@@ -107,11 +107,13 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     for joint in name.joints:
         losses, left = _losses(rest, joint), _losses(whole, joint)
         for number, loss in losses.items():
-            if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
+            share = left.get(number, 0.0) / loss
+            if loss < settings.speak or share > settings.rival:
+                # Missed as much with the name as without it: other physics on the same joint.
                 continue
-            rivals.append(CLASSES[number].name)
-            if left.get(number, 0.0) >= settings.speak:
-                kept = max(kept, left[number] / loss)
+            if _carried(rest, joint, number, whole, own, size) >= settings.rival:
+                rivals.append(CLASSES[number].name)
+                kept = max(kept, share if left.get(number, 0.0) >= settings.speak else 0.0)
     agree = _agreement(whole, own)
     earned = odds >= settings.alternative and kept <= settings.captured and agree >= settings.invariance
     return Standing(odds, tuple(dict.fromkeys(rivals)), kept, agree, earned)

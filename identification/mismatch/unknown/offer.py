@@ -25,6 +25,9 @@ from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 
 FloatArray = npt.NDArray[np.float64]
 
+LEAST_RISE = 0.01
+"""Rise of a held-out RMS, as a share of it, that base parameters of another joint's terms may cause."""
+
 
 def without_members(role: Prepared, extension: Extension, library: Library) -> Prepared:
     """The same rows with the torque of the names taken off; base parameters stay in it."""
@@ -52,7 +55,7 @@ def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None
         now = replace(before, rows=left.of_rows(selection)[1])
         rise = now.rms_nm / before.rms_nm - 1.0
         held = np.array([bool(state.groups) for state in selection.states])
-        refused = worsened(before, now) | (held & (rise >= 0.0))
+        refused = worsened(before, now) | (rise >= np.where(held, 0.0, LEAST_RISE))
         if not refused.any():
             fitted, unseen = left(selection)
             found = Offer(terms_of(selection), *base_parameters(selection), fitted, unseen)
