@@ -31,7 +31,7 @@ from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.tenable import recurring, tenable
 from identification.mismatch.trial import Trial
-from identification.mismatch.unknown.rows import Rows as ClassRows
+from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.verdict import (
     alternatives,
     joints_of,
@@ -69,14 +69,14 @@ def build_findings(
     fitted_role: Prepared,
     unseen: Prepared | None,
     settings: DiagnosisSettings,
-    every: ClassRows | None,
+    dependence: Dependence | None,
 ) -> Claims:
     """The members that the rule of abstention lets pass, and the changes between periods, as findings.
 
-    every: the rows of both roles with the columns of all classes, which names have to stand out from; None where a data
-    fault makes names worthless; then nothing is claimed.
+    dependence: the classes that names have to stand out from; None where a data fault makes names worthless; then
+    nothing is claimed.
     """
-    physics = every is not None
+    physics = dependence is not None
     elsewhere = (
         None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
     )
@@ -84,8 +84,8 @@ def build_findings(
     trial, remarks = admitted(exam, result.trial if physics else result.before)
     trial, untenable = tenable(exam, trial)
     unearned: list[str] = []
-    if every is not None:
-        trial, unearned = earned(exam, trial, every)
+    if dependence is not None:
+        trial, unearned = earned(exam, trial, dependence)
     before, now = exam.check(()), exam.check(trial.members)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])

@@ -48,9 +48,8 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
+from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.judgement import judge
-from identification.mismatch.unknown.rows import build_rows
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.model_file import Model
 from identification.recordings.independence import refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -141,8 +140,8 @@ def diagnose(
     regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
     report("held-out check", 0.8)
     unseen = unseen_by(regressor, problem, result.trial)
-    every = build_rows(fitted, unseen, ClaimSettings()) if physics else None
-    claims = build_findings(problem, result.library, result, fitted, unseen, settings, every)
+    dependence = find_dependence(fitted, unseen) if physics else None
+    claims = build_findings(problem, result.library, result, fitted, unseen, settings, dependence)
     report("findings", 0.9)
     plain = residuals_of(nominal, fitted.evidences, now.library)
     chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
@@ -174,8 +173,8 @@ def diagnose(
     if audited is None and fit is not None and diagnosis.heldout is not None:
         diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis.heldout, fit, to_fit, to_check, robot))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
-    if every is not None:
-        judgement = judge(every, fitted, unseen, claims, problem, result.candidates)
+    if dependence is not None:
+        judgement = judge(dependence, fitted, unseen, claims, problem, result.candidates)
         diagnosis = replace(
             diagnosis,
             classes=judgement.claims,

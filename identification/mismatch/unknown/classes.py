@@ -242,13 +242,19 @@ def _position_by_direction(inputs: Inputs, joint: int) -> Part:
     return values * inputs.direction[:, joint, None], inputs.inside("position")[:, joint]
 
 
-def _velocity(inputs: Inputs, joint: int) -> Part:
+def _velocity_either_way(inputs: Inputs, joint: int) -> Part:
+    speed, functions = _speed(inputs, joint)
+    return np.concatenate([functions, speed[:, None]], axis=1), inputs.inside("velocity")[:, joint]
+
+
+def _velocity_one_way(inputs: Inputs, joint: int) -> Part:
+    return _speed(inputs, joint)[1] * inputs.direction[:, joint, None], inputs.inside("velocity")[:, joint]
+
+
+def _speed(inputs: Inputs, joint: int) -> tuple[FloatArray, FloatArray]:
+    """Speed (S,) as a share of the largest, and functions (S, m) of it."""
     speed = np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
-    place = 2.0 * warped(speed) - 1.0
-    table = smooth_table(*SPEED, ("one", "sinh"))
-    either_way = np.concatenate([tabulated(table, place), speed[:, None]], axis=1)
-    one_way = tabulated(table, place) * inputs.direction[:, joint, None]
-    return np.concatenate([either_way, one_way], axis=1), inputs.inside("velocity")[:, joint]
+    return speed, tabulated(smooth_table(*SPEED, ("one", "sinh")), 2.0 * warped(speed) - 1.0)
 
 
 def _load(inputs: Inputs, joint: int) -> Part:
@@ -350,7 +356,9 @@ CLASSES: tuple[DependenceClass, ...] = (
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
         (_position_by_direction,), "position",
     ),
-    DependenceClass("own_velocity", "depends on its own velocity", (_velocity,), "velocity"),
+    DependenceClass(
+        "own_velocity", "depends on its own velocity", (_velocity_either_way, _velocity_one_way), "velocity",
+    ),
     DependenceClass("own_load", "depends on its own load", (_load,), "torque"),
     DependenceClass(
         "own_load_by_direction", "depends on its own load and turns round with its direction of motion",

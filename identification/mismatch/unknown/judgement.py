@@ -21,12 +21,13 @@ from identification.mismatch.refinement import Member, gram_of
 from identification.mismatch.screening import group_gain
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES, Along
+from identification.mismatch.unknown.dependence import Dependence, weighed
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.left import Left, shortened
+from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
 from identification.mismatch.unknown.predictive import log_predictive
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, Held, JointState, Selection
+from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,7 +51,7 @@ class Judgement:
 
 
 def judge(
-    every: Rows,
+    found: Dependence,
     fitted: Prepared,
     unseen: Prepared | None,
     names: Claims,
@@ -60,13 +61,11 @@ def judge(
 ) -> Judgement:
     """Classes of what the nominal model leaves, and what the model gains by classes beside the names that stand.
 
-    every: rows of both roles. problem, candidates: of the fitted rows, to find the nearest forms.
+    problem, candidates: of the fitted rows, to find the nearest forms.
     """
     settings = settings if settings is not None else ClaimSettings()
-    held, alone = select(every, settings)
+    held, alone, left, plain, after = found.held, found.alone, found.left, found.before, found.after
     rows = alone.rows
-    left = Left.of(rows)
-    plain, after = left(Selection.of(rows, range(rows.folds), settings)), left(alone)
     claims, silent = [], set[int]()
     predicted = log_predictive(alone) if rows.heldout else 0.0
     smooth = [item for item in held if CLASSES[item.number].background and item.loss >= settings.speak]
@@ -77,7 +76,7 @@ def judge(
         if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
-        if rows.heldout and after[1][item.joint] >= plain[1][item.joint]:
+        if not found.predicts[item.joint]:
             # What does not predict is not said, however well it fits.
             silent.add(item.joint + 1)
             continue
@@ -112,23 +111,6 @@ def judge(
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
-
-
-def select(every: Rows, settings: ClaimSettings) -> tuple[tuple[Held, ...], Selection]:
-    """Classes chosen on all rows, and the same ones with variances and weights of the fitted rows alone."""
-    together = Selection.of(every, range(every.folds + every.heldout), settings).run()
-    return tuple(together.held), weighed(every.limited([state.groups for state in together.states]), settings)
-
-
-def weighed(rows: Rows, settings: ClaimSettings) -> Selection:
-    """All classes of the rows, with variances and weights of the fitted rows alone."""
-    alone = Selection.of(rows, range(rows.folds), settings)
-    for turn in range(2):
-        for joint in range(rows.problem.n):
-            if rows.asked[joint]:
-                state = alone.states[joint] if turn else alone.full(joint)
-                alone.states[joint] = alone.settled(joint, state, FULL_ROUNDS, quiet=0 if turn else FULL_ROUNDS)
-    return alone
 
 
 def _background(joints: Sequence[int]) -> str:

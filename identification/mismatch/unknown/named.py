@@ -77,7 +77,10 @@ def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int
 def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> list[Standing]:
     """Each name beside all others."""
     rows = every.with_columns([(name.columns, name.size) for name in names])
-    whole = _chosen(Selection.of(rows, range(rows.folds + rows.heldout), settings), range(rows.problem.n))
+    whole = Selection.of(rows, range(rows.folds + rows.heldout), settings)
+    for joint in range(rows.problem.n):
+        if rows.asked[joint] and whole.asks(joint):
+            whole.states[joint] = whole.eliminated(joint)
     found, first = [], every.prior.size
     for name in names:
         own = np.arange(first, first + name.size.size)
@@ -86,21 +89,17 @@ def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> l
     return found
 
 
-def _chosen(selection: Selection, joints: Sequence[int], banned: frozenset[int] = frozenset()) -> Selection:
-    """With the classes of some joints chosen anew, a few kinds left aside."""
-    for joint in joints:
-        if selection.rows.asked[joint] and selection.asks(joint):
-            selection.states[joint] = selection.eliminated(joint, banned)
-    return selection
-
-
 def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSettings) -> Standing:
     described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     prior = whole.rows.prior.copy()
     prior[own] = ABSENT
     rest = Selection(replace(whole.rows, prior=prior), settings, whole.worlds, whole.signs, list(whole.states))
-    rest = _chosen(rest, name.joints, described)
-    odds = whole.total() - rest.total() - settings.prior_cost - name.cost
+    cost = settings.prior_cost + name.cost
+    worth = whole.total() - rest.total() - cost
+    for joint in name.joints:
+        if whole.rows.asked[joint]:
+            rest.states[joint] = rest.eliminated(joint, described)
+    odds = whole.total() - rest.total() - cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
     rivals, kept = [], 0.0
@@ -115,8 +114,19 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
                 rivals.append(CLASSES[number].name)
                 kept = max(kept, share if left.get(number, 0.0) >= settings.speak else 0.0)
     agree = _agreement(whole, own)
-    earned = odds >= settings.alternative and kept <= settings.captured and agree >= settings.invariance
+    earned = (
+        odds >= settings.alternative
+        and worth >= _background(whole)
+        and kept <= settings.captured
+        and agree >= settings.invariance
+    )
     return Standing(odds, tuple(dict.fromkeys(rivals)), kept, agree, earned)
+
+
+def _background(whole: Selection) -> float:
+    """Nats of the smooth error that weighs most on any joint: a name has to weigh as much, no class chosen anew."""
+    losses = (_losses(whole, joint) for joint in range(whole.rows.problem.n))
+    return max((loss for own in losses for number, loss in own.items() if CLASSES[number].background), default=0.0)
 
 
 def _losses(selection: Selection, joint: int) -> dict[int, float]:

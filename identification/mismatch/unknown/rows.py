@@ -158,8 +158,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSetting
     every = Ranges.of([item.motion for item in evidences])
     inputs = tuple(Inputs(item.motion, every, 2.0 * settings.fade) for item in evidences)
     part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured, settings)
-    # Where no noise is measured, bands that misfit most would count least, and be misfitted the more (as in the fit).
-    band = np.searchsorted(BAND_EDGES_HZ, problem.frequency) * int(problem.noise_is_measured)
+    band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
     asked = _worth_asking(problem, band, settings)
     joints = _joints(problem, evidences, inputs, asked)
     bands, parts = len(BAND_EDGES_HZ) + 1, folds + (unseen is not None)

@@ -88,6 +88,32 @@ def test_of_noise_nothing_is_said(clean_diagnosis: Diagnosis) -> None:
     assert class_section(clean_diagnosis) is None
 
 
+def smooth_error(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """On every joint a smooth function of its position and speed and of the next one's position, with no form."""
+    random = np.random.default_rng(8)
+    following = np.roll(q, -1, axis=1)
+    for joint in range(7):
+        state = np.stack([q[:, joint], dq[:, joint], following[:, joint]], axis=1)
+        waves = np.cos(state @ random.normal(size=(3, 12)) + random.uniform(0.0, 6.28, 12))
+        torque = torque + on_joint(joint + 1, 0.03 * waves @ random.normal(size=12))
+    return torque
+
+
+def test_beside_a_smooth_error_of_every_joint_no_class_and_no_name_is_said(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return smooth_error(q, dq, np.zeros_like(torque))
+
+    fitted = record(iiwa14, table3, hidden, motion=9)
+    unseen = record(iiwa14, table3, hidden, periods=4, motion=3, seed=2)
+    diagnosis = diagnose([fitted], iiwa14, heldout=[unseen])
+    assert diagnosis.classes == ()
+    assert diagnosis.findings == ()
+    assert diagnosis.verdict == "unexplained"
+    assert any("smooth function of the state" in note for note in diagnosis.notes)
+
+
 def _recorded(folder: Path, file: str, robot: str | None = None) -> Diagnosis:
     path = folder / "recordings" / file
     if not path.is_file():
