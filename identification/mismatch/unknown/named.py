@@ -44,7 +44,7 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    kept: largest share of a rival's nats that is still missed with the name in. agree: chance that its coefficients
+    kept: largest share of its nats that a rival which lost half of them to the name keeps. agree: chance that its coefficients
     differ so much between fitted and held-out rows; 1 without any. earned: whether it stands.
     """
 
@@ -106,13 +106,13 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     for joint in name.joints:
         losses, left = _losses(rest, joint), _losses(whole, joint)
         for number, loss in losses.items():
-            share = left.get(number, 0.0) / loss
-            if loss < settings.speak or share > settings.rival:
-                # Missed as much with the name as without it: other physics on the same joint.
+            if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
                 continue
-            if _carried(rest, joint, number, whole, own, size) >= settings.rival:
-                rivals.append(CLASSES[number].name)
-                kept = max(kept, share if left.get(number, 0.0) >= settings.speak else 0.0)
+            rivals.append(CLASSES[number].name)
+            share = left.get(number, 0.0) / loss
+            # One that is missed as much with the name as without it is other physics on the same joint.
+            if left.get(number, 0.0) >= settings.speak and share <= settings.rival:
+                kept = max(kept, share)
     agree = _agreement(whole, own)
     earned = (
         odds >= settings.alternative
