@@ -171,9 +171,7 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
     )
 
 
-def _at_filter_ends(
-    recording: Recording, numbers: IntArray, torque: FloatArray, notes: list[str]
-) -> BoolArray:
+def _at_filter_ends(recording: Recording, numbers: IntArray, torque: FloatArray, notes: list[str]) -> BoolArray:
     """Marks periods that reach to where a filter, which the noise of the torque (K, M, n) shows, had not settled.
 
     Whole ones: what fills a part of a filtered period has lines that the filter took from all others.

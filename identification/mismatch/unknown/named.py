@@ -44,8 +44,8 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    kept: largest share of its nats that a rival which lost half of them to the name keeps. agree: chance that its
-    coefficients differ so much between fitted and held-out rows; 1 without any. earned: whether it stands.
+    kept: most nats that a rival which lost half of them to the name keeps. agree: chance that its coefficients differ so
+    much between fitted and held-out rows; 1 without any. earned: whether it stands.
     """
 
     odds: float
@@ -109,15 +109,14 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
             if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
                 continue
             rivals.append(CLASSES[number].name)
-            share = left.get(number, 0.0) / loss
             # One that is missed as much with the name as without it is other physics on the same joint.
-            if left.get(number, 0.0) >= settings.speak and share <= settings.rival:
-                kept = max(kept, share)
+            if left.get(number, 0.0) <= settings.rival * loss:
+                kept = max(kept, left.get(number, 0.0))
     agree = _agreement(whole, own)
     earned = (
         odds >= settings.alternative
         and worth >= _background(whole)
-        and kept <= settings.captured
+        and kept <= max(settings.speak, odds)
         and agree >= settings.invariance
     )
     return Standing(odds, tuple(dict.fromkeys(rivals)), kept, agree, earned)
