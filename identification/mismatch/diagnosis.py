@@ -101,10 +101,6 @@ def diagnose(
         raise EstimationError("No recording was given to diagnose")
     recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
-    audited = None
-    if model is not None:
-        report("the given model", 0.01)
-        audited = _audited(recordings, robot, model)
     split = None
     if not heldout and not any(recording.repeats for recording in recordings):
         split = default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)

@@ -44,8 +44,8 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    kept: most nats that a rival which lost half of them to the name keeps. agree: chance that its coefficients differ so
-    much between fitted and held-out rows; 1 without any. earned: whether it stands.
+    kept: most nats that a rival which lost half of them to the name keeps. agree: chance that its coefficients differ
+    so much between fitted and held-out rows; 1 without any. earned: whether it stands.
     """
 
     odds: float

@@ -18,7 +18,8 @@ class ClaimSettings:
     worth against its own residual. variance_cap: most that a class may be beforehand, as a multiple of the joint's
     mean square misfit. fade: distance beyond the fitted range, as a share of it, over which a class fades to zero.
     folds: parts of a recording without periods that are predicted from the others. rival: share of a name's torque that
-    a class must be able to carry, and of its nats that it must lose to the name, to be its rival. invariance: chance below which coefficients of fitted and of held-out rows differ.
+    a class must be able to carry, and of its nats that it must lose to the name, to be its rival. invariance: chance
+    below which coefficients of fitted and of held-out rows differ.
     """
 
     prior_cost: float = 4.0
