@@ -26,7 +26,8 @@ def check(case: FaultCase, folder: Path) -> None:
     if case.disk and not can_mount():
         pytest.skip("no mount namespace of our own on this machine, so no disk to fill")
     result = run_case(case, folder)
-    assert (result.arm, result.outcome, result.exit_code) == (case.arm, case.outcome, case.exit_code), result.transcript
+    became = (result.arm, result.outcome, result.exit_code)
+    assert became == (case.arm, case.outcome, case.exit_code), f"{became}\n{result.transcript}"
     assert result.rejections == case.rejections
     # Which cycle a command reaches that goes by this machine's clock is the machine's to say; a stalled loop and a jump
     # of the time stamp are judged in simulated time (tests/fri_client/test_adversary.py).
