@@ -108,6 +108,8 @@ class HandoverRing:
         self._bytes = memoryview(self._map)
         self._words = self._bytes[:_HEADER_BYTES].cast("Q")
         self._signed_words = self._bytes[:_HEADER_BYTES].cast("q")
+        self._status = self._bytes[_STATUS_OFFSET : _STATUS_OFFSET + _STATUS.size]
+        self._next_status = bytearray(_STATUS.size)
         words = self._words
         slots = words[_W_SLOTS]
         if (
@@ -166,7 +168,7 @@ class HandoverRing:
 
     def close(self) -> None:
         """Unmap; the memory itself lives on while any process has its descriptor open."""
-        for view in ("_words", "_signed_words", "_bytes"):
+        for view in ("_words", "_signed_words", "_status", "_bytes"):
             if hasattr(self, view):
                 getattr(self, view).release()
         self._map.close()
@@ -246,8 +248,11 @@ class HandoverRing:
         return True
 
     def publish_status(self, status: tuple[int, ...]) -> None:
-        """Store the loop's status: the 16 integers of LoopStatus in its order. Readers may see a mix of two ticks."""
-        _STATUS.pack_into(self._bytes, _STATUS_OFFSET, *status)
+        """Store the loop's status: the 16 integers of LoopStatus in its order. Readers may see a mix of two ticks, but
+        no zeros: `pack_into` clears its target first, and a recorder that read such a time held the loop for gone.
+        """
+        _STATUS.pack_into(self._next_status, 0, *status)
+        self._status[:] = self._next_status
 
     def publish_reason(self, sentence: str) -> None:
         """Store why the loop stops or stopped, in one sentence (cut at 2000 bytes)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -199,6 +200,24 @@ def test_requests_heartbeat_and_status_reach_the_other_side(ring: HandoverRing) 
     assert ring.reason.startswith("ää")
     assert len(ring.reason.encode()) <= 2000
     loop.close()
+
+
+def test_a_status_is_never_read_as_zeros_while_it_is_written(ring: HandoverRing) -> None:
+    """A recorder whose supervisor was killed read time zero, held the moving loop for gone and closed the recording."""
+    ring.publish_status((7,) * 16)
+    reader, loop = os.getpid(), os.fork()
+    if not loop:
+        with contextlib.suppress(BaseException):
+            own = HandoverRing.attach(ring.fd)
+            while os.getppid() == reader and not own.stop_request:
+                own.publish_status((7,) * 16)
+        os._exit(0)
+    try:
+        read = {ring.status for _ in range(100_000)}
+    finally:
+        ring.request_stop(EventCode.OPERATOR_STOP)
+        os.waitpid(loop, 0)
+    assert read == {LoopStatus(*(7,) * 16)}
 
 
 def test_a_recorder_counts_as_stalled_beyond_four_fifths_of_the_ring() -> None:
