@@ -153,7 +153,11 @@ class CommandGate:
         # By a message that was read late the robot may be a cycle further than the message says.
         if time_ns - at_ns < bridged - edge:
             return _NEXT
-        return _STANDS if cycle_ns - self._latest_ns > bridged + edge else _UNCLEAR
+        # A forgery before the motion may have told a wrong beginning of cycles: it has to be over by our own clock too.
+        stands = cycle_ns - self._latest_ns > bridged + edge and (
+            clock.simulated or time_ns - self._left_ns > bridged + self._period_ns // 2
+        )
+        return _STANDS if stands else _UNCLEAR
 
     def robot_stands(self, time_ns: int) -> bool:
         """Whether the robot has had no command for longer than it bridges, or none at all."""

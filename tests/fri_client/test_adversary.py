@@ -9,6 +9,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
+from fri_client.messages import FriVersion
 from tests.fri_client.adversary.sequences import sequences
 from tests.fri_client.adversary.world import Move, Outcome, Setting, play
 
@@ -148,6 +149,15 @@ def test_a_moving_set_point_of_a_robot_that_commands_is_not_mirrored_whatever_st
     """Four messages claimed COMMANDING_WAIT: the position that had moved on was sent back, 1 141 % of a limit."""
     setting = Setting(period, multiplier, ipo_speed=0.44, starts_active=True, duration_ms=100 * period)
     assert play(setting, (Move("state", 67, 4, state, "receive"),)).judgement.excess_count == 0
+
+
+def test_forgeries_while_the_clock_is_learnt_do_not_end_the_bridge_too_soon() -> None:
+    """They told cycles that began 4 ms too early; after uneven messages a motion was taken up from rest that had never
+    stood: jerk 165 %.
+    """
+    setting = Setting(10, 1, FriVersion.V2_5, duration_ms=983)
+    uneven = Move("jitter", 36, 15, 1.8491789181786233, "waiting")
+    assert_inside(play(setting, (uneven, Move("forged", 1, 8, 0.6155047761989721, "receive"))))
 
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 9])
