@@ -25,6 +25,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from enum import IntEnum
+from typing import NamedTuple
 
 from fri_client.channel import Address, Channel
 from fri_client.re_entry import BRIDGED_S
@@ -62,8 +63,25 @@ _FIRST, _TOO_EARLY, _NEXT, _UNCLEAR, _STANDS = Pace
 """Looked up at every tick: the names of an enumeration are slow."""
 
 
+class _Window(NamedTuple):
+    """The times of receipt, ns, from and before which a message that was expected gets its answer: the gate admits it.
+
+    due_ns: of the clock when this was worked out. over_ns: when the answer has left at the latest.
+    """
+
+    judged: Judged
+    cycle_ns: int
+    counter: int
+    due_ns: int
+    from_ns: int
+    before_ns: int
+    over_ns: int
+
+
 class CommandGate:
     """`pace` for a message, then `send` for a position that the guard judged, or `send_header`.
+
+    What `send` asks may be asked while nobody waits: `expect` the next message, then `send_expected`.
 
     guard: judges positions; another one once the robot has said its period. clock_ns: CLOCK_MONOTONIC. last_send_ns:
     when anything went out last, 0: never.
@@ -87,6 +105,7 @@ class CommandGate:
         "_phase_ns",
         "_samples",
         "_send_period_ns",
+        "_window",
         "guard",
         "last_send_ns",
     )
@@ -103,6 +122,7 @@ class CommandGate:
         self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._in_cycle_ns = self._apart_ns = 0
         self._send_period_ns = self._apart_by_ns = 0
         self._samples = 1
+        self._window: _Window | None = None
         self.guard: CommandGuard | None = None
         self.last_send_ns = 0
 
@@ -122,7 +142,7 @@ class CommandGate:
         self._apart_by_ns = period_ns - self._send_period_ns // 2
         self._phase_ns = (period_ns - period_ns // samples_per_command) // 2
         self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
-        self._at_ns = None
+        self._at_ns = self._window = None
 
     @property
     def is_followed(self) -> bool:
@@ -131,7 +151,7 @@ class CommandGate:
 
     def forget(self) -> None:
         """The robot does not command any more: the next position is the first one."""
-        self._at_ns = None
+        self._at_ns = self._window = None
         if self.guard is not None:
             self.guard.release()
 
@@ -169,17 +189,56 @@ class CommandGate:
 
         moment: of the message that it answers.
         """
-        guard = self.guard
-        if guard is None or not self.admits(judged, moment):
+        if not self.admits(judged, moment):
             return None
+        return self._dispatch(judged, datagram, address, moment.cycle_ns, moment.counter)
+
+    def expect(self, judged: Judged, counter: int) -> None:
+        """Work out when that position may go out in answer to the message after the newest one, of that counter.
+
+        It holds until anything else goes out or another message is noted. Undisturbed motion alone is answered so, not
+        a robot whose time is simulated.
+        """
+        clock, at_ns, guard, due_ns = self._clock, self._at_ns, self.guard, self._clock.due_ns
+        self._window = None
+        if clock.simulated or not clock.is_settled or due_ns is None or at_ns is None or guard is None:
+            return
+        if judged.generation != guard.generation or counter - self._at_counter & _WRAP < self._samples:
+            return
+        cycle_ns = clock.cycle_of(1, due_ns)
+        if cycle_ns - self._latest_ns < self._apart_by_ns:
+            return
+        from_ns = max(clock.earliest_ns(1), cycle_ns - _EARLY_NS, self._left_ns + self._landed_ns)
+        before_ns = min(2 * cycle_ns - due_ns, at_ns + self._bridged_ns - self._edge_ns)
+        self._window = _Window(judged, cycle_ns, counter, due_ns, from_ns, before_ns, at_ns + self._bridged_ns)
+
+    def is_expected(self, time_ns: int) -> bool:
+        """Whether the position that `expect` was told may go out now, in answer to a message received at that time."""
+        window = self._window
+        if window is None or window.due_ns != self._clock.due_ns or not window.from_ns <= time_ns < window.before_ns:
+            return False
+        now_ns = self._clock_ns()
+        return now_ns - time_ns <= self._in_cycle_ns and now_ns <= window.over_ns
+
+    def send_expected(self, datagram: bytes, address: Address, time_ns: int) -> int | None:
+        """`send` for the position that `expect` was told, where the message it was told of came at that time."""
+        window = self._window
+        if window is None or not self.is_expected(time_ns):
+            return None
+        return self._dispatch(window.judged, datagram, address, window.cycle_ns, window.counter)
+
+    def _dispatch(self, judged: Judged, datagram: bytes, address: Address, cycle_ns: int, counter: int) -> int:
+        guard = self.guard
+        assert guard is not None
         if not self._channel.send(datagram, address):
             return 0
         left_ns = self.last_send_ns = self._left_ns = self._clock_ns()
+        self._window = None
         # What waits already may be the next message, sent before this command came, and read after any stall.
         disturbed = self._channel.is_waiting()
         self._landed_ns = self._apart_ns + disturbed * self._period_ns
-        cycle_ns, _, self._at_counter = moment
         self._at_ns = self._latest_ns = cycle_ns
+        self._at_counter = counter
         if not self._clock.simulated:  # on the grid of messages: at which of several a cycle begins is not told
             send_ns = self._send_period_ns
             self._latest_ns += (left_ns - cycle_ns + send_ns - self._in_cycle_ns) // send_ns * send_ns

@@ -217,9 +217,7 @@ class FriLoop:
         if self.session.clock.simulated or spare <= 0 or self._channel.wait(spare * 1e-9):
             return
         self._ahead.rehearse(bytes(self._view[:size]))
-        moment, foreseen = self._next_moment(due + _REHEARSAL_NS), self._ahead.foreseen
-        if moment is not None and foreseen is not None:
-            self._gate.admits(foreseen.judged, moment)
+        self._gate.is_expected(due + _REHEARSAL_NS)
         if not self._stop_watch.is_asked:
             self._channel.is_waiting()
 
@@ -244,12 +242,12 @@ class FriLoop:
         if foreseen is None:
             return False
         message = None
-        time_ns = receive_ns
         if session.clock.simulated:
             message = self._codec.decode_monitoring(datagram)
-            time_ns = session.clock.time_of(message, receive_ns)
-        moment = self._next_moment(time_ns)
-        send_ns = None if moment is None else self._gate.send(foreseen.judged, command, address, moment)
+            moment = self._next_moment(session.clock.time_of(message, receive_ns))
+            send_ns = None if moment is None else self._gate.send(foreseen.judged, command, address, moment)
+        else:
+            send_ns = self._gate.send_expected(command, address, receive_ns)
         if send_ns is None:
             return False
         # All that the answer did not have to wait for, and the proof that it was the right one.
@@ -384,6 +382,8 @@ class FriLoop:
             motion.stop(reason)
         if usable and send_ns:
             self._ahead.prepare(session, motion, counter)
+            if self._ahead.foreseen is not None and self._ahead.is_ready:
+                self._gate.expect(self._ahead.foreseen.judged, self._ahead.counter)
 
     # Drops, faults, silence, and what is not fresh.
 

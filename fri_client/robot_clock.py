@@ -43,14 +43,17 @@ class Moment(NamedTuple):
 
 
 class RobotClock:
-    """`time_of` a message, whether the clock `admits` its counter, and `note` it once it is believed."""
+    """`time_of` a message, whether the clock `admits` its counter, and `note` it once it is believed.
 
-    __slots__ = ("_due_ns", "_least_late_ns", "_noted", "_period_ns", "_settling", "simulated")
+    due_ns: the earliest time of the newest message; None before any.
+    """
+
+    __slots__ = ("_least_late_ns", "_noted", "_period_ns", "_settling", "due_ns", "simulated")
 
     def __init__(self) -> None:
         self.simulated = False
         self._period_ns = 0
-        self._due_ns: int | None = None  # earliest time of the newest message
+        self.due_ns: int | None = None
         self._least_late_ns = 0
         self._noted = 0
         self._settling = _SETTLED
@@ -65,41 +68,45 @@ class RobotClock:
 
     def reset(self) -> None:
         """Take the next message as it comes."""
-        self._due_ns = None
+        self.due_ns = None
 
     @property
     def is_settled(self) -> bool:
         """Whether enough messages came to know how early they can be: before, any counter is taken as it comes."""
-        return self.simulated or (self._due_ns is not None and not self._settling)
+        return self.simulated or (self.due_ns is not None and not self._settling)
 
     def admits(self, steps: int, time_ns: int) -> bool:
         """Whether the robot can have sent, by that time, the message `steps` counters after the newest one."""
-        due = self._due_ns
-        if due is None or (self._settling and not self.simulated):
+        if self.due_ns is None or (self._settling and not self.simulated):
             return True
-        return time_ns >= due + steps * self._period_ns - int(_EARLY * self._period_ns)
+        return time_ns >= self.earliest_ns(steps)
+
+    def earliest_ns(self, steps: int) -> int:
+        """From when on the message `steps` counters after the newest one is believed, ns; some message was noted."""
+        assert self.due_ns is not None
+        return self.due_ns + steps * self._period_ns - int(_EARLY * self._period_ns)
 
     def cycle_of(self, steps: int, time_ns: int) -> int:
         """When the robot's cycle began that goes on at that time, ns, seen from the message `steps` after the newest.
 
         That message tells where cycles begin; whole periods by which it is late have passed as well.
         """
-        if self._due_ns is None or not self._period_ns:
+        if self.due_ns is None or not self._period_ns:
             return time_ns
-        due = self._due_ns + steps * self._period_ns
+        due = self.due_ns + steps * self._period_ns
         return due + max(0, time_ns - due) // self._period_ns * self._period_ns
 
     def note(self, steps: int, time_ns: int, period_ms: int | None) -> None:
         """The message `steps` after the newest one came at that time; period_ms: the send period that it states."""
         period_ns = (period_ms or 0) * 1_000_000
-        if self._due_ns is None or period_ns != self._period_ns:
+        if self.due_ns is None or period_ns != self._period_ns:
             self._period_ns = period_ns
-            self._due_ns = time_ns
+            self.due_ns = time_ns
             self._noted = 0
             self._settling = _SETTLED
             self._least_late_ns = self._period_ns * _WINDOW
             return
-        due = self._due_ns + steps * self._period_ns
+        due = self.due_ns + steps * self._period_ns
         late = time_ns - due
         if late < 0:
             # A way that became quicker is learnt in small steps: one early message may be a forgery.
@@ -113,4 +120,4 @@ class RobotClock:
             due += self._least_late_ns
             self._noted = 0
             self._least_late_ns = self._period_ns * _WINDOW
-        self._due_ns = due
+        self.due_ns = due

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 import pytest
-from hypothesis import given
+from hypothesis import event, given
 from hypothesis import strategies as st
 
 from fixtures.judge import Judge
@@ -285,3 +285,63 @@ def test_no_two_steps_meet_in_one_cycle_of_the_robot(
     assert judgement.percent("acceleration") <= 100.0, judgement.excesses
     limit = SPEED_RAD_S / IIWA14_R820.velocity[0] * 100.0
     assert judgement.percent("velocity") <= limit * 1.001
+
+
+@given(
+    periods,
+    st.lists(st.tuples(st.floats(0.0, 1.2), st.booleans(), st.floats(0.0, 0.9)), max_size=6),
+    st.floats(-0.5, 3.0),
+    st.floats(0.0, 1.2),
+    st.booleans(),
+)
+def test_what_is_expected_is_what_the_gate_admits_as_the_next_step(
+    period_ms: int, history: list[tuple[float, bool, float]], arrival: float, stall: float, queued: bool
+) -> None:
+    """The questions asked ahead are the questions of `send`: messages late by a share of a period, some unanswered."""
+    rig = in_time(period_ms)
+    clock, gate, period = rig.robot_clock, rig.gate, rig.period
+    for cycle, (late, answered, held_up) in enumerate(history, 1):
+        received = rig.time + cycle * period + round(late * period)
+        rig.counter += 1
+        clock.note(1, received, period_ms)
+        if answered:
+            rig.clock.now = max(rig.clock.now, received + round(held_up * period))
+            rig.channel.inbox.extend([(b"waits", ROBOT)] * queued)
+            gate.send(rig.wanted(), b"command", ROBOT, Moment(clock.cycle_of(0, received), received, rig.counter))
+    assert clock.due_ns is not None
+    judged = rig.wanted()
+    gate.expect(judged, rig.counter + 1)
+    received = clock.due_ns + period + round(arrival * period)
+    rig.clock.now = max(rig.clock.now, received + round(stall * period))
+    moment = Moment(clock.cycle_of(1, received), received, rig.counter + 1)
+    is_next = gate.pace(moment) is Pace.NEXT and clock.admits(1, received) and gate.admits(judged, moment)
+    in_its_cycle = moment.cycle_ns == clock.due_ns + period
+    event(f"expected: {gate.is_expected(received)}")
+    assert gate.is_expected(received) == (is_next and in_its_cycle)
+
+
+def in_time(period_ms: int = 1) -> Rig:
+    """A rig whose robot has just sent a message, and whose clock knows when the next ones are due."""
+    rig = Rig(period_ms)
+    rig.robot_clock.reset()
+    for steps in range(30):
+        rig.robot_clock.note(min(steps, 1), rig.message(1.0), period_ms)
+    return rig
+
+
+def test_nothing_is_expected_any_more_once_something_else_happened() -> None:
+    """A forgotten robot, another guard, a message that was noted: the answer made ready is worth nothing."""
+    for happens in (
+        lambda rig: rig.gate.forget(),
+        lambda rig: rig.gate.use(CommandGuard(IIWA14_R820, 1e-3), 1e-3, 1),
+        lambda rig: rig.robot_clock.note(1, rig.time + MS + 10_000, 1),
+        lambda rig: rig.robot_clock.reset(),
+    ):
+        rig = in_time()
+        assert rig.send(rig.wanted())
+        rig.gate.expect(rig.wanted(), rig.counter + 1)
+        rig.clock.now = rig.time + MS
+        assert rig.gate.is_expected(rig.time + MS)
+        happens(rig)
+        assert not rig.gate.is_expected(rig.time + MS)
+        assert rig.gate.send_expected(b"command", ROBOT, rig.time + MS) is None
