@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +29,12 @@ from fri_client.motion_path import MotionPath
 from fri_client.motion_phase import MotionPhase
 from fri_client.motion_stop import MotionStop
 from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
-from fri_client.re_entry import ReEntry, plan_re_entry, re_entry_steps
+from fri_client.re_entry import ReEntry, plan_braking, plan_re_entry, re_entry_steps
 from fri_client.standstill import Standstill
 from fri_client.stop_reason import StopKind, StopReason, too_much_torque
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
-from safety.path_stop import PathStops
+from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
 __all__ = ["Foreseen", "MotionError", "MotionProgram", "StopKind", "StopReason", "command_stride"]
@@ -99,7 +99,7 @@ class MotionProgram:
         self._stride = stride
         self._path_stops = PathStops(table, table_period_s, stride, limits)
         end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
-        self._stop = MotionStop(limits, self.guard, self._path_stops, end_ramp, command_period_s)
+        self._stop = MotionStop(limits, self.guard, end_ramp, command_period_s)
         self._first = first // stride
         self._motion_path = MotionPath(self._path_stops, len(self._path), self._first, stride, command_period_s)
         self._step = 0  # steps done within the current phase
@@ -384,11 +384,27 @@ class MotionProgram:
     def _plan_stop(self) -> None:
         if self._re_entry is not None and not self._re_entry_step:
             return  # the arm stands
-        straight = 0 if self._re_entry is not None else self._on_path - self._straight_from
-        last = (self._first + self._on_path - 1) * self._stride
         self._stop.plan(
-            last if straight >= _ROWS_BEFORE_PATH_STOP else None,
+            self._along_path(),
             table_is_done=self.phase == _EXCITATION and self._on_path == self._lead_in + self._total,
+        )
+
+    def _along_path(self) -> Callable[[], PathStop | None] | None:
+        """What plans the stop on the path from the last command; None on the start ramp, and just after it."""
+        straight = self._on_path - self._straight_from
+        if self._re_entry is None and straight >= _ROWS_BEFORE_PATH_STOP:
+            row = (self._first + self._on_path - 1) * self._stride
+            return lambda: self._path_stops.plan(row)
+        if self._re_entry is not None:
+            start, ticks, sent, straight = self._re_entry.start, len(self._re_entry.positions), self._re_entry_step, 0
+        elif self._straight_from:
+            start, ticks, sent = self._re_entries[-1]
+        else:
+            return None
+        steps = re_entry_steps(start, ticks)[:sent]
+        recent = np.concatenate(([start] * 4, steps, steps[-1] + np.arange(1.0, straight + 1.0)))[-4:]
+        return lambda: plan_braking(
+            recent, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
         )
 
     def _propose_stop(self, measured_position: Sequence[float] | None) -> Judged | None:

@@ -1,23 +1,23 @@
 """The stop of one motion: why it was asked for, which one it is, and its commands one by one.
 
-Here: the choice between a stop along the table's path and one of each joint on its own, and its progress. Not here:
+Here: the choice between a stop along the verified path and one of each joint on its own, and its progress. Not here:
 when a motion stops and what its phases are called (`motion`), the shapes of stops (`safety`). `MotionProgram` owns one.
 
-A stop keeps to the verified path where it can: on the table, with a reason that leaves the table above suspicion, and
-with room for it in the limits. Else each joint stops on its own: on the start ramp, after a verdict on the table's own
-command, after an internal error.
+A stop keeps to the verified path where it can: on the table and in a re-entry, with a reason that leaves the table
+above suspicion, and with room for it in the limits. Else each joint stops on its own: on the start ramp, after a
+verdict on the table's own command, after an internal error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from fri_client.handover import EventCode
 from fri_client.stop_reason import StopKind, StopReason
 from safety.errors import RampError
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
-from safety.path_stop import PathStop, PathStops
+from safety.path_stop import PathStop
 from safety.ramps import Ramp, plan_stop_ramp
 
 
@@ -33,14 +33,12 @@ class MotionStop:
         self,
         limits: JointLimits,
         guard: CommandGuard,
-        path_stops: PathStops,
         end_ramp: Ramp,
         command_period_s: float,
     ) -> None:
         """end_ramp: the stop from the last row of the last period, planned ahead."""
         self._limits = limits
         self._guard = guard
-        self._path_stops = path_stops
         self._end_ramp = end_ramp
         self._command_period_s = command_period_s
         self._ramp: Ramp | PathStop | None = None
@@ -74,14 +72,14 @@ class MotionStop:
         if self.asked is None:
             self.asked = self.reason = reason
 
-    def plan(self, row: int | None, *, table_is_done: bool) -> None:
+    def plan(self, along_path: Callable[[], PathStop | None] | None, *, table_is_done: bool) -> None:
         """Choose the stop from the guard's state.
 
-        row: row of the table that the last command was, None where it was none or its predecessors were not: then
-        there is no stop on the path. table_is_done: it was the last row of the last period.
+        along_path: plans the stop on the path from the last command, None where there is none. table_is_done: that
+        was the last row of the last period.
         """
         self._steps = 0
-        self._ramp = None if row is None else self._on_path(row)
+        self._ramp = None if along_path is None else self._on_path(along_path)
         self._planned = "joint_space" if self._ramp is None else "path"
         if self._ramp is not None:
             return
@@ -137,9 +135,9 @@ class MotionStop:
             return []
         return [self._ramp.position_at((step + 1) * self._command_period_s) for step in range(self._steps)]
 
-    def _on_path(self, row: int) -> PathStop | None:
-        """The stop that keeps to the table's path, or None; tried once: a fault in it costs a tick and not the stop."""
+    def _on_path(self, plan: Callable[[], PathStop | None]) -> PathStop | None:
+        """The stop that keeps to the path, or None; tried once: a fault in it costs a tick and not the stop."""
         if self._path_tried or (self.asked is not None and not self.asked.path_is_good):
             return None
         self._path_tried = True
-        return self._path_stops.plan(row)
+        return plan()

@@ -1,7 +1,8 @@
 """Going on after a pause in which the robot had no command: from rest, along the path, up to the motion's own pace.
 
-Here: how long a pause the robot's own interpolation spans, the curve of the pace, and the search for one inside every
-limit. Not here: which commands belong to the path (`motion`), who counts the robot's cycles (`loop`).
+Here: how long a pause the robot's own interpolation spans, the curve of the pace, the search for one inside every
+limit, and the way back to rest from any point of it, along the path too. Not here: which commands belong to the path
+(`motion`), who counts the robot's cycles (`loop`).
 
 What a robot does in a cycle without a command is not published (PROTOCOL section 10.5): it stays on the last command or
 goes on as far as the last one went. Robots take commands every 10 ms too (section 7) and bridge the time between two of
@@ -19,7 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BRIDGED_S", "ReEntry", "plan_re_entry", "re_entry_steps"]
+from safety.path_stop import PathStop
+
+__all__ = ["BRIDGED_S", "ReEntry", "plan_braking", "plan_re_entry", "re_entry_steps"]
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +31,9 @@ BRIDGED_S = 0.01
 
 DURATIONS_S = (0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 """Ladder: time from rest to full pace; the first whose commands are inside every limit is taken."""
+
+BRAKING_DURATIONS_S = (0.1, *DURATIONS_S)
+"""The same for the way back to rest."""
 
 
 class ReEntry(NamedTuple):
@@ -71,4 +77,32 @@ def plan_re_entry(
         positions = positions_at(around)
         if fits(positions):
             return ReEntry(start, round(steps[-1]), positions[3:-3].tolist())
+    return None
+
+
+def plan_braking(
+    recent: FloatArray,
+    command_period_s: float,
+    positions_at: Callable[[FloatArray], FloatArray],
+    fits: Callable[[FloatArray], bool],
+) -> PathStop | None:
+    """The quickest stop along the path from any pace that fits; None where none does.
+
+    recent: steps of the path of the last four commands, (4,). The pace goes on from theirs as the cubic that begins
+    with its value and its slope and ends with zero for both. positions_at, fits: see `plan_re_entry`; the geometry is
+    that of the path, so what the preflight found about distances holds.
+    """
+    first = np.diff(recent)
+    second = np.diff(first)
+    third = second[1] - second[0]
+    pace = float(first[-1] + second[-1] / 2.0 + third / 3.0)  # per command, at the last one
+    slope = float(second[-1] + third)
+    for duration in BRAKING_DURATIONS_S:
+        ticks = math.ceil(duration / command_period_s - 1e-9)
+        v = np.arange(1, ticks + 1) / ticks
+        driven = pace * (v - v**3 + v**4 / 2.0) + slope * ticks * (v**2 / 2.0 - 2.0 * v**3 / 3.0 + v**4 / 4.0)
+        steps = recent[-1] + ticks * driven
+        around = positions_at(np.concatenate((recent, steps, steps[[-1] * 3])))
+        if np.all(np.diff(steps) >= 0.0) and fits(around):
+            return PathStop(around[len(recent) : -3], command_period_s, rows=0.0)
     return None

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from fri_client.handover import EventCode
@@ -115,6 +115,35 @@ def test_a_stop_or_a_drop_after_a_pause_begins_where_the_arm_stands(into: int) -
         assert drive.commands[-1] == drive.commands[-2]
         if not into:
             assert set(drive.commands[begin:]) == {drive.commands[begin - 1]}
+
+
+@given(st.integers(30, 4800), st.integers(1, 156), st.booleans())
+@example(150, 100, False)  # the re-entry begins on the start ramp
+@example(2500, 150, False)  # the last command of the re-entry
+@example(2500, 152, True)  # two rows behind it
+@settings(max_examples=15, deadline=None)
+def test_a_stop_in_a_re_entry_stays_on_the_path(first: int, into: int, drops: bool) -> None:
+    """Each joint used to stop on its own there: such a stop leaves the path, and nobody had looked where to."""
+    drive = Drive(program())
+    drive.tick(first)
+    drive.motion.resume_from_rest()
+    resumed = len(drive.commands)
+    drive.tick(into)
+    begin = len(drive.commands)
+    if drive.motion.phase >= MotionPhase.STOP_RAMP or drive.motion.phase == MotionPhase.START_RAMP:
+        assume(drive.motion._re_entry is not None)
+    on_path = drive.motion._motion_path.positions_at
+    here = drive.motion._start_done + drive.motion._on_path
+    path = on_path(np.arange(here - 400.0, here + 700.0, 0.1).clip(0.0))
+    drive.motion.latch() if drops else drive.motion.stop(OPERATOR)
+    for _ in range(1500):
+        drive.commands.append(tuple(drive.motion.tick(drive.commands[-1])))
+    assert drive.motion.stop_kind == "path"
+    driven = np.array([drive.commands[resumed - 1]] * 3 + drive.commands[resumed:])
+    assert np.all(shares(driven) <= (1.0001, 1.002, 1.02))
+    assert drive.commands[-1] == drive.commands[-2]
+    away = [np.abs(path - position).max(axis=1).min() for position in drive.commands[begin : begin + 1000 : 30]]
+    assert max(away) < 2e-4  # the fine path has 1e-4 rad from point to point
 
 
 def test_a_pause_in_a_stop_is_its_end() -> None:
