@@ -25,6 +25,7 @@ from fri_client.messages import MonitoringMessage
 from identification.errors import IdentificationError
 from identification.load_data import LEAST_SHARE, UnknownLoad, unknown_load, weight_at_rest
 from identification.robots import load_robot
+from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import Installation
 from safety.geometry import FLANGE_M
 
@@ -43,8 +44,6 @@ LONGEST_S = 120.0
 """So much of a run settles it; an hour of it would only take longer."""
 _STATE = struct.Struct("<4x35d")
 """The encapsulation, then measured position, torque, commanded position, torque and external torque, 7 each."""
-_TURN = np.diag([-1.0, -1.0, 1.0])
-"""The flange's axes are the last link's, turned by π about z."""
 
 
 def with_load_check(outcome: RunOutcome) -> RunOutcome:
@@ -134,7 +133,7 @@ def load_remark(recording: Path, request: RunRequest, send_period_s: float) -> s
 def load_sentence(found: UnknownLoad) -> str:
     """What was found and what to do about it."""
     worst = int(np.argmax(found.rms_before))
-    place = _TURN @ (found.center - np.array([0.0, 0.0, FLANGE_M]))
+    place = IIWA_FLANGE.point(found.center)
     where = f"({', '.join(f'{value:.2f}' for value in place)}) m from the flange"
     if found.mass > 0.0:
         what = f"of {found.mass:.2f} kg at {where} that the cabinet does not know of"

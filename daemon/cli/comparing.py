@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,18 +19,30 @@ from daemon.cli.inputs import (
     installation_of,
     load_inputs,
 )
+from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
     from identification.audit.between import Change
+    from identification.audit.leaderboard import Standing
+    from identification.robots import Installation
 
 SHOWN = 8
+MODELS = (".json", ".urdf", ".xml", ".sdf")
 
 
-@app.command()
+@app.command(cls=TwoLists)
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="The recording or model.json to compare with.")],
-    others: Annotated[list[Path], typer.Argument(metavar="B…", help="Recordings to compare, each with A.")],
+    ctx: typer.Context,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="A B…", help="Recordings, each compared with the first; A: or a model.json.")
+    ],
+    models: Annotated[
+        bool, typer.Option("--models", help="Instead: MODEL… -- LOG…, which model foretells the torque, and what not.")
+    ] = False,
+    offsets: Annotated[
+        bool, typer.Option("--offsets", help="With --models: fit one constant torque a joint; nothing else is fitted.")
+    ] = False,
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
@@ -39,8 +52,30 @@ def compare(
 ) -> None:
     """What changed between two dates, arms or tools: the fewest causes, then parameter by parameter in σ.
 
-    Exit code 0 whatever the answer. Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
+    --models: RMS of measured minus foretold torque of every model, best first, and what is wrong in each.
+    Exit code 0 whatever the answer; 1 where a model is of another arm.
+    Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
     """
+    stand = installation_of(gravity, mount, lock)
+    if models:
+        after = ctx.meta[AFTER]
+        known = files[:-after] if after else [file for file in files if file.suffix in MODELS]
+        logs = [file for file in files if file not in known]
+        if not known or not logs:
+            raise typer.BadParameter("Give the models (.json, .urdf, .xml, .sdf), then --, then recordings.")
+        _leaderboard(known, logs, robot, joints, stand, offsets, json_file)
+        return
+    if offsets:
+        raise typer.BadParameter("--offsets belongs to --models.")
+    if len(files) < 2:
+        raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
+    _changes(files[0], files[1:], robot, joints, stand, json_file)
+
+
+def _changes(
+    first: Path, others: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
+    json_file: Path | None,
+) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
     from identification.model_file import read_model
 
@@ -49,7 +84,7 @@ def compare(
         others if known is not None else [first, *others],
         robot,
         joints=joints,
-        installation=installation_of(gravity, mount, lock),
+        installation=stand,
         model_robot=None if known is None else known.load_robot(),
     )
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
@@ -62,6 +97,47 @@ def compare(
     if not wants_json_on_stdout(json_file):
         for file, change in zip(others, changes, strict=True):
             show_change(f"{first} → {file}", change)
+
+
+def _leaderboard(
+    models: Sequence[Path], logs: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
+    offsets: bool, json_file: Path | None,
+) -> None:  # fmt: skip
+    from identification.audit.leaderboard import leaderboard
+    from identification.model_file import read_model
+
+    written = next((file for file in models if file.suffix == ".json"), None)
+    inputs = load_inputs(
+        logs,
+        robot,
+        joints=joints,
+        installation=stand,
+        model_robot=None if written is None else read_model(written).load_robot(),
+    )
+    standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
+    if json_file is not None:
+        write_json(json_file, {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets,
+                               "recordings": list(map(str, logs)),
+                               "models": [item.to_json() for item in standings]})  # fmt: skip
+    if not wants_json_on_stdout(json_file):
+        show_leaderboard(standings, offsets, inputs.robot.torque_unit)
+    if any(item.rms is None for item in standings):
+        raise typer.Exit(1)
+
+
+def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) -> None:
+    """The table of RMS, best first, then what is wrong in each model."""
+    from daemon.cli.rms_view import show_rms
+    from identification.fitting.rms import RmsTable
+
+    fitted = "one constant a joint fitted" if offsets else "nothing fitted"
+    lines = tuple(item.rms for item in standings if item.rms is not None)
+    if lines:
+        show_rms(RmsTable(lines), f"RMS of measured minus foretold torque per joint, {fitted}", unit=unit)
+    for item in standings:
+        data(f"{item.name}:")
+        for sentence in item.sentences:
+            data(f"  {sentence}")
 
 
 def show_change(title: str, change: Change) -> None:

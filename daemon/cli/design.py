@@ -18,19 +18,33 @@ from daemon.cli.output import JsonOption, data, message, show_table, wants_json_
 from daemon.cli.protection import not_a_recording
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from identification.excitation import Trajectory
     from identification.excitation.design import DesignProgress
     from identification.excitation.effect_report import ShownEffect
-    from identification.excitation.prediction import PredictedDeviations
+    from identification.excitation.payload_term import PayloadDeviations
+    from identification.excitation.prediction import NoiseColour, PredictedDeviations
+    from identification.robots import RobotModel
+
+    FloatArray = npt.NDArray[np.float64]
+
+SHOWN_LOAD_KG = 2.0
 
 
 @app.command()
 def design(
+    purpose: Annotated[
+        Literal["arm", "payload"],
+        typer.Option("--for", help="arm: its own parameters; payload: a tool's load data, by a motion of the wrist."),
+    ] = "arm",
     objective: Annotated[
-        str, typer.Option("--objective", help="cond, d, a, detectability, or a mix: cond:1,d:2.")
-    ] = "cond",
+        str | None,
+        typer.Option("--objective", help="cond, d, a, detectability, payload or a mix: cond:1,d:2; default: cond."),
+    ] = None,
     harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
-    period: Annotated[float, typer.Option("--period", help="Seconds.")] = 10.0,
+    period: Annotated[float | None, typer.Option("--period", help="Seconds; default: 10, for a payload 20.")] = None,
     limits: Annotated[
         Literal["paper", "true"],
         typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen."),
@@ -77,6 +91,7 @@ def design(
 ) -> None:
     """Design an excitation trajectory, the problem (13)/(14) of the paper, from many seeded starts.
 
+    --for payload: the joints before the wrist hardly move; drive it once without the tool and once with it.
     Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
     """
     import numpy as np
@@ -90,11 +105,15 @@ def design(
     from identification.excitation.local_search import DesignSettings
     from identification.excitation.nominal import nominal_parameters
     from identification.excitation.objective import DETECTABILITY, achieved_figures, mixture_weights
+    from identification.excitation.payload_term import wrist_limits
     from identification.excitation.prediction import NoiseColour, predict_deviations, torque_noise
     from identification.excitation.reference import reference_trajectory
     from identification.robots import BUILT_IN_ROBOTS, load_robot
     from identification.robots.installation import ON_THE_FLOOR
 
+    for_payload = purpose == "payload"
+    objective = objective or ("payload" if for_payload else "cond")
+    period = period or (20.0 if for_payload else 10.0)
     stand = installation_of(gravity, mount, None) or ON_THE_FLOOR
     model = load_robot(robot, stand)
     # Only the built-in arms have a geometry to check self-collision and workspace on.
@@ -142,9 +161,10 @@ def design(
         periods=periods,
     )
     nominal = nominal_parameters(model, prior)
+    limits_used = limits_of_robot(model)
     result = design_excitation(
         model,
-        limits_of_robot(model),
+        wrist_limits(limits_used, np.zeros(model.n)) if for_payload else limits_used,
         settings,
         progress=_show_progress,
         clock=time.monotonic,
@@ -157,15 +177,22 @@ def design(
     regressor = BaseRegressor(model)
     predicted: PredictedDeviations | None = None
     effects: tuple[ShownEffect, ...] = ()
-    if noise_nm is not None:
+    if noise_nm is not None and not for_payload:
         predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods, colour=colour)
         if for_effects and nominal is not None:
             effects = effects_shown(regressor, motion, nominal, noise_nm, periods, colour)
+    weighed = _weighed(model, motion, noise_nm, colour) if for_payload else {}
     if json_file is not None:
         rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
         promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
         write_json(
-            json_file, {**document, "predicted_std": promised, "effects": [_effect_json(item) for item in effects]}
+            json_file,
+            {
+                **document,
+                "predicted_std": promised,
+                "effects": [_effect_json(item) for item in effects],
+                "payload_std": {name: asdict(item) for name, item in weighed.items()},
+            },
         )
     if not wants_json_on_stdout(json_file):
         data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
@@ -188,9 +215,36 @@ def design(
                 )
         for key, value in result.verified.items():
             data(f"  {key}: {value}")
-        _show_predicted(predicted, model.units)
+        if for_payload:
+            _show_weighed(weighed, motion.period_s)
+        else:
+            _show_predicted(predicted, model.units)
         if effects:
             _show_effects(effects, periods)
+
+
+def _weighed(
+    model: RobotModel, motion: Trajectory, noise_nm: FloatArray | None, colour: NoiseColour
+) -> dict[str, PayloadDeviations]:
+    """To which σ a load is weighed with this motion, and with the shipped one in the same time."""
+    from identification.excitation import default_trajectory
+    from identification.excitation.payload_term import payload_deviations
+    from identification.robots import BUILT_IN_ROBOTS
+
+    motions = {"this motion": motion}
+    if model.name in BUILT_IN_ROBOTS:
+        motions["the shipped motion"] = default_trajectory(model.name)
+    return {
+        name: payload_deviations(model, each, motion.period_s, noise_nm=noise_nm, colour=colour)
+        for name, each in motions.items()
+    }
+
+
+def _show_weighed(weighed: dict[str, PayloadDeviations], seconds: float) -> None:
+    data(f"σ of a load of {SHOWN_LOAD_KG:g} kg, from a run of {seconds:g} s without it and one with it:")
+    for name, item in weighed.items():
+        x, y, z = item.center_mm(SHOWN_LOAD_KG)
+        data(f"  {name}: mass {1e3 * item.mass_kg:.2g} g, centre ({x:.2g}, {y:.2g}, {z:.2g}) mm")
 
 
 def read_numbers(option: str, parts: list[str], count: int) -> list[float]:

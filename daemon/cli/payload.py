@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from daemon.cli import inputs as read
 from daemon.cli.app import app
-from daemon.cli.inputs import (
-    GravityOption,
-    JointsOption,
-    LockOption,
-    MountOption,
-    RobotOption,
-    installation_of,
-    load_inputs,
-)
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
     from identification.audit.payload import Body
 
-PARTS_OF_TOOL = ("tool_mass_kg", "tool_center_of_mass_m", "tool_inertia_kg_m2")
+SET = ("tool_mass_kg", "tool_center_of_mass_m", "tool_inertia_kg_m2")
+MASS_AGREES_KG, CENTER_AGREES_M = 0.05, 0.005
+"""Load data are set to a tenth of a kilogram and to a few millimetres."""
 
 
 @app.command(cls=TwoLists)
@@ -32,16 +27,16 @@ def payload(
     logs: Annotated[
         list[Path], typer.Argument(metavar="WITHOUT… -- WITH…", help="Recordings without the tool, then with it.")
     ],
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: MountOption = None,
-    gravity: GravityOption = None,
+    robot: read.RobotOption = None,
+    joints: read.JointsOption = None,
+    lock: read.LockOption = None,
+    mount: read.MountOption = None,
+    gravity: read.GravityOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Mass, centre of mass and inertia of a tool, with 95 % intervals, as the cabinet's load data.
 
-    Two recordings need no dashes between them. The best motion turns the wrist through its range.
+    Two recordings need no dashes between them. The motion for it: iiwa-ident design --for payload.
     Example: iiwa-ident payload runs/bare/recording.mcap -- runs/tool/recording.mcap
     """
     from identification.audit.payload import weigh
@@ -49,72 +44,79 @@ def payload(
     after = ctx.meta[AFTER] or (1 if len(logs) == 2 else None)
     if after is None or not 0 < after < len(logs):
         raise typer.BadParameter("Give the recordings without the tool, then --, then those with it.")
-    inputs = load_inputs(logs, robot, joints=joints, installation=installation_of(gravity, mount, lock))
+    found = read.load_inputs(logs, robot, joints=joints, installation=read.installation_of(gravity, mount, lock))
     count = len(logs) - after
-    frame = _flange(inputs.robot.name)
-    body = weigh(inputs.robot, inputs.recordings[:count], inputs.recordings[count:], **frame)
-    stated = [recording.source.metadata for recording in inputs.recordings[count:]]
-    where = "the flange" if frame else f"link {inputs.robot.n}, whose frame ends the arm's description"
+    body = weigh(found.robot, found.recordings[:count], found.recordings[count:])
+    stated = [found.recordings[place].source.metadata for place in (0, count)]
     if json_file is not None:
-        write_json(json_file, to_json(body, where, stated[0]))
+        write_json(json_file, to_json(body, stated))
     if not wants_json_on_stdout(json_file):
-        for line in lines_of(body, where, stated[0]):
+        for line in lines_of(body, stated):
             data(line)
 
 
-def _flange(name: str) -> dict[str, Any]:
-    """The flange's frame in the last link's: known of the built-in arms, whose flange is turned by π about z."""
-    import numpy as np
-
-    from identification.robots import BUILT_IN_ROBOTS
-    from safety.geometry import FLANGE_M
-
-    if name not in BUILT_IN_ROBOTS:
-        return {}
-    return {"rotation": np.diag([-1.0, -1.0, 1.0]), "origin": np.array([0.0, 0.0, FLANGE_M])}
-
-
-def lines_of(body: Body, where: str, stated: dict[str, str]) -> list[str]:
-    """What an operator types into the cabinet, each with half of its 95 % interval."""
+def lines_of(body: Body, stated: Sequence[dict[str, str]]) -> list[str]:
+    """What an operator types into the cabinet, each with half of its 95 % interval. stated: of a log without, with."""
+    from identification.audit.payload import cabinet_load_data
     from identification.audit.sentences import with_interval
 
     x, y, z = (with_interval(item, 1e3, "") for item in body.center)
     inertia = ", ".join(f"{item.name.removeprefix('inertia_')} {with_interval(item)}" for item in body.inertia)
+    typed = ", ".join(f"{name} {value:.4g}" for name, value in cabinet_load_data(body).items())
     before, after = (sum(value**2 for value in values) ** 0.5 for values in (body.rms_before, body.rms_after))
     return [
         f"Mass M: {with_interval(body.mass)}",
-        f"Centre of mass X, Y, Z: {x}, {y}, {z} mm from {where}",
+        f"Centre of mass X, Y, Z: {x}, {y}, {z} mm from {body.frame}",
         f"Inertia about it: {inertia}",
+        f"As load data (kg, mm, degrees, kg m²): {typed}",
         f"With this load {after:.3g} Nm RMS stay (all joints together), without it {before:.3g} Nm.",
         compared(body, stated),
     ]
 
 
-def compared(body: Body, stated: dict[str, str]) -> str:
-    """How it compares with what the log says is set."""
-    if "tool_mass_kg" not in stated:
+def compared(body: Body, stated: Sequence[dict[str, str]]) -> str:
+    """How it compares with what the logs say is set: the tool of those with it, less that of those without."""
+    if SET[0] not in stated[1]:
         return "The log does not say which load data are set."
-    mass = float(stated["tool_mass_kg"])
+    (mass_before, center_before), (mass_after, center_after) = map(_set, stated)
+    mass = mass_after - mass_before
     low, high = body.mass.interval
-    fits = low - 0.05 <= mass <= high + 0.05
-    verdict = "which agrees" if fits else f"which is {body.mass.value - mass:+.2f} kg away: set the load data anew"
-    return f"The log says {mass:g} kg, {verdict}."
+    said = f"The log says {mass:g} kg"
+    if not low - MASS_AGREES_KG <= mass <= high + MASS_AGREES_KG:
+        return f"{said}, which is {body.mass.value - mass:+.2f} kg away: set the load data anew."
+    if center_after is None or not mass or not body.frame.startswith("the flange"):
+        return f"{said}, which agrees."
+    moments = [
+        mass_after * after - mass_before * before
+        for after, before in zip(center_after, center_before or (0.0, 0.0, 0.0), strict=True)
+    ]
+    place = [moment / mass for moment in moments]
+    said += f" at ({', '.join(f'{1e3 * value:.0f}' for value in place)}) mm"
+    for axis, item, value in zip("XYZ", body.center, place, strict=True):
+        low, high = item.interval
+        if not low - CENTER_AGREES_M <= value <= high + CENTER_AGREES_M:
+            return f"{said}, which is {1e3 * (item.value - value):+.0f} mm away along {axis}: set the load data anew."
+    return f"{said}, which agrees."
 
 
-def to_json(body: Body, where: str, stated: dict[str, str]) -> dict[str, Any]:
-    """The result as JSON, and as the cabinet's load data: kg, mm, kg m²."""
+def _set(stated: dict[str, str]) -> tuple[float, tuple[float, ...] | None]:
+    """Mass in kg and centre in m of the tool that a log's metadata name; no tool, no mass."""
+    center = tuple(float(number) for number in stated.get(SET[1], "").split(",") if number.strip())
+    return float(stated.get(SET[0], 0.0)), center if len(center) == 3 else None
+
+
+def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
+    """The result as JSON, and as the cabinet's load data: kg, mm, degrees, kg m²."""
+    from identification.audit.payload import cabinet_load_data
+
     return {
         "format": "iiwa-ident/payload/1",
-        "frame": where,
+        "frame": body.frame,
         "mass": body.mass.to_json(),
         "center_of_mass": {item.name[-1]: item.to_json() for item in body.center},
         "inertia": {item.name.removeprefix("inertia_"): item.to_json() for item in body.inertia},
-        "load_data": {
-            "M": body.mass.value,
-            **{axis: 1e3 * item.value for axis, item in zip("XYZ", body.center, strict=True)},
-            **{f"J{axis}": item.value for axis, item in zip("XYZ", body.inertia, strict=False)},
-        },
-        "set": {name: stated[name] for name in PARTS_OF_TOOL if name in stated},
+        "load_data": cabinet_load_data(body),
+        "set": {name: stated[1][name] for name in SET if name in stated[1]},
         "comparison": compared(body, stated),
         "rms_nm": {"without": list(body.rms_before), "with": list(body.rms_after)},
     }

@@ -118,7 +118,7 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     )
     numbers = found_numbers(found, model, sizes)
     differences = [
-        difference_of(step, each, given.set_up, now.set_up, model.name, layout.n)
+        difference_of(step, each, given.set_up, now.set_up, model.name, given.geometry.robot)
         for step, each in zip(found.steps, numbers, strict=True)
     ]
     if (found.signs < 0.0).any():

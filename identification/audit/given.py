@@ -18,7 +18,7 @@ from identification.estimators.prior import uniform_bodies
 from identification.model_file import Model
 from identification.robots.model import RobotModel
 
-__all__ = ["GivenModel", "Sizes", "given_model", "sizes_of", "wide_open"]
+__all__ = ["GivenModel", "Sizes", "given_model", "places_of", "sizes_of", "wide_open"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
     Raises ModelFileError where its parameters are those of another arm.
     """
     n = regressor.robot.n
-    places = _places(regressor)
+    places = places_of(regressor)
     values = model.base_values(regressor) if isinstance(model, Model) else model
     covariance = model.base_covariance(regressor) if isinstance(model, Model) else None
     open_std = wide_open(sizes)
@@ -125,7 +125,7 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
     )
 
 
-def _places(regressor: BaseRegressor) -> npt.NDArray[np.int64]:
+def places_of(regressor: BaseRegressor) -> npt.NDArray[np.int64]:
     """Where the regressor's dynamic parameters stand among the fourteen of each link."""
     symbols = (*SYMBOLS[:INERTIAL], *regressor.options.symbols)
     return np.array(

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
@@ -22,9 +24,10 @@ from identification.audit.numbers import FEW_PARTS
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
 from identification.recordings.recording import Recording
+from identification.robots.flange import Flange
 from identification.robots.model import RobotModel
 
-__all__ = ["Body", "weigh"]
+__all__ = ["Body", "cabinet_load_data", "weigh"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,17 +35,19 @@ WIDEST = 20.0
 """Sizes of the arm's mean link that a load may have; more is no load of this arm."""
 LEAST_SIGMAS = 3.0
 _TURNS = 4
+_LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")
 _INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A load in a frame of the flange: mass kg, center (3) m, inertia about its centre (6) kg m², xx yy zz xy xz yz.
+    """A load: mass kg, center (3) m, inertia about its centre (6) kg m², xx yy zz xy xz yz.
 
-    share: of the torque's difference between the recordings that it explains. rms_before, rms_after: (n,) Nm of the
-    recordings with it, without and with the body.
+    frame: which one it is in, in words: the flange's where the robot has one, else the last link's. rms_before,
+    rms_after: (n,) Nm of the recordings with it, without and with the body.
     """
 
+    frame: str
     mass: Number
     center: tuple[Number, ...]
     inertia: tuple[Number, ...]
@@ -54,18 +59,16 @@ def weigh(
     robot: RobotModel,
     without: Sequence[Recording],
     with_load: Sequence[Recording],
-    *,
-    rotation: FloatArray | None = None,
-    origin: FloatArray | None = None,
 ) -> Body:
     """The body on the last link that only the second recordings have.
 
-    rotation, origin: of the flange's frame in the last link's, (3, 3) and (3,) m; the link's own where not given.
+    In the flange's frame where the robot has one on its last link, else in that link's.
     Raises RecordingError for recordings at rest or too short, EstimationError where no load can be seen or it is beyond
     reason.
     """
-    turn = np.eye(3) if rotation is None else rotation
-    place = np.zeros(3) if origin is None else origin
+    last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
+    flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
+    frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
     runs = [rows_of(recordings) for recordings in (without, with_load)]
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
@@ -89,8 +92,36 @@ def weigh(
             f"No load can be seen: {values[0]:.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a motion "
             "that turns the wrist through its range, without and with the tool."
         )
-    numbers = _in_frame(values, covariance, lambda body: _physical(body, turn, place))
-    return Body(numbers[0], numbers[1:4], numbers[4:], *rms)
+    numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms)
+
+
+def cabinet_load_data(body: Body) -> dict[str, float]:
+    """M kg; X, Y, Z mm; A, B, C degrees of the principal axes (about z, y', x''); JX, JY, JZ kg m², as KUKA asks.
+
+    Axes are turned only where a product of inertia shows, and an inertia that does not show is that of a point.
+    """
+    mass, place = body.mass.value, [1e3 * item.value for item in body.center]
+    moments, angles = np.zeros(3), np.zeros(3)
+    if any(_shows(item) for item in body.inertia):
+        xx, yy, zz, xy, xz, yz = (item.value for item in body.inertia)
+        moments = np.array([xx, yy, zz])
+        if any(_shows(item) for item in body.inertia[3:]):
+            principal, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+            # Each axis stands for the one that it is nearest to, so that the angles are small.
+            _, order = linear_sum_assignment(-np.abs(axes))
+            moments, axes = principal[order], axes[:, order] * np.sign(np.diag(axes[:, order]))
+            axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+            angles = Rotation.from_matrix(axes).as_euler("ZYX", degrees=True)
+    # A body that was taken off has these with the other sign; none has moments of both signs.
+    moments = np.sign(mass) * np.maximum(np.sign(mass) * moments, 0.0)
+    values = (mass, *place, *angles, *moments)
+    return {name: float(v) for name, v in zip(_LOAD_DATA, values, strict=True)}
+
+
+def _shows(item: Number) -> bool:
+    low, high = item.interval
+    return not low <= 0.0 <= high
 
 
 def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
@@ -145,15 +176,15 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
 _PRODUCTS = ("gram", "right", "square", "count")
 
 
-def _physical(body: FloatArray, turn: FloatArray, place: FloatArray) -> FloatArray:
+def _physical(body: FloatArray, flange: Flange) -> FloatArray:
     """(10,) mass, centre and inertia about it in the flange's frame, of parameters about the last link's origin."""
     mass = body[0]
     center = body[1:4] / mass
     tensor = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
     about = tensor - mass * (center @ center * np.eye(3) - np.outer(center, center))
-    about = turn.T @ about @ turn
+    about = flange.tensor(about)
     entries = about[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return np.concatenate([[mass], turn.T @ (center - place), entries])
+    return np.concatenate([[mass], flange.point(center), entries])
 
 
 def _in_frame(values: FloatArray, covariance: FloatArray, form: Callable[[FloatArray], FloatArray]) -> tuple[

@@ -12,6 +12,7 @@ from identification.audit.difference import Difference, Number
 from identification.audit.hypotheses import Hypothesis, Layout
 from identification.audit.numbers import Found
 from identification.audit.search import Step
+from identification.robots.model import RobotModel
 
 __all__ = ["difference_of", "turned_signs"]
 
@@ -31,7 +32,7 @@ def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) 
     return f"{text} {number.unit if unit is None else unit}".rstrip()
 
 
-def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: str, joint_of_flange: int) -> Difference:
+def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: str, robot: RobotModel) -> Difference:
     """What a step says, with its numbers. first, last: the set-up before and after the whole search."""
     hypothesis = step.hypothesis
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
@@ -40,7 +41,7 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
     layout = Layout(len(first.zeros))
     match hypothesis.effect:
         case "payload":
-            numbers, text = _load(found, std, link == joint_of_flange, link or 0)
+            numbers, text = _load(found, std, robot, link or 0)
         case "link_parameters":
             numbers = _body(hypothesis, found.values, std)
             text = f"The body of link {link} is another than {source} says"
@@ -104,11 +105,12 @@ def turned_signs(signs: FloatArray, share: float, gain: float, source: str) -> D
     )  # fmt: skip
 
 
-def _load(found: Found, std: FloatArray, on_flange: bool, link: int) -> tuple[tuple[Number, ...], str]:
+def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[tuple[Number, ...], str]:
+    flange = robot.flange if robot.flange is not None and robot.flange.link + 1 == link else None
     mass = float(found.values[0])
     spread = float(np.hypot(std[0], found.scale * mass))
     numbers = [Number("mass", mass, spread, "kg")]
-    where = "the flange" if on_flange else f"link {link}"
+    where = "the flange" if link == robot.n else f"link {link}"
     text = f"A load of {with_interval(numbers[0])} on {where}"
     if mass < 0.0:
         text = f"{with_interval(Number('mass', -mass, spread, 'kg'))} less on {where}: a load was taken off"
@@ -116,12 +118,17 @@ def _load(found: Found, std: FloatArray, on_flange: bool, link: int) -> tuple[tu
     if all(axis in places for axis in (1, 2, 3)) and mass != 0.0:
         rows = [places[axis] for axis in (1, 2, 3)]
         center = found.values[rows] / mass
-        for axis, row, value in zip("xyz", rows, center, strict=True):
-            slope = np.zeros(len(found.values))
-            slope[row], slope[0] = 1.0 / mass, -value / mass
-            deviation = float(np.sqrt(max(0.0, float(slope @ found.covariance @ slope))))
-            numbers.append(Number(f"com_{axis}", float(value), deviation, "m"))
-        text += f", centre ({', '.join(f'{1e3 * value:.0f}' for value in center)}) mm in the frame of link {link}"
+        slopes = np.zeros((3, len(found.values)))
+        slopes[range(3), rows], slopes[:, 0] = 1.0 / mass, -center / mass
+        frame = f"in the frame of link {link}"
+        if flange is not None:
+            center, slopes, frame = flange.point(center), flange.rotation.T @ slopes, "from the flange"
+        deviations = np.sqrt(np.maximum(np.diag(slopes @ found.covariance @ slopes.T), 0.0))
+        numbers += [
+            Number(f"com_{axis}", float(value), float(deviation), "m")
+            for axis, value, deviation in zip("xyz", center, deviations, strict=True)
+        ]
+        text += f", centre ({', '.join(f'{1e3 * value:.0f}' for value in center)}) mm {frame}"
     for place, row in places.items():
         if place >= 4:
             numbers.append(Number(_BODY[place], float(found.values[row]), float(std[row]), "kg m^2"))

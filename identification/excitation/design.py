@@ -34,7 +34,16 @@ from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.local_search import DesignSettings, LocalSearch, Problem
 from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
-from identification.excitation.objective import DETECTABILITY, BaseMatrix, Term, achieved_figures, mixture_weights
+from identification.excitation.objective import (
+    DETECTABILITY,
+    PAYLOAD,
+    BaseMatrix,
+    Term,
+    achieved_figures,
+    mixture_weights,
+)
+from identification.excitation.payload_term import PayloadTerm
+from identification.excitation.prediction import torque_noise
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
@@ -215,7 +224,10 @@ def _problem(
     values = None if nominal is None else searched_base_values(robot, nominal)
     if values is not None and settings.limits == "true" and np.any(np.isfinite(limits.torque_nm)):
         problem = replace(problem, torque=TorqueLimit(values, limits.torque_nm))
-    if DETECTABILITY not in mixture_weights(settings.objective):
+    wanted = mixture_weights(settings.objective)
+    if PAYLOAD in wanted:
+        problem = replace(problem, payload=PayloadTerm.of(robot, torque_noise(robot, settings.noise_nm)))
+    if DETECTABILITY not in wanted:
         return problem
     if values is None or settings.noise_nm is None:
         raise DesignError(
@@ -336,9 +348,11 @@ def _figure(problem: Problem, trajectory: FourierTrajectory, achieved: dict[str,
         "a": 0.5 * float(np.log(achieved[f"{weighted}trace_inverse"] / size)),
     }
     bound = 0.0
+    times = np.arange(round(_RANKING_RATE_HZ * trajectory.period_s)) / _RANKING_RATE_HZ
+    samples = problem.base.samples(*trajectory.evaluate(times), _RANKING_SIGN_WIDTH)
+    if problem.payload is not None:
+        terms[PAYLOAD] = problem.payload(samples)[0]
     if problem.detectability is not None:
-        times = np.arange(round(_RANKING_RATE_HZ * trajectory.period_s)) / _RANKING_RATE_HZ
-        samples = problem.base.samples(*trajectory.evaluate(times), _RANKING_SIGN_WIDTH)
         terms[DETECTABILITY] = problem.detectability(samples)[0]
         bound = max(0.0, terms["cond"] - float(np.log(WORST_CONDITION))) ** 2
     weights = mixture_weights(problem.settings.objective)

@@ -30,6 +30,8 @@ from identification.excitation.detectability_term import DetectabilityTerm, boun
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.nominal import TorqueLimit
 from identification.excitation.objective import (
+    DETECTABILITY,
+    PAYLOAD,
     SIGN_WIDTH_RAD_S,
     BaseMatrix,
     FourierObjective,
@@ -37,6 +39,7 @@ from identification.excitation.objective import (
     mixture_weights,
     terms_of,
 )
+from identification.excitation.payload_term import PayloadTerm
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -65,8 +68,8 @@ STAGES = (Stage(1.0, 50, 0.55), Stage(0.25, 100, 0.75, 2), Stage(0.08, 150, 0.85
 class DesignSettings:
     """What to design.
 
-    objective: "cond", "d", "a", "detectability" or a mix such as "cond:1,d:2". limits: "paper" = (14c-g), corrected;
-    "true" = |q|, |q̇|, |q̈| along the path, and |τ| where a prior of the arm foresees it.
+    objective: "cond", "d", "a", "detectability", "payload" or a mix such as "cond:1,d:2". limits: "paper" =
+    (14c-g), corrected; "true" = |q|, |q̇|, |q̈| along the path, and |τ| where a prior of the arm foresees it.
     budget_s: time for search, ranking and verification together (needs a clock); without it all starts run, and the
     result depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
     offset_rad: centre of each joint's motion, zero by default. noise_nm: torque noise of each joint per sample at
@@ -112,13 +115,14 @@ class Problem:
     settings: DesignSettings
     offset: FloatArray
     detectability: DetectabilityTerm | None = None
+    payload: PayloadTerm | None = None
     torque: TorqueLimit | None = None
     room: Term | None = None
 
     def terms(self) -> tuple[Term, ...]:
         """What is minimised: the objective, and what keeps torque, condition number and distances within bounds."""
         noise = None if self.settings.noise_nm is None else np.array(self.settings.noise_nm)
-        terms = terms_of(self.settings.objective, noise, self.detectability)
+        terms = terms_of(self.settings.objective, noise, {DETECTABILITY: self.detectability, PAYLOAD: self.payload})
         if self.detectability is not None:
             terms += (bounded_condition,)
         return (*terms, *(term for term in (self.torque, self.room) if term is not None))

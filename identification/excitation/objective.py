@@ -8,7 +8,7 @@ terms from elsewhere. Not here: those terms (`detectability_term`, `nominal`), b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,12 +70,16 @@ CRITERIA: dict[str, Criterion] = {
 
 DETECTABILITY = "detectability"
 """Name of the objective that needs a prior of the arm, see `detectability_term`."""
+PAYLOAD = "payload"
+"""Name of the objective that is a load's mass and centre, see `payload_term`."""
+OTHERS = (DETECTABILITY, PAYLOAD)
+"""Objectives that are no function of the Gram of the base regressor."""
 
 
 def mixture_weights(text: str) -> dict[str, float]:
     """The weights of an objective's text: "cond", or a mix such as "cond:1,d:2" ("cond,d" weighs all alike).
 
-    Raises DesignError for a name that is neither of `CRITERIA` nor `DETECTABILITY`, for a weight that is not positive,
+    Raises DesignError for a name that is neither of `CRITERIA` nor of `OTHERS`, for a weight that is not positive,
     or for a name given twice.
     """
     weights: dict[str, float] = {}
@@ -85,9 +89,9 @@ def mixture_weights(text: str) -> dict[str, float]:
             value = float(weight) if weight else 1.0
         except ValueError:
             value = np.nan
-        if name not in (*CRITERIA, DETECTABILITY) or name in weights or not (np.isfinite(value) and value > 0.0):
+        if name not in (*CRITERIA, *OTHERS) or name in weights or not (np.isfinite(value) and value > 0.0):
             raise DesignError(
-                f"Unknown objective '{text}'; known are {', '.join((*CRITERIA, DETECTABILITY))} and mixes such as "
+                f"Unknown objective '{text}'; known are {', '.join((*CRITERIA, *OTHERS))} and mixes such as "
                 "'cond:1,d:2'."
             )
         weights[name] = value
@@ -95,7 +99,7 @@ def mixture_weights(text: str) -> dict[str, float]:
 
 
 def criterion_of(text: str) -> Criterion:
-    """The criterion of an objective's text, see `mixture_weights`; without detectability, which is no function of G.
+    """The criterion of an objective's text, see `mixture_weights`; without `OTHERS`.
 
     A mix adds its terms as logarithms that can be compared, each larger by 0.1 when 10 % worse: log cond, the mean of
     log σ over the p parameters (-log det / 2p), and the logarithm of the root mean square of σ (½ log(trace / p)).
@@ -152,18 +156,23 @@ class GramTerm:
         return value, (stacked @ inner).reshape(samples.matrix.shape) * scale[:, None], nothing, nothing
 
 
-def terms_of(text: str, noise_nm: FloatArray | None = None, detectability: Term | None = None) -> tuple[Term, ...]:
+def terms_of(
+    text: str, noise_nm: FloatArray | None = None, others: Mapping[str, Term | None] | None = None
+) -> tuple[Term, ...]:
     """The terms of an objective's text. With noise_nm (n,) the D and A criteria weigh each joint's rows by 1/noise².
 
-    cond stays that of Y_b as it is, eq. (13). detectability: the term of that name, needed where the text has it.
+    cond stays that of Y_b as it is, eq. (13). others: the terms of OTHERS that the text has.
     """
     weights = mixture_weights(text)
     terms: list[Term] = []
-    wanted = weights.pop(DETECTABILITY, None)
-    if wanted is not None:
-        assert detectability is not None, "the design refuses this objective without a prior"
-        terms.append(_Scaled(detectability, wanted))
-    elif len(weights) == 1 or noise_nm is None:
+    for name in OTHERS:
+        wanted, term = weights.pop(name, None), (others or {}).get(name)
+        if wanted is not None:
+            assert term is not None, "the design refuses this objective without what it needs"
+            terms.append(_Scaled(term, wanted))
+    if terms and not weights:
+        return tuple(terms)
+    if not terms and (len(weights) == 1 or noise_nm is None):
         noisy = noise_nm if "cond" not in weights else None
         return (GramTerm(criterion_of(text), noisy),)
     plain = {name: weight for name, weight in weights.items() if name == "cond" or noise_nm is None}

@@ -21,12 +21,11 @@ import pinocchio
 from identification.errors import RobotError
 from identification.export.xml_text import add, document, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
+from identification.robots.flange import IIWA_FLANGE
 
 __all__ = ["arm_without_inertias", "kinematic_urdf"]
 
 _SHOULDER_HEIGHT_M = {"iiwa14": 0.36, "iiwa7": 0.34}
-_FLANGE_M = 0.126
-"""From the wrist to the flange without media flange, both arms (KUKA brochure LBR iiwa)."""
 _LINK_RADIUS_M = 0.06
 _UNKNOWN_LIMIT = 1e4
 """URDF wants numbers for velocity and effort, and for a prismatic joint's range; this one stands for 'not stated'."""
@@ -59,7 +58,7 @@ def arm_without_inertias(robot: RobotModel, *, joint_names: Sequence[str] | None
     for link in range(kinematics.n):
         ends = [kinematics.translation[joint] for joint in np.flatnonzero(kinematics.parent == link)]
         if known and link == kinematics.n - 1:
-            ends = [np.array([0.0, 0.0, _FLANGE_M])]
+            ends = [IIWA_FLANGE.origin]
         _add_tubes(add(root, "link", name=f"link_{link + 1}"), ends)
     for joint, name in enumerate(names):
         pose = pinocchio.SE3(kinematics.rotation[joint], kinematics.translation[joint])
@@ -82,7 +81,7 @@ def arm_without_inertias(robot: RobotModel, *, joint_names: Sequence[str] | None
     if known:
         add(root, "link", name="flange")
         fixed = add(root, "joint", name="flange_joint", type="fixed")
-        flange = pinocchio.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 0.0, _FLANGE_M]))
+        flange = pinocchio.SE3(IIWA_FLANGE.rotation, IIWA_FLANGE.origin)
         _add_place(fixed, f"link_{kinematics.n}", "flange", flange)
     return root
 

@@ -11,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 
 from identification.errors import RobotError, RobotNotFoundError, reason_of
+from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import STANDARD_GRAVITY, Installation
 from identification.robots.locking import lock_joints
 from identification.robots.model import BUILT_IN, Kinematics, RobotModel
@@ -46,7 +47,8 @@ def load_robot(spec: str | Path, installation: Installation | None = None) -> Ro
 def _described(spec: str | Path, gravity: tuple[float, float, float]) -> RobotModel:
     if str(spec) in BUILT_IN_ROBOTS:
         table = resources.files("identification.robots.data").joinpath(f"{spec}_mdh.csv").read_text("utf-8")
-        return robot_from_table(table, name=str(spec), source=f"{BUILT_IN}{spec}", gravity=gravity)
+        built_in = robot_from_table(table, name=str(spec), source=f"{BUILT_IN}{spec}", gravity=gravity)
+        return replace(built_in, flange=IIWA_FLANGE)
     path = Path(spec)
     if not path.is_file():
         raise RobotNotFoundError(

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio
 
 from identification.errors import RobotError
+from identification.robots.flange import Flange
 from identification.robots.model import Kinematics, RobotModel, build_pinocchio_model, snap_to_right_angles
 
 __all__ = ["lock_joints"]
@@ -47,8 +48,16 @@ def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel
         pinocchio_model=build_pinocchio_model(robot.name, kinematics, names, robot.gravity, inertias),
         modified_denavit_hartenberg=None,
         mimics=(),
+        flange=_flange(robot, kept),
         **{name: getattr(robot, name)[kept] for name in ("position_lower", "position_upper", "velocity", "effort")},
     )
+
+
+def _flange(robot: RobotModel, kept: list[int]) -> Flange | None:
+    """The flange on the link that still moves; None where that link is held."""
+    if robot.flange is None or robot.flange.link not in kept:
+        return None
+    return replace(robot.flange, link=kept.index(robot.flange.link))
 
 
 def _with_followers(robot: RobotModel, held: dict[str, float]) -> dict[str, float]:

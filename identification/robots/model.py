@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.errors import RobotError
+from identification.robots.flange import Flange
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
 FloatArray = npt.NDArray[np.float64]
@@ -92,6 +93,7 @@ class RobotModel:
     theta rad, rl m, the joint variable's own entry being its offset; None for a robot read from a URDF.
     source: what it was read from. digest: SHA-256 of that source. locked_joints: those held still, by name with their
     position; they are no joints of this robot any more. mimics: joints that follow others; `load_robot` leaves none.
+    flange: where load data are given from, None where nobody says.
     pinocchio_model has nq = nv = n; its joint k + 1 is joint k here, continuous URDF joints are plain revolute ones.
     """
 
@@ -109,6 +111,7 @@ class RobotModel:
     digest: str
     locked_joints: tuple[tuple[str, float], ...] = ()
     mimics: tuple[Mimic, ...] = ()
+    flange: Flange | None = None
 
     @property
     def spec(self) -> str:

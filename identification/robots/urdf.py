@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio
 
 from identification.errors import RobotError
+from identification.robots.flange import flange_of_frames
 from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import (
     FloatArray,
@@ -60,6 +61,7 @@ def robot_from_urdf(
         source=source,
         digest=hashlib.sha256(text.encode()).hexdigest(),
         mimics=_mimics(text, joint_names, source),
+        flange=flange_of_frames(parsed),
     )
 
 

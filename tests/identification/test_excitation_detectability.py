@@ -115,7 +115,7 @@ def test_gradient_in_the_coefficients_equals_finite_differences(
 ) -> None:
     # Torque limits below what the motion needs and a condition number above its bound: every term is at work.
     tight = TorqueLimit(values, np.full(7, 10.0))
-    mix = terms_of("cond:0.5,d:2,detectability:0.7", term.noise_nm, term)
+    mix = terms_of("cond:0.5,d:2,detectability:0.7", term.noise_nm, {"detectability": term})
     objective = FourierObjective(BaseMatrix(robot), (*mix, bounded_condition, tight), 0.1, 5, 64)
     generator = np.random.default_rng(4)
     coefficients, offset = 0.3 * generator.normal(size=(7, 10)), 0.2 * generator.normal(size=7)

@@ -52,7 +52,7 @@ def body_of(mass: float, center: tuple[float, float, float]) -> pinocchio.Inerti
 
 
 def weighed(iiwa14: RobotModel, without: Recording, loaded: Recording) -> Body:
-    return weigh(iiwa14, [without], [loaded], rotation=TURN, origin=FLANGE)
+    return weigh(iiwa14, [without], [loaded])
 
 
 @pytest.mark.parametrize("mass", [1.0, 3.0, 10.0])

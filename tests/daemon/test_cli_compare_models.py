@@ -1,0 +1,114 @@
+"""Claims about `compare --models`: who foretells best, what is wrong in whom, bad input.
+
+Truth: torque of the paper's arm by Pinocchio; models of that arm as files, one of which has a heavier last link.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.cli.app import main
+from fixtures.physics import iiwa14_table_three
+from identification.estimators.physical import PhysicalParameters
+from identification.export.write import export_model
+from identification.robots import load_robot
+from tests.identification.exported import consistent, model_of
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
+
+NOISE_NM, EXTRA_KG, OFFSET_NM = 0.05, 1.5, 0.4
+OUT_M = np.array([0.06, 0.03, 0.1])
+"""Aside of the last axis: on it the mass could as well be the link's before."""
+
+
+def run(*words: object) -> int:
+    try:
+        main([str(word) for word in words])
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording, the true arm as URDF, MJCF and SDF, and one whose last link is EXTRA_KG too heavy."""
+    place = tmp_path_factory.mktemp("models")
+    links = iiwa14_table_three()
+    physical = consistent(
+        PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+    )
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=4)
+    torque = inverse_dynamics(load_robot("iiwa14"), physical, *states)
+    torque += NOISE_NM * np.random.default_rng(6).standard_normal(torque.shape)
+    torque[:, 1] += OFFSET_NM
+    np.savez(place / "log.npz", t=np.arange(1000) * 0.01, q=states[0], tau=torque, robot="iiwa14")
+    model = model_of(place, "iiwa14", physical)
+    for form, name in (("urdf", "true.urdf"), ("mjcf", "true.xml"), ("sdf", "true.sdf")):
+        export_model(model, place / name, form, parameter_set="physical")
+    mass, center, inertia = physical.mass.copy(), physical.center_of_mass.copy(), physical.inertia.copy()
+    mass[6] += EXTRA_KG
+    center[6] = (physical.mass[6] * center[6] + EXTRA_KG * OUT_M) / mass[6]
+    heavy = PhysicalParameters(mass, center, inertia, physical.viscous, physical.coulomb)
+    (place / "other").mkdir()
+    export_model(model_of(place / "other", "iiwa14", heavy), place / "heavy.urdf", "urdf", parameter_set="physical")
+    return place
+
+
+def test_the_true_arm_wins_in_every_format_and_the_heavy_link_is_named(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "board.json"
+    files = [folder / name for name in ("heavy.urdf", "true.xml", "true.sdf")]
+    assert run("compare", "--models", *files, "--", folder / "log.npz", "--offsets", "--json", out) == 0
+    board = json.loads(out.read_text())
+    assert board["offsets_fitted"]
+    *best, last = board["models"]
+    assert Path(last["model"]).name == "heavy.urdf"
+    totals = [item["total_nm"] for item in best]
+    # The band of the comparison holds 5 of 50 Hz of white noise.
+    assert totals == pytest.approx([7 * NOISE_NM * np.sqrt(5 / 50)] * 2, rel=0.2)
+    assert best[0]["offsets_nm"][1] == pytest.approx(OFFSET_NM, abs=0.01)
+    (found,) = [item for item in last["differences"] if item["kind"] in ("payload", "link_parameters")]
+    assert found["link"] == 7
+    assert found["number"] == pytest.approx(-EXTRA_KG, rel=0.1)
+    assert not any(item["kind"] in ("payload", "link_parameters") for each in best for item in each["differences"])
+
+
+def test_nothing_is_fitted_unless_declared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # Without dashes, files are told by their endings.
+    assert run("compare", "--models", folder / "true.urdf", folder / "log.npz") == 0
+    text = capsys.readouterr().out
+    assert "nothing fitted" in text
+    row = next(line for line in text.splitlines() if line.startswith("true.urdf"))
+    assert float(row.split()[2]) == pytest.approx(OFFSET_NM, rel=0.05)
+
+
+def test_a_model_of_another_arm_has_no_line_and_says_why(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = (folder / "true.urdf").read_text().replace("0.42", "0.5")
+    (tmp_path / "long.urdf").write_text(other)
+    assert run("compare", "--models", tmp_path / "long.urdf", folder / "true.urdf", "--", folder / "log.npz") == 1
+    text = capsys.readouterr().out
+    assert "lengths or gravity are others" in text
+    assert text.index("true.urdf") < text.index("long.urdf")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["compare", "--models", "a.urdf"], 2, "then --, then recordings"),
+        (["compare", "a.npz"], 2, "two recordings or more"),
+        (["compare", "a.npz", "b.npz", "--offsets"], 2, "belongs to --models"),
+    ],
+)
+def test_what_makes_no_comparison_is_refused(
+    words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*words) == code
+    assert says in " ".join(capsys.readouterr().err.replace("│", " ").split())
+
+
+def test_a_model_that_is_not_there_is_missing_input(folder: Path, tmp_path: Path) -> None:
+    assert run("compare", "--models", tmp_path / "none.urdf", "--", folder / "log.npz") == 66
