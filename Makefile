@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALL := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet
 DEMO_OUT ?= demo-output
 
-.PHONY: demo test test-under-load lint bench clean
+.PHONY: demo test test-under-load lint bench docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/iiwa-ident demo --out $(DEMO_OUT)
@@ -30,6 +30,14 @@ bench: $(VENV)/.installed-test
 	  "excitation --all-targets" "endurance --minutes 3" "estimators --draws 200" "prove --cases 200"; do \
 	  set -- $$benchmark; script=$$1; shift; echo "== $$script"; \
 	  OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.$$script "$$@" || exit 1; done
+
+# The reference from the docstrings, as pages in build/reference.
+docs: $(VENV)/.installed
+	$(INSTALL) --editable '.[docs]'
+	$(BIN)/pdoc --output-directory build/reference identification.interface identification.robots \
+	  identification.recordings identification.recording_fit identification.validation identification.excitation \
+	  identification.mismatch.findings fri_client safety daemon.api
+	@echo "Open build/reference/index.html"
 
 clean:
 	rm -rf $(VENV) $(DEMO_OUT)* build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -17,8 +17,8 @@ import pinocchio
 from identification.errors import IdentificationError
 from identification.estimators.physical import PhysicalParameters
 from identification.excitation import FourierTrajectory, default_trajectory
-from identification.fit import FitSettings, fit_recordings
 from identification.fitting.choices import Pipeline
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import load_robot
 

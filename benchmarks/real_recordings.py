@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.fit import FitSettings, fit_recordings
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot

@@ -27,7 +27,7 @@ from daemon.demonstration import record
 from daemon.preparation import is_safe_motion, prepare_motion
 from identification.excitation import iiwa_limits
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
-from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import load_robot
 from identification.signals.periodic import process_periodic

@@ -28,8 +28,8 @@ from identification.audit.given import given_model, sizes_of
 from identification.audit.rows import rows_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import IdentificationError
-from identification.fit import FitSettings, fit_recordings
 from identification.model_file import Model, read_model, write_model
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.recordings.reader import robot_of
 from identification.regressor import torque_regressor

@@ -77,8 +77,8 @@ def run_item(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from daemon.diagnosis import diagnose_recordings
-        from identification.fit import fit_recordings
         from identification.fitting.rms import json_numbers
+        from identification.recording_fit import fit_recordings
         from identification.recordings.reader import read_inputs
         from identification.report import write_report
         from identification.report.diagnosis_sections import tone_of

@@ -93,7 +93,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
     try:
         status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
         # The numerical libraries take a second to load: the status stands before that.
-        from identification.fit import FitSettings, fit_recordings
+        from identification.recording_fit import FitSettings, fit_recordings
         from identification.recordings.reader import read_inputs
         from identification.report import write_report
 

@@ -15,12 +15,12 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
-from identification.fit import FitResult, fit_recordings
 from identification.fitting.blocks import Block, build_block, rms_over
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.model_file import Model
+from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel

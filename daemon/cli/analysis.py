@@ -29,7 +29,7 @@ from daemon.cli.rms_view import show_rms
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
 
 if TYPE_CHECKING:
-    from identification.fit import FitResult
+    from identification.recording_fit import FitResult
 
 
 @app.command()
@@ -80,7 +80,7 @@ def fit(
 
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
-    from identification.fit import FitSettings, fit_recordings
+    from identification.recording_fit import FitSettings, fit_recordings
     from identification.recordings.reader import recording_file
 
     settings = FitSettings(

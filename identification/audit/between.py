@@ -11,10 +11,10 @@ import numpy as np
 from identification.audit.audit import audit
 from identification.audit.difference import Audit
 from identification.base_parameters import BaseRegressor
-from identification.fit import fit_recordings
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
 from identification.model_file import Model
+from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import IdentificationError
-from identification.fit import FitSettings, Progress, fit_recordings
 from identification.mismatch.data_faults import upright
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import without_effects
+from identification.recording_fit import FitSettings, Progress, fit_recordings
 from identification.recordings.independence import is_called
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel

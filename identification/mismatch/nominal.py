@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import UndeterminedParametersError
-from identification.fit import fit_recordings
 from identification.fitting.nominal_model import notes_on_model
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
@@ -24,6 +23,7 @@ from identification.mismatch.heldout import Residuals, residuals
 from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
 from identification.mismatch.settings import DiagnosisSettings
+from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 

@@ -71,7 +71,7 @@ def test_the_fake_robot_is_one_of_the_family_and_its_help_loads_no_simulator() -
     ("modules", "unneeded"),
     [
         ("daemon.preparation, daemon.service", "scipy.optimize scipy.stats scipy.signal matplotlib mujoco jinja2"),
-        ("identification.fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
+        ("identification.recording_fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
     ],
 )
 def test_a_run_and_a_fit_load_nothing_they_do_without(modules: str, unneeded: str) -> None:

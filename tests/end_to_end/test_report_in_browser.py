@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from identification.fit import FitSettings, fit_recordings
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.report import write_report
 from identification.robots import load_robot

@@ -21,9 +21,9 @@ import daemon.cli.analysis  # noqa: F401  registers the command
 from daemon.cli.app import app
 from identification.errors import EstimationError
 from identification.estimators.observation import CompressedObservation
-from identification.fit import FitSettings, fit_recordings
 from identification.fitting.blocks import Block, line_variances
 from identification.fitting.estimate import estimate_parameters
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.robots import load_robot
 from identification.signals import average_periods, process_periodic

@@ -13,7 +13,7 @@ from identification.errors import DesignError
 from identification.excitation import default_trajectory
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.prediction import NoiseColour, predict_deviations
-from identification.fit import FitSettings, fit_recordings
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.robots import load_robot
 from identification.signals.periodic import PeriodicSettings
 from tests.identification.synthetic import coloured_noise, inverse_dynamics, recording_of, table_three

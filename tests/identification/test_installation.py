@@ -14,8 +14,8 @@ import pinocchio
 import pytest
 
 from identification.errors import RecordingError, RobotError
-from identification.fit import FitSettings, fit_recordings
 from identification.model_file import read_model, write_model
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording, write_recording
 from identification.recordings.reader import read_inputs
 from identification.robots import Installation, load_robot

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import finding_lines
-from identification.fit import FitSettings, fit_recordings
 from identification.mismatch.diagnosis import diagnose
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.report import build_document
 from identification.report.document import Document, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Table
 from identification.report.units import in_units_of_joints

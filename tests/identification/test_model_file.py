@@ -12,8 +12,8 @@ import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, ModelFileNotFoundError
-from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.model_file import read_model, write_model
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.robots import load_robot
 from identification.validation import validate_model
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of, table_three

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from identification.estimators.physical import PhysicalParameters
-from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from identification.errors import RecordingError
-from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.robots import load_robot
 from identification.validation import validate_model

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot

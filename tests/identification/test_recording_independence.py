@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from identification.errors import RecordingError
-from identification.fit import fit_recordings
+from identification.recording_fit import fit_recordings
 from identification.recordings import (
     Recording,
     read_recording,

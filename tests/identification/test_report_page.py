@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from identification.estimators.physical import PhysicalParameters
-from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.fitting.rms import RmsRow, RmsTable
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Finding, ImportReport, RecordingSource
 from identification.report import build_document, write_report
 from identification.report.document import Paragraph

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from identification.estimators.physical import PhysicalParameters
-from identification.fit import FitResult, FitSettings, fit_recordings
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.report.document import Figure
 from identification.report.motion_sections import excitation_section, residual_section

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError
-from identification.fit import FitSettings, fit_recordings
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.robots import load_robot
 from identification.validation import cross_validate, validate_model

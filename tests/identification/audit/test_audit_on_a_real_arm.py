@@ -14,8 +14,8 @@ import pinocchio
 import pytest
 
 from identification.audit import Audit, audit
-from identification.fit import FitSettings, fit_recordings
 from identification.model_file import Model, read_model, write_model
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 

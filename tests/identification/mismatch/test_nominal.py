@@ -12,10 +12,10 @@ import pytest
 
 from identification.errors import UndeterminedParametersError
 from identification.estimators.physical import PhysicalParameters
-from identification.fit import FitResult, FitSettings, fit_recordings
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
 from identification.model_file import read_model, write_model
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record

@@ -17,9 +17,9 @@ from fixtures.cases.files import write_recordings
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
 from identification.estimators.physical import PhysicalParameters
-from identification.fit import FitSettings, fit_recordings
 from identification.mismatch.data_faults import find_data_faults
 from identification.mismatch.diagnosis import diagnose
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.conftest import spring_and_stribeck

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError, RecordingError, UndeterminedParametersError
-from identification.fit import FitSettings, Split, fit_recordings
+from identification.recording_fit import FitSettings, Split, fit_recordings
 from identification.recordings import Recording
 from identification.robots import load_robot
 from tests.identification.synthetic import (

@@ -1,0 +1,278 @@
+"""From Python: `import identification as ident`, then from a recording to parameters, a check and a diagnosis.
+
+Here: five functions with the defaults of the commands of the same name, and value objects that print as tables, in a
+notebook too. Not here: any computation. Nothing is printed and nothing is written unless `save` is called.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from identification.excitation.design import DesignResult
+from identification.excitation.design import design_excitation as search_excitation
+from identification.excitation.limits import limits_of_robot
+from identification.excitation.local_search import DesignSettings
+from identification.excitation.nominal import nominal_parameters
+from identification.fitting.result import FitResult
+from identification.fitting.rms import RmsTable
+from identification.fitting.settings import FitSettings
+from identification.mismatch.diagnosis import diagnose as diagnose_recordings
+from identification.mismatch.extended_model import extended_model
+from identification.mismatch.findings import Diagnosis
+from identification.mismatch.prediction import validate_with_effects
+from identification.mismatch.settings import DiagnosisSettings
+from identification.model_file import Model, read_model, write_model
+from identification.recording_fit import fit_recordings
+from identification.recordings.reader import read_recording, robot_of
+from identification.recordings.recording import Recording
+from identification.report.diagnosis_sections import verdict_sentence
+from identification.robots import RobotModel, load_robot
+from identification.robots.installation import ON_THE_FLOOR, Installation
+
+__all__ = [
+    "Answer",
+    "Excitation",
+    "Fit",
+    "Table",
+    "Validation",
+    "design_excitation",
+    "diagnose",
+    "fit",
+    "read_recording",
+    "validate",
+]
+
+Source = Recording | str | Path
+"""A recording, or the path of one: .mcap, .npz, .csv, .db3, the folder of a run or of a ROS 2 bag."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under a header, with sentences above; prints for a terminal and for a notebook."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    sentences: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Columns of a fixed width, the first one flush left."""
+        lines = [self.header, *self.rows] if self.header else []
+        widths = [max(len(line[column]) for line in lines) for column in range(len(self.header))]
+        text = [
+            "  ".join(
+                [line[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(line[1:], widths[1:], strict=True))]
+            )
+            for line in lines
+        ]
+        return "\n".join([*self.sentences, *text])
+
+    def to_html(self) -> str:
+        """The same as HTML."""
+        head = "".join(f"<th>{escape(cell)}</th>" for cell in self.header)
+        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
+        text = "".join(f"<p>{escape(sentence)}</p>" for sentence in self.sentences)
+        return text + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if self.header else "")
+
+
+class _Printed:
+    """Prints as its `table`."""
+
+    __slots__ = ()
+
+    @property
+    def table(self) -> Table:
+        """What is shown of it."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self.table)
+
+    def __repr__(self) -> str:
+        return str(self.table)
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html()
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Fit(_Printed):
+    """A fitted model. result: everything that the fit hands back (`identification.fitting.result`)."""
+
+    result: FitResult
+
+    @property
+    def table(self) -> Table:
+        """Base parameters with σ, as Table 2 of the paper."""
+        result = self.result
+        rows = tuple(
+            (name, f"{value:.5f}", f"{std:.5f}", unit)
+            for name, value, std, unit in zip(
+                result.names, result.values, result.std, result.regressor.units, strict=True
+            )
+        )
+        return Table(("parameter", "value", "σ", "unit"), rows, (result.misfit.sentence, *result.notes))
+
+    @property
+    def rms(self) -> Validation:
+        """RMS per joint on the rows that were fitted and on those that were held out."""
+        return Validation(self.result.rms)
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as model.json, which every command reads. Raises OSError."""
+        return write_model(self.result.to_model_json(), path)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Validation(_Printed):
+    """RMS of measured minus modelled torque, as Table 4 of the paper. result: the numbers."""
+
+    result: RmsTable
+
+    @property
+    def table(self) -> Table:
+        """One line per set of parameters and recording, one column per joint (Nm; N of a prismatic joint)."""
+        lines = self.result.rows
+        joints = len(lines[0].rms_nm) if lines else 0
+        rows = tuple((line.label, *(f"{x:.4f}" for x in line.rms_nm), f"{line.total_nm:.4f}") for line in lines)
+        return Table(("RMS", *(f"joint {joint}" for joint in range(1, joints + 1)), "sum"), rows)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Answer(_Printed):
+    """A diagnosis. result: all that it says (`identification.mismatch.findings`)."""
+
+    result: Diagnosis
+    recordings: tuple[Recording, ...] = field(default=())
+    robot: RobotModel | None = None
+
+    @property
+    def verdict(self) -> str:
+        """no_mismatch, explained, partly_explained, unexplained or undecided."""
+        return self.result.verdict
+
+    @property
+    def table(self) -> Table:
+        """The verdict and each finding as a sentence; RMS per joint before and after, and of the noise."""
+        result = self.result
+        lines = {
+            "before": result.baseline.rms_nm,
+            "after": result.rms_after_nm,
+            "noise": result.baseline.noise_floor_nm,
+        }
+        joints = len(result.baseline.rms_nm)
+        rows = tuple((name, *(f"{x:.4f}" for x in values)) for name, values in lines.items() if len(values))
+        said = (
+            verdict_sentence(result),
+            *(fault.sentence for fault in result.data_faults),
+            *(finding.sentence for finding in result.findings),
+            *(claim.sentence for claim in result.classes),
+            result.remaining,
+        )
+        return Table(
+            ("RMS, Nm", *(f"joint {joint}" for joint in range(1, joints + 1))), rows, tuple(filter(None, said))
+        )
+
+    def save_model(self, path: str | Path) -> Path:
+        """Write the model with what was found in it. Raises OSError."""
+        assert self.robot is not None
+        return write_model(extended_model(self.result, self.recordings, self.robot), path)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Excitation(_Printed):
+    """A motion. result: its figures and how it was found."""
+
+    result: DesignResult
+
+    @property
+    def table(self) -> Table:
+        """Condition number of its base regressor, and what was verified at 1 kHz."""
+        rows = tuple((name, str(value)) for name, value in self.result.verified.items())
+        return Table(("verified at 1 kHz", ""), rows, (f"cond(Y_b) = {self.result.cond:.2f}",))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the trajectory, for `iiwa-ident check` and `run`. Raises OSError."""
+        path = Path(path)
+        path.write_text(
+            json.dumps(self.result.trajectory.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+        return path
+
+
+def fit(*recordings: Source, robot: str | Path | None = None, **settings: Any) -> Fit:
+    """Identify a robot from one or several recordings together, as `iiwa-ident fit`.
+
+    robot: iiwa14, iiwa7, a URDF or an MDH table, over what the recordings name. settings: fields of `FitSettings`, such
+    as split="first:0.6". Raises RecordingError, RobotError and EstimationError; each says what to do.
+    """
+    read, arm = _read(recordings, robot)
+    return Fit(fit_recordings(read, arm, FitSettings(**settings)))
+
+
+def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation:
+    """RMS per joint of a model on recordings it was not fitted to, its effects included.
+
+    Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used.
+    """
+    if isinstance(model, (str, Path)):
+        model = read_model(model)
+    if isinstance(model, Fit):
+        from identification.validation import validate_model
+
+        read, _ = _read(recordings, None, model.result.robot)
+        return Validation(validate_model(model.result, read))
+    read, _ = _read(recordings, None, model.load_robot())
+    return Validation(validate_with_effects(model, read))
+
+
+def diagnose(
+    *recordings: Source,
+    heldout: Sequence[Source] = (),
+    robot: str | Path | None = None,
+    model: Model | str | Path | None = None,
+    **settings: Any,
+) -> Answer:
+    """Locate what the model leaves out, name it, and check it on `heldout`, as `iiwa-ident diagnose`.
+
+    model: a model.json or a simulator's file to diagnose against, None for a nominal fit. settings: fields of
+    `DiagnosisSettings`. Raises what `fit` raises, and ModelFileError.
+    """
+    given = Path(model) if isinstance(model, str) else model
+    if isinstance(given, Path) and given.suffix == ".json":
+        given = read_model(given)
+    of_model = given.load_robot() if isinstance(given, Model) and robot is None else None
+    read, arm = _read((*recordings, *heldout), robot, of_model)
+    fitted, unseen = read[: len(recordings)], read[len(recordings) :]
+    found = diagnose_recordings(fitted, arm, heldout=unseen, settings=DiagnosisSettings(**settings), model=given)
+    return Answer(found, tuple(fitted), arm)
+
+
+def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings: Any) -> Excitation:
+    """Search a motion that shows the parameters, inside the limits of the arm. settings: fields of `DesignSettings`,
+    such as starts: so many, on two processes, decide how long it takes.
+
+    Distances to floor, walls and the arm itself are not looked at here: `iiwa-ident check` does before anything moves.
+    Raises DesignError.
+    """
+    arm = load_robot(robot, ON_THE_FLOOR)
+    wanted = DesignSettings(seed=seed, **settings)
+    return Excitation(search_excitation(arm, limits_of_robot(arm), wanted, nominal=nominal_parameters(arm, None)))
+
+
+def _read(
+    sources: Sequence[Source], robot: str | Path | None, of_model: RobotModel | None = None
+) -> tuple[list[Recording], RobotModel]:
+    """The recordings and their robot: the one given, else the model's, else the one that the recordings name."""
+    read = [
+        item if isinstance(item, Recording) else read_recording(item, robot=robot, model_robot=of_model)
+        for item in sources
+    ]
+    if of_model is not None:
+        return read, of_model
+    stand: Installation = read[0].installation if read else ON_THE_FLOOR
+    return read, load_robot(robot or robot_of(read), stand)

@@ -1,0 +1,82 @@
+"""`import identification as ident` as the notebook uses it. Truth: the published parameters of the EMPS benchmark."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import identification as ident
+from identification.errors import RecordingNotFoundError
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+NOTEBOOK = REPOSITORY / "docs" / "notebooks" / "recording-to-table.ipynb"
+PUBLISHED = {"M_1": (95.109, 0.5), "FV_1": (203.50, 5.0), "FS_1": (20.39, 1.0), "OFF_1": (-3.165, 0.5)}
+"""Value and how far our estimate, which models nothing else either, may be from it."""
+
+
+@pytest.fixture(scope="module")
+def cells() -> list[dict[str, Any]]:
+    return list(json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"])
+
+
+@pytest.fixture(scope="module")
+def ran(cells: list[dict[str, Any]]) -> dict[str, Any]:
+    """The notebook's names after its code ran in the project's folder; `shown`: what each cell's last line was."""
+    names: dict[str, Any] = {"shown": []}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(REPOSITORY)
+        for cell in cells:
+            if cell["cell_type"] == "code":
+                *lines, last = "".join(cell["source"]).splitlines()
+                exec("\n".join(lines), names)
+                names["shown"].append(eval(last, names) if " = " not in last else exec(last, names))
+    return names
+
+
+def test_the_notebook_has_no_outputs_and_fifteen_lines_of_code_at_most(cells: list[dict[str, Any]]) -> None:
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in code)
+    assert len([line for cell in code for line in cell["source"] if line.strip()]) <= 15
+
+
+def test_the_table_is_the_published_one(ran: dict[str, Any]) -> None:
+    model = ran["model"].result
+    found = dict(zip(model.names, model.values, strict=True))
+    for name, (value, within) in PUBLISHED.items():
+        assert found[name] == pytest.approx(value, abs=within), name
+
+
+def test_everything_shown_prints_as_text_and_as_html(ran: dict[str, Any]) -> None:
+    for shown in filter(None, ran["shown"]):
+        text, html = str(shown), shown._repr_html_()
+        assert html.count("<tr>") == html.count("</tr>") >= 2
+        for row in shown.table.rows:
+            assert row[0] in text
+            assert len(row) == len(shown.table.header)
+    assert "own velocity" in str(ran["answer"])  # published: viscous friction that differs between the directions
+
+
+def test_what_is_saved_is_what_every_command_reads(ran: dict[str, Any], tmp_path: Path) -> None:
+    model, folder = ran["model"], REPOSITORY / "fixtures" / "recordings"
+    file = model.save(tmp_path / "model.json")
+    mine, read = (ident.validate(item, folder / "emps_b.npz").result.rows[0] for item in (model, file))
+    assert read.rms_nm == pytest.approx(mine.rms_nm, rel=1e-9)
+    extended = ran["answer"].save_model(tmp_path / "extended.json")
+    assert ident.validate(extended, folder / "emps_b.npz").result.rows[0].rms_nm.shape == (1,)
+
+
+def test_bad_input_is_the_same_sentence_as_at_the_command_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingNotFoundError, match="there is no such recording"):
+        ident.fit(tmp_path / "none.npz")
+    with pytest.raises(AttributeError, match="no attribute 'fits'"):
+        _ = ident.fits  # type: ignore[attr-defined]
+
+
+def test_nothing_is_loaded_before_it_is_asked_for() -> None:
+    code = "import identification, sys; sys.exit('numpy' in sys.modules or 'fit' not in dir(identification))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
