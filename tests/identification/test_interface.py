@@ -58,7 +58,13 @@ def test_everything_shown_prints_as_text_and_as_html(ran: dict[str, Any]) -> Non
         for row in shown.table.rows:
             assert row[0] in text
             assert len(row) == len(shown.table.header)
-    assert "own velocity" in str(ran["answer"])  # published: viscous friction that differs between the directions
+
+
+def test_the_published_physics_is_named(ran: dict[str, Any]) -> None:
+    """Viscous friction that differs between the directions: half the difference is −36.86 ± 0.87 N s/m."""
+    first = ran["answer"].result.findings[0]
+    assert first.effect == "asymmetric_viscous_friction"
+    assert first.parameters[0].value == pytest.approx(-36.86, abs=4.0)
 
 
 def test_what_is_saved_is_what_every_command_reads(ran: dict[str, Any], tmp_path: Path) -> None:
