@@ -13,16 +13,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from identification.audit.basis import basis_of, left_on
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
 from identification.audit.difference import Audit, Difference
 from identification.audit.given import GivenModel, Sizes, given_model, sizes_of
-from identification.audit.hypotheses import Layout
 from identification.audit.misread import Misread, in_degrees, misread_order
 from identification.audit.numbers import found_numbers
 from identification.audit.rows import COULOMB_VELOCITY, rows_of
-from identification.audit.search import USED, Audited, search
+from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.model_file import Model
@@ -73,9 +71,7 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     if other is not None:
         order, what = other
         misread.append(what)
-        rows = given.geometry.rows
-        rows = replace(rows, torque=rows.torque[:, order], torque_rate=rows.torque_rate[:, order])
-        given = replace(given, geometry=Geometry(robot, rows))
+        given = replace(given, geometry=Geometry(robot, given.geometry.rows.in_order(order)))
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
@@ -86,13 +82,12 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
     options = model.options if isinstance(model, Model) else RegressorOptions()
     regressor = BaseRegressor(robot, options)
     rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
-    sizes, geometry, set_up = sizes_of(robot, rows), Geometry(robot, rows), SetUp.of(robot)
+    sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
     if isinstance(model, Model):
-        name, values = Path(model.path or "the model").name, model
-        return _Given(given_model(values, regressor, sizes, name), sizes, geometry, set_up)
-    return _Given(
-        given_model(read_simulator_model(model, regressor), regressor, sizes, model.name), sizes, geometry, set_up
-    )
+        given = given_model(model, regressor, sizes, Path(model.path or "the model").name)
+    else:
+        given = given_model(read_simulator_model(model, regressor), regressor, sizes, model.name)
+    return _Given(given, sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s))
 
 
 def _too_wide(given: _Given) -> bool:
@@ -101,24 +96,21 @@ def _too_wide(given: _Given) -> bool:
         return False
     columns = given.geometry.columns(given.set_up.gravity)
     used = given.geometry.rows.used
-    spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance, columns, optimize=True)
+    spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance_on(1.0), columns, optimize=True)
     torque = given.geometry.rows.torque
     size, wide = (np.where(used, values, 0.0).sum() for values in (torque**2, spread))
     return bool(wide > TOO_WIDE**2 * size)
 
 
 def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
-    model, sizes, now, noise = given.model, given.sizes, found.comparison, found.noise
-    layout = Layout(now.geometry.robot.n)
-    last = basis_of(layout, model, sizes, [step.hypothesis for step in found.steps])
-    start = basis_of(layout, model, sizes, [])
+    model, first, now = given.model, found.first, found.now
+    noise = now.noise
     before, after = (
-        np.sqrt(left_on(each, basis, own.weight, USED, REPORT, model) / np.maximum(each.products.counts(REPORT), 1.0))
-        for each, basis, own in ((found.first, start, found.first_noise), (now, last, noise))
+        np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0)) for each in (first, now)
     )
-    numbers = found_numbers(found, model, sizes)
+    numbers = found_numbers(now)
     differences = [
-        difference_of(step, each, given.set_up, now.set_up, model.name, given.geometry.robot)
+        difference_of(step, each, given.set_up, now.comparison.set_up, model.name, given.geometry.robot)
         for step, each in zip(found.steps, numbers, strict=True)
     ]
     if (found.signs < 0.0).any():

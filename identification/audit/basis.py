@@ -1,23 +1,32 @@
-"""What is free beside what is tried: the parameters as the model knows them, and the differences so far. Pure."""
+"""A model and the differences found so far, beside the rows of one recording: what they foretell, and what they leave.
+
+The value that a search hands on from step to step. Pure.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
-from identification.audit.columns import INERTIAL, PARAMETERS
-from identification.audit.comparison import Comparison
-from identification.audit.evidence import Estimate, posterior
+from identification.audit.columns import INERTIAL, PARAMETERS, Geometry, SetUp
+from identification.audit.comparison import ALL, REPORT, USED, Comparison, Noise, compare, noise_of
+from identification.audit.evidence import Estimate, log_evidence, marginal, posterior
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout
 
-__all__ = ["Basis", "basis_of", "fitted_on", "left_on", "root_of"]
+__all__ = ["DAYS", "Explanation", "root_of"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+DAYS = (0.3, 1.0, 3.0)
+"""How much friction differs, in times of what is usual between two days: as likely each before the recording is seen.
+All joints together tell, so that one joint stands out after an hour, and none where every joint ran cold.
+"""
 
 
 def root_of(covariance: FloatArray, scale: FloatArray) -> FloatArray:
@@ -27,45 +36,120 @@ def root_of(covariance: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Basis:
-    """The columns that are free beside what is tried, with the factor of their prior."""
+class Explanation:
+    """A model, the differences so far, and a recording read as a set-up says. day: how much friction differs (DAYS)."""
 
-    columns: IntArray
-    factor: FloatArray
+    model: GivenModel
+    sizes: Sizes
+    comparison: Comparison
+    noise: Noise
+    steps: tuple[Hypothesis, ...] = ()
+    day: float = 1.0
 
-    def plus(self, hypothesis: Hypothesis) -> Basis:
-        """With a hypothesis, which has its own copy of its columns."""
-        return Basis(
-            np.concatenate([self.columns, hypothesis.columns]),
-            block_diag(self.factor, np.diag(hypothesis.width)),
-        )
+    @classmethod
+    def of(cls, geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Explanation:
+        """The model as it stands."""
+        return cls(model, sizes, compare(geometry, set_up, model), noise_of(geometry, set_up, sizes, model))
+
+    def read(self, set_up: SetUp) -> Explanation:
+        """With the data read otherwise; the noise stays what it was."""
+        return replace(self, comparison=compare(self.comparison.geometry, set_up, self.model))
+
+    def with_noise_of_now(self) -> Explanation:
+        """With the noise of the set-up as it is read now."""
+        now = self.comparison
+        return replace(self, noise=noise_of(now.geometry, now.set_up, self.sizes, self.model))
+
+    def plus(self, step: Hypothesis, day: float) -> Explanation:
+        """With one difference more."""
+        return replace(self, steps=(*self.steps, step), day=day)
+
+    def without(self, steps: Sequence[Hypothesis]) -> Explanation:
+        """With these differences out."""
+        return replace(self, steps=tuple(step for step in self.steps if step not in steps))
+
+    @property
+    def layout(self) -> Layout:
+        """Where the columns stand."""
+        return Layout(self.comparison.geometry.robot.n)
+
+    def columns(self) -> IntArray:
+        """(k,) places of all that is free: parameters, the delay, and the differences."""
+        own = [step.columns for step in self.steps]
+        return np.concatenate([self.layout.base, [self.layout.delay], *own])
+
+    def factor(self, day: float | None = None) -> FloatArray:
+        """(k, k) root of the prior of all that is free."""
+        covariance = self.model.covariance_on(self.day if day is None else day)
+        widths = np.concatenate([[self.model.delay_std_s], *(step.width for step in self.steps)])
+        return block_diag(root_of(covariance, self.sizes.each), np.diag(widths))
+
+    def fitted(self, parts: Sequence[int]) -> Estimate:
+        """All that is free, by the rows of some parts."""
+        return self._fitted(parts, self.columns(), self.factor())
+
+    def _fitted(self, parts: Sequence[int], columns: IntArray, factor: FloatArray) -> Estimate:
+        gram, right = self.comparison.products.summed(parts, self.noise.weight)
+        return posterior(gram[np.ix_(columns, columns)], right[columns], factor)
+
+    def gains(self, candidates: Sequence[Hypothesis]) -> list[tuple[float, float, Hypothesis]]:
+        """(log odds against none, likeliest day, hypothesis), the best first: whatever day it is, on rows in use."""
+        gram, right = self.comparison.products.summed(USED, self.noise.weight)
+        columns, alone, beside = self.columns(), [], []
+        for day in DAYS:
+            factor = self.factor(day)
+            alone.append(log_evidence(gram[np.ix_(columns, columns)], right[columns], factor))
+            left = marginal(gram, right, columns, factor)
+            beside.append([_evidence(*left, each) for each in candidates])
+        total = np.array(alone)[:, None] + np.array(beside)
+        gained = np.logaddexp.reduce(total, axis=0) - np.logaddexp.reduce(alone)
+        days = [DAYS[place] for place in np.argmax(total, axis=0)]
+        scored = [
+            (float(value) + each.log_odds, day, each) for value, day, each in zip(gained, days, candidates, strict=True)
+        ]
+        return sorted(scored, key=lambda one: -one[0])
+
+    def evidence(self) -> float:
+        """Log evidence of the rows in use, whatever day it is, up to a constant of the noise."""
+        gram, right = self.comparison.products.summed(USED, self.noise.weight)
+        columns = self.columns()
+        gram, right = gram[np.ix_(columns, columns)], right[columns]
+        square = float(self.noise.weight @ self.comparison.products.square[list(USED)].sum(axis=0))
+        return float(np.logaddexp.reduce([log_evidence(gram, right, self.factor(day)) for day in DAYS])) - 0.5 * square
+
+    def foretold(self) -> FloatArray:
+        """(n,) sum of squares that is left on each part in use by what is fitted on the others."""
+        columns, factor = self.columns(), self.factor()
+        left = np.zeros(self.layout.n)
+        for part in USED:
+            values = self._fitted([other for other in USED if other != part], columns, factor).values
+            left += self.comparison.products.left((part,), values, columns)
+        return left
+
+    def reported(self) -> FloatArray:
+        """(n,) sum of squares that is left on the rows that report by what is fitted on those in use."""
+        columns = self.columns()
+        return self.comparison.products.left(REPORT, self.fitted(USED).values, columns)
+
+    def alone(self) -> FloatArray:
+        """(n,) sum of squares that the differences alone leave on the rows that report, fitted on those in use.
+
+        The parameters stay at the model's values, but for the friction and offsets of a drawn model, which says nothing
+        of them: what they would take explains nothing.
+        """
+        columns, size = self.columns(), PARAMETERS * self.layout.n
+        free = np.ones(len(columns), dtype=np.bool_)
+        free[:size] = (np.arange(size) % PARAMETERS >= INERTIAL) & (not self.model.own)
+        factor = self.factor()[free]
+        values = self._fitted(USED, columns[free], factor).values
+        return self.comparison.products.left(REPORT, values, columns[free])
+
+    def deviation_of_last(self) -> tuple[FloatArray, FloatArray]:
+        """Values (m,) and covariance (m, m) of the last difference beside all else, by all rows."""
+        found = self.fitted(ALL)
+        own = slice(len(found.values) - len(self.steps[-1].columns), None)
+        return found.values[own], found.covariance[own, own]
 
 
-def basis_of(layout: Layout, model: GivenModel, sizes: Sizes, steps: list[Hypothesis]) -> Basis:
-    """The parameters as the model knows them, and the differences so far."""
-    factor = root_of(model.covariance, sizes.each)
-    basis = Basis(layout.base, factor)
-    for hypothesis in steps:
-        basis = basis.plus(hypothesis)
-    return basis
-
-
-def left_on(comparison: Comparison, basis: Basis, weight: FloatArray, fitted: tuple[int, ...], parts: tuple[int, ...],
-            model: GivenModel) -> FloatArray:  # fmt: skip
-    """(n,) sum of squares that differences leave on some parts, fitted on others beside all that the model leaves open.
-
-    What the parameters would take is not counted as explained: they stay at the model's values, but for the friction
-    and offsets of a drawn model, which says nothing of them.
-    """
-    values = fitted_on(comparison, basis, weight, fitted).values.copy()
-    size = PARAMETERS * comparison.geometry.robot.n
-    drives = np.arange(size) % PARAMETERS >= INERTIAL
-    values[:size][slice(None) if model.own else ~drives] = 0.0
-    return comparison.products.left(parts, values, basis.columns)
-
-
-def fitted_on(comparison: Comparison, basis: Basis, weight: FloatArray, fitted: tuple[int, ...]) -> Estimate:
-    """Values of a basis' columns by the rows of some parts."""
-    gram, right = comparison.products.summed(fitted, weight)
-    chosen = np.ix_(basis.columns, basis.columns)
-    return posterior(gram[chosen], right[basis.columns], basis.factor)
+def _evidence(gram: FloatArray, right: FloatArray, each: Hypothesis) -> float:
+    return log_evidence(gram[np.ix_(each.columns, each.columns)], right[each.columns], np.diag(each.width))

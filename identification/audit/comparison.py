@@ -15,15 +15,13 @@ from identification.audit.evidence import Products, posterior, products_of, repe
 from identification.audit.given import GivenModel, Sizes, wide_open
 from identification.audit.hypotheses import Layout
 
-__all__ = ["ACCEPT", "ALL", "FIT", "PARTS", "REPORT", "Comparison", "Noise", "compare", "noise_of", "torque_as_read"]
+__all__ = ["ALL", "PARTS", "REPORT", "USED", "Comparison", "Noise", "compare", "noise_of", "torque_as_read"]
 
 FloatArray = npt.NDArray[np.float64]
 
 PARTS = 8
-FIT, ACCEPT, REPORT, ALL = (0, 2, 4, 6), (1, 5), (3, 7), tuple(range(PARTS))
-"""Blocks in turns: those that are fitted, that accept what was fitted, and that report it; each part can be left out
-to see what it changes."""
-
+USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))
+"""Blocks in turns. Each of those in use accepts what the others fitted; those that report are used for neither."""
 
 MOST_NOISE = 2.0
 """Of what a model leaves of its own recordings."""
@@ -55,8 +53,7 @@ class Comparison:
 
 def torque_as_read(geometry: Geometry, set_up: SetUp) -> FloatArray:
     """(R, n) the measured torque with its signs turned and its delay taken off."""
-    rows = geometry.rows
-    return np.asarray(set_up.signs * (rows.torque + set_up.delay_s * rows.torque_rate))
+    return np.asarray(set_up.signs * geometry.rows.torque_after(set_up.delay_s)[0])
 
 
 def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatArray | None = None) -> Comparison:
@@ -67,7 +64,7 @@ def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatA
     columns = np.zeros((count, n, layout.width))
     columns[..., layout.base] = geometry.columns(set_up.gravity, set_up.ratio)
     expected = columns[..., layout.base] @ model.values
-    measured = torque_as_read(geometry, set_up)
+    torque, rate = rows.torque_after(set_up.delay_s)
     columns[:, np.arange(n), layout.gain + np.arange(n)] = expected
     columns[..., layout.gain + n] = expected
     size = float(np.linalg.norm(set_up.gravity))
@@ -77,11 +74,11 @@ def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatA
         else 0.0
     )
     columns[..., layout.clock] = geometry.by_ratio(model.values, set_up.ratio)
-    columns[..., layout.delay] = -set_up.signs * rows.torque_rate
+    columns[..., layout.delay] = -set_up.signs * rate
     columns[..., layout.zero :] = (
         geometry.by_zero(model.values, set_up.gravity, set_up.ratio) if slopes is None else slopes
     )
-    target = measured - expected
+    target = set_up.signs * torque - expected
     parts = [rows.block % PARTS == part for part in ALL]
     return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target)
 

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry
 from identification.audit.columns import INERTIAL as _INERTIAL
-from identification.audit.evidence import Products, products_of
+from identification.audit.evidence import Products, log_evidence, products_of
 
 __all__ = ["Directions", "sphere"]
 
@@ -66,13 +66,15 @@ class Directions:
         self, gravity: FloatArray, weight: FloatArray, mean: FloatArray, factor: FloatArray, ratio: float = 1.0
     ) -> float:
         """Log evidence of the torque with parameters N(mean, F Fᵀ) and weights (n,), up to a constant of the torque."""
-        gram, right = self.products.summed((0,), weight)
-        turned = self.map(gravity, ratio)
+        return self._evidence(*self.products.summed((0,), weight), self.map(gravity, ratio), mean, factor)
+
+    @staticmethod
+    def _evidence(
+        gram: FloatArray, right: FloatArray, turned: FloatArray, mean: FloatArray, factor: FloatArray
+    ) -> float:
         gram, right = turned.T @ gram @ turned, turned.T @ right
         square = 2.0 * mean @ right - mean @ gram @ mean
-        seen = factor.T @ (right - gram @ mean)
-        root, lower = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
-        return float(0.5 * square + 0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
+        return 0.5 * square + log_evidence(gram, right - gram @ mean, factor)
 
     def left(self, gravity: FloatArray, weight: FloatArray, factor: FloatArray) -> FloatArray:
         """(n,) Nm RMS that free parameters leave."""
@@ -87,13 +89,17 @@ class Directions:
         self, weight: FloatArray, mean: FloatArray, factor: FloatArray, size: float = GRAVITY
     ) -> tuple[FloatArray, float]:
         """Gravity (3,) of the best direction, and its log evidence."""
+        products = self.products.summed((0,), weight)
+
+        def evidence(direction: FloatArray) -> float:
+            turned = self.map(size * direction / np.linalg.norm(direction), 1.0)
+            return self._evidence(*products, turned, mean, factor)
 
         def cost(angles: FloatArray, frame: FloatArray) -> float:
-            direction = frame[0] + angles[0] * frame[1] + angles[1] * frame[2]
-            return -self.evidence(size * direction / np.linalg.norm(direction), weight, mean, factor)
+            return -evidence(frame[0] + angles[0] * frame[1] + angles[1] * frame[2])
 
         points = sphere()
-        values = [self.evidence(size * point, weight, mean, factor) for point in points]
+        values = [evidence(point) for point in points]
         best, found = points[int(np.argmax(values))], float(np.max(values))
         for reach in (0.2, 0.02):
             first = np.cross(best, np.eye(3)[int(np.argmin(np.abs(best)))])

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
-__all__ = ["Estimate", "Products", "gain", "marginal", "posterior", "products_of", "repeated_rows"]
+__all__ = ["Estimate", "Products", "log_evidence", "marginal", "posterior", "products_of", "repeated_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -95,11 +95,10 @@ def marginal(gram: FloatArray, right: FloatArray, base: npt.NDArray[np.int64], f
     return gram - seen.T @ solved, right - solved.T @ (factor.T @ right[base])
 
 
-def gain(gram: FloatArray, right: FloatArray, columns: npt.NDArray[np.int64], width: FloatArray) -> float:
-    """Log odds of columns with prior widths (m,) against none, from marginal products."""
-    inner = np.eye(len(columns)) + width[:, None] * gram[np.ix_(columns, columns)] * width
-    seen = width * right[columns]
-    root, lower = cho_factor(inner)
+def log_evidence(gram: FloatArray, right: FloatArray, factor: FloatArray) -> float:
+    """Log odds of Gaussian parameters F z, z ~ N(0, 1), against none."""
+    root, lower = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
+    seen = factor.T @ right
     return float(0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
 
 

@@ -6,13 +6,15 @@ link are kept: those directions that the model does not know are as wide as bodi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
-from identification.audit.rows import COULOMB_VELOCITY, Rows
+from identification.audit.rows import Rows
 from identification.base_parameters import BaseRegressor
 from identification.estimators.prior import uniform_bodies
 from identification.model_file import Model
@@ -30,6 +32,10 @@ DAILY_FRICTION = 0.1
 """Of a joint's friction by which it differs from day to day."""
 DAILY_OFFSET = 0.02
 """Of the torque's standard deviation."""
+DAILY_DELAY_S = 1e-3
+"""By which the torque of two runs is late by more or less: a cycle of the loop that reads it."""
+HIDDEN = 0.3
+"""Of what a model leaves of a joint, what one parameter makes that it does not have: more, and the fit had taken it."""
 DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
@@ -46,16 +52,24 @@ class Sizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GivenModel:
-    """values: (14 n,) with covariance (14 n, 14 n). own: fitted to a recording of the arm, else drawn. left: (n,) Nm
-    RMS that it leaves of its own recordings, nan where it does not say. coulomb_velocity: rad/s of its friction.
+    """values: (14 n,) with covariance (14 n, 14 n) on the day it was made. daily: (14 n,) standard deviation by which
+    friction and offsets differ on another day. own: fitted to a recording of the arm, else drawn. left: (n,) Nm RMS
+    that it leaves of its own recordings, nan where it does not say. delay_s, delay_std_s: how late the torque of its
+    own recordings was; only another delay is a difference.
     """
 
     name: str
     values: FloatArray
     covariance: FloatArray
+    daily: FloatArray
     own: bool
     left: FloatArray
-    coulomb_velocity: float
+    delay_s: float
+    delay_std_s: float
+
+    def covariance_on(self, day: float) -> FloatArray:
+        """(14 n, 14 n) where friction differs so many times as much as from day to day."""
+        return self.covariance + np.diag((day * self.daily) ** 2)
 
 
 def sizes_of(robot: RobotModel, rows: Rows) -> Sizes:
@@ -88,15 +102,14 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
     Raises ModelFileError where its parameters are those of another arm.
     """
     n = regressor.robot.n
+    own = isinstance(model, Model)
     places = places_of(regressor)
     values = model.base_values(regressor) if isinstance(model, Model) else model
     covariance = model.base_covariance(regressor) if isinstance(model, Model) else None
     open_std = wide_open(sizes)
-    mean = np.zeros(PARAMETERS * n)
-    inertial = np.tile(np.arange(PARAMETERS) < INERTIAL, n)
     missing = np.ones(PARAMETERS * n, dtype=np.bool_)
     missing[places] = False
-    # What the model does not have it holds for zero: an offset or a rotor is then a difference, not an open question.
+    # What the model does not have it holds for zero.
     open_std[missing] = 1e-6 * sizes.each[missing]
     image = np.zeros((len(values), PARAMETERS * n))
     image[:, places] = regressor.regrouping
@@ -104,25 +117,36 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
     if covariance is None:
         covariance = np.diag(1e-8 * np.diag(spread))
     gain = np.linalg.solve(spread + covariance, image * open_std**2).T
-    mean = mean + gain @ (values - image @ mean)
+    mean = gain @ values
     known = np.diag(open_std**2) - gain @ (image * open_std**2)
-    extra = np.zeros(PARAMETERS * n)
-    table = mean.reshape(n, PARAMETERS)
-    drives = extra.reshape(n, PARAMETERS)
+    known = 0.5 * (known + known.T) + np.diag((1e-6 * sizes.each) ** 2)
+    daily = np.zeros((n, PARAMETERS))
+    left, delay = np.full(n, np.nan), (0.0, 0.0)
     if isinstance(model, Model):
-        drives[:, INERTIAL : INERTIAL + 2] = DAILY_FRICTION * np.abs(table[:, INERTIAL : INERTIAL + 2])
-        drives[:, SYMBOLS.index("OFF")] = DAILY_OFFSET * sizes.torque
+        friction = slice(INERTIAL, INERTIAL + 2)
+        daily[:, friction] = DAILY_FRICTION * np.abs(mean.reshape(n, PARAMETERS)[:, friction])
+        daily[:, SYMBOLS.index("OFF")] = DAILY_OFFSET * sizes.torque
         fitted = model.data.get("rms_nm", {}).get("fit", [])
-        left = np.array([np.nan if each is None else each for each in fitted])
+        if len(fitted) == n:
+            left = np.array([np.nan if each is None else each for each in fitted])
+        # A drive's parameter that the fit does not have may hide in what it left, and is then no news.
+        hidden = sizes.each.reshape(n, PARAMETERS) * (HIDDEN * np.nan_to_num(left) / (DRIVE * sizes.torque))[:, None]
+        known += np.diag(np.where(missing, hidden.ravel(), 0.0) ** 2)
+        delay = _delay(model.data.get("provenance", {}).get("torque_delay", {}))
     else:
-        extra[inertial] = DRAWN * sizes.each[inertial]
-        drives[:, INERTIAL:-1] = sizes.each.reshape(n, PARAMETERS)[:, INERTIAL:-1] * REST_OPEN
-        left = np.full(n, np.nan)
-    known = 0.5 * (known + known.T) + np.diag(extra**2 + (1e-6 * sizes.each) ** 2)
-    width = regressor.options.coulomb_velocity or COULOMB_VELOCITY
-    return GivenModel(
-        name, mean, known, isinstance(model, Model), left if left.shape == (n,) else np.full(n, np.nan), width
-    )
+        drawn = DRAWN * sizes.each.reshape(n, PARAMETERS)
+        drawn[:, INERTIAL:] = 0.0
+        drawn[:, INERTIAL:-1] = REST_OPEN * sizes.each.reshape(n, PARAMETERS)[:, INERTIAL:-1]
+        known += np.diag(drawn.ravel() ** 2)
+    return GivenModel(name, mean, known, daily.ravel(), own, left, *delay)
+
+
+def _delay(entry: Mapping[str, Any]) -> tuple[float, float]:
+    """How late the torque of a fit's recordings was, and how well that is known of another run, s; zeros without."""
+    common, std = entry.get("common_s"), entry.get("common_std_s")
+    if common is None or std is None:
+        return 0.0, 0.0
+    return float(common), float(np.hypot(std, DAILY_DELAY_S))
 
 
 def places_of(regressor: BaseRegressor) -> npt.NDArray[np.int64]:

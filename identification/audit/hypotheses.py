@@ -147,7 +147,9 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolut
     for joint in range(n):
         viscous, coulomb, offset, rotor = (layout.parameter(joint, symbol) for symbol in SYMBOLS[INERTIAL:])
         friction = [viscous, coulomb, offset]
-        add("friction_change", ODDS["friction_change"] / n, friction, sizes.each[friction], joint=joint)
+        # One odds for a change of friction; half of it for each form that needs a single number.
+        for chosen, share in ((friction, 1.0), ([viscous], 0.5), ([coulomb], 0.5)):
+            add("friction_change", share * ODDS["friction_change"] / n, chosen, sizes.each[chosen], joint=joint)
         add("torque_offset", ODDS["torque_offset"] / n, [offset], sizes.each[[offset]], joint=joint)
         add("rotor_inertia", ODDS["rotor_inertia"] / n, [rotor], sizes.each[[rotor]], joint=joint)
         add("torque_sensor_gain", ODDS["torque_sensor_gain"] / n, [layout.gain + joint], [GAIN_WIDTH], joint=joint)

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from identification.audit.basis import Basis, basis_of
-from identification.audit.comparison import ACCEPT, ALL, FIT, REPORT, Comparison
-from identification.audit.evidence import posterior
-from identification.audit.given import GivenModel, Sizes
-from identification.audit.hypotheses import Hypothesis, Layout
-from identification.audit.search import Audited
+from identification.audit.basis import Explanation
+from identification.audit.comparison import ALL, REPORT
+from identification.audit.hypotheses import Hypothesis
 
 __all__ = ["FEW_PARTS", "Found", "found_numbers"]
 
@@ -41,48 +38,35 @@ class Found:
     scale: float
 
 
-def found_numbers(found: Audited, model: GivenModel, sizes: Sizes) -> list[Found]:
-    """Of every step, on all rows."""
-    now, noise = found.comparison, found.noise
-    layout = Layout(now.geometry.robot.n)
-    basis = basis_of(layout, model, sizes, [step.hypothesis for step in found.steps])
-    values, covariance = _fitted(now, basis, noise.weight, ALL)
-    unseen, _ = _fitted(now, basis, noise.weight, (*FIT, *ACCEPT))
-    left = now.products.left(REPORT, unseen, basis.columns)
-    counts = now.products.counts(REPORT)
-    expected = float((counts / noise.repeated).sum())
-    birge = max(1.0, float(noise.weight @ left) / max(expected, 1.0))
-    without = np.array([_fitted(now, basis, noise.weight, [p for p in ALL if p != part])[0] for part in ALL])
+def found_numbers(now: Explanation) -> list[Found]:
+    """Of every difference, on all rows."""
+    estimate = now.fitted(ALL)
+    products, noise = now.comparison.products, now.noise
+    expected = float((products.counts(REPORT) / noise.repeated).sum())
+    birge = max(1.0, float(noise.weight @ now.reported()) / max(expected, 1.0))
+    without = np.array([now.fitted([p for p in ALL if p != part]).values for part in ALL])
     moved = without - without.mean(axis=0)
     between = FEW_PARTS**2 * (len(ALL) - 1) / len(ALL) * moved.T @ moved
-    scale = _scale_scatter(now, basis, layout, noise.weight)
-    result, place = [], len(layout.base)
-    for step in found.steps:
-        own = slice(place, place + len(step.hypothesis.columns))
+    scale = _scale_scatter(now)
+    result, place = [], len(now.layout.base) + 1
+    for step in now.steps:
+        own = slice(place, place + len(step.columns))
         place = own.stop
-        whole = birge * covariance[own, own] + between[own, own]
-        result.append(Found(step.hypothesis, values[own], whole, scale))
+        whole = birge * estimate.covariance[own, own] + between[own, own]
+        result.append(Found(step, estimate.values[own], whole, scale))
     return result
 
 
-def _fitted(now: Comparison, basis: Basis, weight: FloatArray, parts: list[int] | tuple[int, ...]) -> tuple[
-    FloatArray, FloatArray
-]:  # fmt: skip
-    gram, right = now.products.summed(parts, weight)
-    estimate = posterior(gram[np.ix_(basis.columns, basis.columns)], right[basis.columns], basis.factor)
-    return estimate.values, estimate.covariance
-
-
-def _scale_scatter(now: Comparison, basis: Basis, layout: Layout, weight: FloatArray) -> float:
+def _scale_scatter(now: Explanation) -> float:
     """Relative: root of the mean square of the joints' scales, free beside what was found, less their own variance."""
-    free = np.arange(layout.gain, layout.gain + layout.n)
-    free = np.array([place for place in free if place not in basis.columns], dtype=np.int64)
+    layout = now.layout
+    taken = np.concatenate([[-1], *(step.columns for step in now.steps)])
+    free = np.setdiff1d(np.arange(layout.gain, layout.gain + layout.n), taken)
     if not free.size:
         return 0.0
-    hypothesis = Hypothesis("torque_sensor_gain", free, np.full(free.size, SCALE_WIDTH), 0.0)
-    values, covariance = _fitted(now, basis.plus(hypothesis), weight, ALL)
-    own = slice(len(basis.columns), None)
-    squares = values[own] ** 2 - np.diag(covariance)[own]
+    scales = Hypothesis("torque_sensor_gain", free, np.full(free.size, SCALE_WIDTH), 0.0)
+    values, covariance = now.plus(scales, now.day).deviation_of_last()
+    squares = values**2 - np.diag(covariance)
     # Joints that carry no weight know nothing of their scale: each counts by what it does know.
-    known = 1.0 / (np.diag(covariance)[own] + 1e-4)
+    known = 1.0 / (np.diag(covariance) + 1e-4)
     return float(np.sqrt(max(0.0, float(known @ squares) / float(known.sum()))))

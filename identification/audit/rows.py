@@ -16,6 +16,7 @@ import numpy.typing as npt
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, sixth_order_difference
+from identification.signals.processed import ProcessedSignals
 
 __all__ = ["BLOCK_S", "COULOMB_VELOCITY", "Rows", "rows_of"]
 
@@ -41,7 +42,8 @@ _ARRAYS = ("position", "velocity", "acceleration", "direction", "torque", "torqu
 class Rows:
     """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
     friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
-    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band.
+    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band. pieces, stride:
+    where the rows come from, and every how many-th is taken.
     """
 
     position: FloatArray
@@ -54,11 +56,36 @@ class Rows:
     block: IntArray
     spacing_s: float
     low_pass_hz: float
+    pieces: tuple[ProcessedSignals, ...]
+    stride: int = 1
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.position.shape[1])
+
+    def torque_after(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
+        """(R, n) Nm and Nm/s, the torque and its rate so much later: of a torque that is late, those of these rows."""
+        if delay_s == 0.0:
+            return self.torque, self.torque_rate
+        torque, rate = [], []
+        for piece in self.pieces:
+            grid = float(piece.time[1] - piece.time[0])
+            # A smooth torque goes by its rate from the nearest sample; further than that it is taken from there.
+            samples = round(delay_s / grid)
+            places = np.clip(np.arange(len(piece.time)) + samples, 0, len(piece.time) - 1)
+            later = piece.torque[places]
+            slope = sixth_order_difference(later, grid)
+            torque.append(piece.project(later + (delay_s - samples * grid) * slope))
+            rate.append(piece.project(slope))
+        return np.concatenate(torque)[:: self.stride], np.concatenate(rate)[:: self.stride]
+
+    def in_order(self, order: IntArray) -> Rows:
+        """With the torque of joint order[j] under joint j."""
+        return replace(
+            self, torque=self.torque[:, order], torque_rate=self.torque_rate[:, order],
+            pieces=tuple(replace(piece, torque=piece.torque[:, order]) for piece in self.pieces),
+        )  # fmt: skip
 
 
 def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_VELOCITY) -> Rows:
@@ -90,10 +117,11 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                     first + ((time - time[0]) / duration).astype(np.int64),
                     float(time[1] - time[0]),
                     low_pass_hz,
+                    (piece,),
                 )
             )
     arrays: dict[str, Any] = {name: np.concatenate([getattr(item, name) for item in found]) for name in _ARRAYS}
-    joined = replace(found[0], **arrays)
+    joined = replace(found[0], **arrays, pieces=tuple(piece for item in found for piece in item.pieces))
     if int(joined.used.any(axis=1).sum()) < FEWEST_ROWS:
         raise RecordingError(
             f"{recordings[0].source.path}: the robot moves in fewer than {FEWEST_ROWS} rows of {low_pass_hz:.3g} Hz; "
@@ -107,4 +135,4 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
 
 def _thinned(rows: Rows, stride: int) -> Rows:
     arrays: dict[str, Any] = {name: getattr(rows, name)[::stride] for name in _ARRAYS}
-    return replace(rows, **arrays, spacing_s=rows.spacing_s * stride)
+    return replace(rows, **arrays, spacing_s=rows.spacing_s * stride, stride=stride)

@@ -10,37 +10,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.audit.basis import Basis, basis_of, fitted_on, left_on, root_of
+from identification.audit.basis import Explanation, root_of
 from identification.audit.columns import PARAMETERS, Geometry, SetUp
-from identification.audit.comparison import (
-    ACCEPT,
-    ALL,
-    FIT,
-    REPORT,
-    Comparison,
-    Noise,
-    compare,
-    noise_of,
-    torque_as_read,
-    turned,
-)
+from identification.audit.comparison import ALL, USED, Comparison, torque_as_read, turned
 from identification.audit.directions import Directions
-from identification.audit.evidence import gain, marginal
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout, hypotheses
 
-__all__ = ["USED", "Audited", "Step", "search"]
+__all__ = ["Audited", "Step", "search"]
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
-USED = (*FIT, *ACCEPT)
 LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""
-FIRST_SHARE, LATER_SHARE = 0.15, 0.04
+FIRST_SHARE, LATER_SHARE = 0.1, 0.04
+"""Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
 LEAST_SIGMAS = 5.0
-REPORTED = 0.5
-"""Of the least share: what is named has to explain something on rows that neither fitted nor accepted it."""
+LEAST_TORQUE = 0.5
+"""Of what the best model leaves of some joint: less is below what these rows can show."""
 MOST_STEPS = 5
 ALIKE = 0.03
 AS_LIKELY = 3.0
@@ -56,169 +43,158 @@ SLOWEST = 0.3
 SIGN_BELOW = -0.3
 """A scale below this is a sensor read with the wrong sign, not a weak one."""
 
+Scored = tuple[float, float, Hypothesis]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One difference. gain: nats. share, explained: of the difference of torque that it takes away on the rows that
-    accept it, and on those that were not used for that either. alternatives: what is as likely on these rows.
+    """One difference. gain: nats. explained: of the difference of torque that it takes away on the rows that report.
+    alternatives: what is as likely on these rows.
     """
 
     hypothesis: Hypothesis
     gain: float
-    share: float
     explained: float
     alternatives: tuple[Hypothesis, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audited:
-    """What was found. comparison: at the last set-up; noise: there."""
+    """What was found. signs: (n,) by which the torque was turned. now, first: with all differences, and with none."""
 
     steps: tuple[Step, ...]
     signs: FloatArray
-    comparison: Comparison
-    noise: Noise
-    first: Comparison
-    first_noise: Noise
+    now: Explanation
+    first: Explanation
 
 
-def search(geometry: Geometry, robot_set_up: SetUp, model: GivenModel, sizes: Sizes) -> Audited:
+def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Audited:
     """The differences between a model and the rows of a recording, the largest evidence first."""
-    layout = Layout(geometry.robot.n)
-    noise = noise_of(geometry, robot_set_up, sizes, model)
-    if _all_turned(geometry, robot_set_up, noise, model, sizes):
-        turned_round = replace(robot_set_up, signs=-robot_set_up.signs)
-        again = search(geometry, turned_round, model, sizes)
-        return replace(again, signs=-again.signs, first=compare(geometry, robot_set_up, model), first_noise=noise)
-    now = compare(geometry, robot_set_up, model)
-    first, first_noise = now, noise
-    rms = np.sqrt(np.einsum("pjaa->a", now.products.gram) / max(1.0, float(now.products.count.sum() / layout.n)))
-    candidates = hypotheses(layout, sizes, rms, model.own, geometry.robot.kinematics.revolute)
-    steps: list[Step] = []
+    first = Explanation.of(geometry, set_up, model, sizes)
+    n = first.layout.n
+
+    def again(signs: FloatArray) -> Audited:
+        found = search(geometry, replace(set_up, signs=set_up.signs * signs), model, sizes)
+        return replace(found, signs=found.signs * signs, first=first)
+
+    if _all_turned(first):
+        return again(-np.ones(n))
+    products = first.comparison.products
+    rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
+    candidates = hypotheses(first.layout, sizes, rms, model.own, geometry.robot.kinematics.revolute)
+    now, steps = first, tuple[Step, ...]()
     while len(steps) < MOST_STEPS:
-        taken = _next(now, noise, model, sizes, candidates, steps, first)
+        taken = _next(now, candidates, first)
         if taken is None:
             break
         step, after = taken
-        if step.hypothesis.effect == "torque_sensor_gain":
-            signs = _signs(after, step, layout, noise, model, sizes, [item.hypothesis for item in steps])
-            if signs is not None:
-                again = search(geometry, replace(robot_set_up, signs=robot_set_up.signs * signs), model, sizes)
-                return replace(again, signs=again.signs * signs, first=first, first_noise=first_noise)
-        steps = [*_still_needed(after, [*steps, step], noise, model, sizes)]
-        now = after
+        signs = _signs(after, step.hypothesis)
+        if signs is not None:
+            return again(signs)
+        needless = _needless(after)
+        steps = tuple(each for each in (*steps, step) if each.hypothesis not in needless)
+        now = after.without(needless)
         if step.hypothesis.bends:
-            noise = noise_of(now.geometry, now.set_up, sizes, model)
-    return Audited(tuple(steps), np.ones(layout.n), now, noise, first, first_noise)
+            now = now.with_noise_of_now()
+    return Audited(steps, np.ones(n), now, first)
 
 
-def _still_needed(now: Comparison, steps: list[Step], noise: Noise, model: GivenModel, sizes: Sizes) -> list[Step]:
-    """The steps without those that the last one makes needless: its evidence beside all others is gone."""
-    layout = Layout(now.geometry.robot.n)
-    kept = list(steps)
-    for step in steps[:-1]:
-        if step.hypothesis.bends:
-            continue
-        others = [item.hypothesis for item in kept if item is not step]
-        basis = basis_of(layout, model, sizes, others)
-        gram, right = marginal(*now.products.summed(FIT, noise.weight), basis.columns, basis.factor)
-        own = step.hypothesis
-        if gain(gram, right, own.columns, own.width) + own.log_odds < LEAST_GAIN:
-            kept = [item for item in kept if item is not step]
-    return kept
+def _needless(now: Explanation) -> list[Hypothesis]:
+    """The steps that the last one makes needless: their evidence beside all others is gone."""
+    gone: list[Hypothesis] = []
+    for step in now.steps[:-1]:
+        if not step.bends and now.without([*gone, step]).gains([step])[0][0] < LEAST_GAIN:
+            gone.append(step)
+    return gone
 
 
-def _signs(after: Comparison, step: Step, layout: Layout, noise: Noise, model: GivenModel, sizes: Sizes,
-           before: list[Hypothesis]) -> FloatArray | None:  # fmt: skip
+def _signs(after: Explanation, step: Hypothesis) -> FloatArray | None:
     """(n,) −1 where a scale says that the sensor is read with the wrong sign; None where it is a mere scale."""
-    basis = basis_of(layout, model, sizes, [*before, step.hypothesis])
-    scale = 1.0 + float(fitted_on(after, basis, noise.weight, ALL).values[-1])
-    if scale > SIGN_BELOW:
+    if step.effect != "torque_sensor_gain" or 1.0 + float(after.fitted(ALL).values[-1]) > SIGN_BELOW:
         return None
-    joint = step.hypothesis.joint
-    return np.where(np.arange(layout.n) == joint, -1.0, 1.0) if joint is not None else -np.ones(layout.n)
+    n = after.layout.n
+    return -np.ones(n) if step.joint is None else np.where(np.arange(n) == step.joint, -1.0, 1.0)
 
 
-def _next(now: Comparison, noise: Noise, model: GivenModel, sizes: Sizes, candidates: list[Hypothesis],
-          steps: list[Step], first: Comparison) -> tuple[Step, Comparison] | None:  # fmt: skip
-    layout = Layout(now.geometry.robot.n)
-    before = [step.hypothesis for step in steps]
-    basis = basis_of(layout, model, sizes, before)
-    gram, right = now.products.summed(FIT, noise.weight)
-    gram, right = marginal(gram, right, basis.columns, basis.factor)
-    known = {item.place for item in before}
-    scored = [
-        (gain(gram, right, item.columns, item.width) + item.log_odds, item)
-        for item in candidates
-        if item.place not in known
-    ]
-    if not scored:
-        return None
-    scored.sort(key=lambda pair: -pair[0])
-    weight = 1.0 / noise.std**2
-    pinned = basis_of(layout, model, sizes, before)
-    whole = float(weight @ left_on(first, basis_of(layout, model, sizes, []), noise.weight, FIT, ACCEPT, model))
-    left = float(weight @ left_on(now, pinned, noise.weight, FIT, ACCEPT, model))
-    turn = _turned_base(now, noise, model, sizes) if "base_tilt" not in {p[0] for p in known} else None
-    if turn is not None:
-        tilt = next(item for item in candidates if item.effect == "base_tilt")
-        if turn[1] + tilt.log_odds > scored[0][0]:
-            scored = [(turn[1] + tilt.log_odds, tilt), *[pair for pair in scored if pair[1] is not tilt]]
-    for score, item in _fewest_columns_first(scored, model.own)[:TRIED]:
+def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) -> tuple[Step, Explanation] | None:
+    """The next difference and all with it; None where none is likely and seen on rows that were not fitted."""
+    known = {item.place for item in now.steps}
+    scored = now.gains([item for item in candidates if item.place not in known])
+    turned = _turned_base(now, [item for item in candidates if item.effect == "base_tilt" and item.place not in known])
+    if turned is not None and turned[0][0] > next(one[0] for one in scored if one[2] is turned[0][2]):
+        scored = [turned[0] if one[2] is turned[0][2] else one for one in scored]
+    else:
+        turned = None
+    scored.sort(key=lambda one: -one[0])
+    for score, day, item in _fewest_columns_first(scored, now.model.own)[:TRIED]:
         if score < LEAST_GAIN:
             return None
-        after = now
-        if item.bends:
-            start = now
-            if item.effect == "base_tilt" and turn is not None and turn[1] + item.log_odds >= score:
-                start = compare(now.geometry, replace(now.set_up, gravity=turn[0]), model)
-            after = _bent(start, item, noise, model, sizes, before)
-        trial = basis_of(layout, model, sizes, [*before, item])
-        share = (left - float(weight @ left_on(after, trial, noise.weight, FIT, ACCEPT, model))) / whole
-        sigmas = _sigmas(after, basis.plus(item), noise, item, now)
-        least = LATER_SHARE if steps else FIRST_SHARE
-        if share < least or sigmas < LEAST_SIGMAS:
-            continue
-        explained = _share(now, after, before, item, first, noise, model, sizes)
-        if explained >= REPORTED * least and _plausible(after, basis.plus(item), noise, item, sizes):
-            return Step(item, score, share, explained, _alike(item, score, scored)), after
+        start = turned[1] if turned is not None and item is turned[0][2] else now
+        after = _bent(start.plus(item, day)) if item.bends else start.plus(item, day)
+        least = LATER_SHARE if now.steps else FIRST_SHARE
+        if (
+            _share(now, after, first) >= least
+            and float(now.noise.weight @ (replace(now, day=day).reported() - after.reported())) > 0.0
+            and _sigmas(now, after) >= LEAST_SIGMAS
+            and _loudest(now, after) >= LEAST_TORQUE
+            and _plausible(after)
+        ):
+            return Step(item, score, _explained(now, after, first), _alike(item, score, scored)), after
     return None
 
 
-def _share(now: Comparison, after: Comparison, before: list[Hypothesis], item: Hypothesis, first: Comparison,
-           noise: Noise, model: GivenModel, sizes: Sizes) -> float:  # fmt: skip
-    """Of the first difference, what a step takes away on the rows that report."""
-    layout = Layout(now.geometry.robot.n)
-    weight = 1.0 / noise.std**2
-    whole, left, stays = (
-        float(weight @ left_on(each, basis_of(layout, model, sizes, steps), noise.weight, USED, REPORT, model))
-        for each, steps in ((first, []), (now, before), (after, [*before, item]))
-    )
+def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
+    """Of the first difference beyond noise, what the last step takes away on rows that were not fitted.
+
+    Beside the parameters, which are free in both; on the same day, since which day it is was weighed by the evidence.
+    """
+    weight, counts = first.noise.weight, first.comparison.products.counts(USED)
+    whole, before = (replace(each, day=after.day).foretold() for each in (first, now))
+    beyond = float(weight @ np.maximum(whole - counts * first.noise.std**2, 0.0))
+    return float(weight @ (before - after.foretold())) / max(beyond, 1e-300)
+
+
+def _explained(now: Explanation, after: Explanation, first: Explanation) -> float:
+    """Of the first difference, what a step by itself takes away on the rows that report."""
+    weight = 1.0 / first.noise.std**2
+    whole, left, stays = (float(weight @ each.alone()) for each in (first, now, after))
     return (left - stays) / whole if whole > 0.0 else 0.0
 
 
-def _plausible(after: Comparison, basis: Basis, noise: Noise, item: Hypothesis, sizes: Sizes) -> bool:
+def _loudest(now: Explanation, after: Explanation) -> float:
+    """The RMS of a difference's torque over what the best model leaves, of the joint where it is largest."""
+    values, _ = after.deviation_of_last()
+    columns = after.steps[-1].columns
+    old, new = now.comparison, after.comparison
+    rows = new.geometry.rows.used
+    gram = new.products.gram.sum(axis=0)[:, columns][..., columns]
+    counts = np.maximum(new.products.counts(ALL), 1.0)
+    moved = (np.where(rows, old.target - new.target, 0.0) ** 2).sum(axis=0)
+    power = (np.einsum("jab,a,b->j", gram, values, values) + moved) / counts
+    return float(np.sqrt(np.max(power / now.noise.std**2)))
+
+
+def _plausible(after: Explanation) -> bool:
     """Whether the numbers can be those of the thing: a load weighs and is in reach, a clock no tenth of another."""
-    found = fitted_on(after, basis, noise.weight, ALL)
-    own = slice(len(basis.columns) - len(item.columns), None)
-    values, std = found.values[own], np.sqrt(np.diag(found.covariance)[own])
+    item = after.steps[-1]
+    values, covariance = after.deviation_of_last()
     if item.effect == "payload":
-        if int(item.columns[0]) % PARAMETERS != 0 or abs(values[0]) < WEIGHS * std[0]:
+        if int(item.columns[0]) % PARAMETERS != 0 or abs(values[0]) < WEIGHS * np.sqrt(covariance[0, 0]):
             return False
         moments = [k for k, column in enumerate(item.columns) if 1 <= int(column) % PARAMETERS <= 3]
-        return float(np.linalg.norm(values[moments])) < FARTHEST * float(sizes.length.max()) * abs(float(values[0]))
+        reach = FARTHEST * float(after.sizes.length.max())
+        return float(np.linalg.norm(values[moments])) < reach * abs(float(values[0]))
     if item.effect == "wrong_time_base":
-        return SLOWEST < after.set_up.ratio * float(np.exp(values[0])) < 1.0 / SLOWEST
+        return SLOWEST < after.comparison.set_up.ratio * float(np.exp(values[0])) < 1.0 / SLOWEST
     return True
 
 
-def _sigmas(after: Comparison, basis: Basis, noise: Noise, item: Hypothesis, now: Comparison) -> float:
+def _sigmas(now: Explanation, after: Explanation) -> float:
     """How many standard deviations a difference is from none."""
-    found = fitted_on(after, basis, noise.weight, ALL)
-    own = slice(len(basis.columns) - len(item.columns), None)
-    values = found.values[own] + _already(now.set_up, after.set_up, item, Layout(now.geometry.robot.n))
-    spread = found.covariance[own, own]
-    square = float(values @ np.linalg.pinv(spread, rcond=1e-12, hermitian=True) @ values)
+    item = after.steps[-1]
+    values, covariance = after.deviation_of_last()
+    values = values + _already(now.comparison.set_up, after.comparison.set_up, item, now.layout)
+    square = float(values @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ values)
     return float(np.sqrt(max(0.0, square)))
 
 
@@ -238,69 +214,66 @@ def _already(old: SetUp, new: SetUp, item: Hypothesis, layout: Layout) -> FloatA
     return np.zeros(len(item.columns))
 
 
-def _bent(now: Comparison, item: Hypothesis, noise: Noise, model: GivenModel, sizes: Sizes,
-          before: list[Hypothesis]) -> Comparison:  # fmt: skip
-    """The comparison with a difference turned into the data, linearised again until it does not move."""
-    layout = Layout(now.geometry.robot.n)
-    basis = basis_of(layout, model, sizes, [*before, item])
+def _bent(after: Explanation) -> Explanation:
+    """With the last difference turned into the data, linearised again until it does not move."""
+    item = after.steps[-1]
     for _ in range(TURNS):
-        found = fitted_on(now, basis, noise.weight, FIT).values[-len(item.columns) :]
+        found = after.fitted(USED).values[-len(item.columns) :]
         step = np.clip(found, -2.0 * item.width, 2.0 * item.width)
-        set_up = turned(now.set_up, layout, int(item.columns[0]), step)
-        now = compare(now.geometry, set_up, model)
+        after = after.read(turned(after.comparison.set_up, after.layout, int(item.columns[0]), step))
         if np.all(np.abs(step) < 1e-3 * item.width):
             break
-    return now
+    return after
 
 
-def _all_turned(geometry: Geometry, set_up: SetUp, noise: Noise, model: GivenModel, sizes: Sizes) -> bool:
+def _all_turned(first: Explanation) -> bool:
     """Whether every torque has the wrong sign: better so than as it is, and than with gravity from anywhere else."""
-    torque = torque_as_read(geometry, set_up)
-    factor = root_of(model.covariance, sizes.each)
-    there, turned_round = (Directions.of(geometry, sign * torque) for sign in (1.0, -1.0))
-    weight = noise.weight
-    best = turned_round.evidence(set_up.gravity, weight, model.values, factor)
-    if best < there.evidence(set_up.gravity, weight, model.values, factor) + LEAST_GAIN:
+    now, weight = first.comparison, first.noise.weight
+    torque = torque_as_read(now.geometry, now.set_up)
+    prior = first.model.values, root_of(first.model.covariance_on(1.0), first.sizes.each)
+    there, turned_round = (Directions.of(now.geometry, sign * torque) for sign in (1.0, -1.0))
+    best = turned_round.evidence(now.set_up.gravity, weight, *prior)
+    if best < there.evidence(now.set_up.gravity, weight, *prior) + LEAST_GAIN:
         return False
-    size = float(np.linalg.norm(set_up.gravity))
-    return size == 0.0 or best > there.best(weight, model.values, factor, size)[1] + LEAST_GAIN
-
-
-def _turned_base(now: Comparison, noise: Noise, model: GivenModel, sizes: Sizes) -> tuple[
-    FloatArray, float
-] | None:  # fmt: skip
-    """Gravity of the best direction on the whole sphere, and its log odds against the present one."""
     size = float(np.linalg.norm(now.set_up.gravity))
-    if size == 0.0:
+    return size == 0.0 or best > there.best(weight, *prior, size)[1] + LEAST_GAIN
+
+
+def _turned_base(now: Explanation, tilts: list[Hypothesis]) -> tuple[Scored, Explanation] | None:
+    """The base turned to where gravity is likeliest on the whole sphere, which no tangent reaches."""
+    read: Comparison = now.comparison
+    size = float(np.linalg.norm(read.set_up.gravity))
+    if size == 0.0 or not tilts:
         return None
-    everything = Directions.of(now.geometry, torque_as_read(now.geometry, now.set_up))
-    weight = noise.weight * now.products.counts(FIT) / np.maximum(now.products.counts(ALL), 1.0)
-    factor = root_of(model.covariance, sizes.each)
-    present = everything.evidence(now.set_up.gravity, weight, model.values, factor, now.set_up.ratio)
-    gravity, best = everything.best(weight, model.values, factor, size)
-    return gravity, best - present
+    everything = Directions.of(read.geometry, torque_as_read(read.geometry, read.set_up))
+    weight = now.noise.weight * read.products.counts(USED) / np.maximum(read.products.counts(ALL), 1.0)
+    prior = now.model.values, root_of(now.model.covariance_on(now.day), now.sizes.each)
+    gravity, _ = everything.best(weight, *prior, size)
+    turned = now.read(replace(read.set_up, gravity=gravity))
+    score, day, tilt = turned.gains(tilts)[0]
+    return (score + turned.evidence() - now.evidence(), day, tilt), turned
 
 
-def _alike(item: Hypothesis, score: float, scored: list[tuple[float, Hypothesis]]) -> tuple[Hypothesis, ...]:
+def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypothesis, ...]:
     """Other places or things with the same evidence, one of each; none for what was turned into the data."""
     if item.bends:
         return ()
     found: dict[tuple[str, int | None, int | None], Hypothesis] = {}
-    for other_score, other in scored:
+    for other_score, _, other in scored:
         if other.place != item.place and abs(other_score - score) < AS_LIKELY:
             found.setdefault(other.place, other)
     return tuple(found.values())
 
 
-def _fewest_columns_first(scored: list[tuple[float, Hypothesis]], own: bool) -> list[tuple[float, Hypothesis]]:
+def _fewest_columns_first(scored: list[Scored], own: bool) -> list[Scored]:
     """Bodies that explain the same within a few per cent: that with the fewest numbers is tried first.
 
     own: of a fit of this arm, where a link does not change but what hangs on it does.
     """
-    best = scored[0][0]
-    alike = [pair for pair in scored if pair[1].is_body and pair[0] > best - ALIKE * abs(best)]
-    if not scored[0][1].is_body or len(alike) < 2:
+    if not scored or not scored[0][2].is_body:
         return scored
-    alike.sort(key=lambda pair: (own and pair[1].effect == "link_parameters", len(pair[1].columns), -pair[0]))
-    chosen = {id(pair[1]) for pair in alike}
-    return [*alike, *[pair for pair in scored if id(pair[1]) not in chosen]]
+    best = scored[0][0]
+    alike = [one for one in scored if one[2].is_body and one[0] > best - ALIKE * abs(best)]
+    alike.sort(key=lambda one: (own and one[2].effect == "link_parameters", len(one[2].columns), -one[0]))
+    chosen = {id(one[2]) for one in alike}
+    return [*alike, *[one for one in scored if id(one[2]) not in chosen]]
