@@ -3,7 +3,9 @@
 Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.setup_faults --seed S [--rounds N] [--kinds A,B] [--json FILE]
 Each recording is cut into two halves (two runs of the KR300 are taken as they are): a model is fitted to one, the fault
 is put into the other, sizes and places are drawn. Right: the fault's name at its place and nothing else; silent: no
-name; wrong: any other. Coverage: how often the 95 % interval of its number holds what was put in.
+name; wrong: any other. Coverage: how often the 95 % interval of its number holds what was put in. Strength: half of the
+χ² by which the fault moves the torque beyond noise and all that the model leaves open, on every row of the recording: a
+silent case below ENOUGH could not be named at odds of 400 : 1 by one who knew the fault's every detail but its size.
 The recordings are those of shared/recordings beside the checkout; without them there is nothing to run.
 """
 
@@ -23,7 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.audit import Audit, audit
+from identification.audit.audit import compared
 from identification.audit.columns import PARAMETERS
+from identification.audit.evidence import posterior, products_of
 from identification.audit.given import given_model, sizes_of
 from identification.audit.rows import rows_of
 from identification.base_parameters import BaseRegressor
@@ -46,6 +50,10 @@ SETS: dict[str, tuple[tuple[str, ...], str | None, float]] = {
 }
 """Files, robot, and the load in kg that the arm is made for."""
 MOTION_HZ = 16.0
+
+
+ENOUGH = 12.0
+"""Nats: 6 of evidence, 4 of prior odds for one fault of one joint, 2 for a size that is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,6 +286,28 @@ def judged(fault: Fault, result: Audit) -> tuple[str, bool | None]:
     return "right", None if number is None else number.interval[0] <= fault.number[1] <= number.interval[1]
 
 
+def strength(background: Background, fault: Fault) -> float:
+    """Nats in a fault, beside what the model leaves open; nan where it changes more than the torque that is left."""
+    clean, faulty = (
+        compared([recording], background.robot, background.model)
+        for recording in (background.recording, fault.recording)
+    )
+    moved = faulty.comparison.target
+    if moved.shape != clean.comparison.target.shape:
+        return float("nan")
+    moved = moved - clean.comparison.target
+    read = clean.comparison
+    columns = np.concatenate(
+        [read.geometry.columns(read.set_up.gravity, read.set_up.ratio), read.geometry.rows.torque_rate[..., None]],
+        axis=2,
+    )
+    used = read.geometry.rows.used & faulty.comparison.geometry.rows.used
+    products = products_of(columns, moved, used, [np.ones(len(moved), dtype=np.bool_)])
+    gram, right = products.summed((0,), clean.noise.weight)
+    open_part = right @ posterior(gram, right, clean.factor()).values
+    return 0.5 * float(clean.noise.weight @ products.square[0] - open_part)
+
+
 def main() -> int:
     """Inject, audit, count; print a line a kind."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -297,6 +327,7 @@ def main() -> int:
         found = backgrounds(arguments.folder, Path(folder))
     table: dict[str, Counter[str]] = {kind: Counter() for kind in (*kinds, "clean")}
     held: list[bool] = []
+    weak = 0
     started, runs = time.process_time(), 0
     for background in found:
         clean = audit([background.recording], background.robot, background.model)
@@ -311,9 +342,12 @@ def main() -> int:
                 verdict, holds, said = "silent", None, str(error)
             runs += 1
             table[kind][verdict] += 1
+            nats = strength(background, fault) if verdict == "silent" else float("nan")
+            weak += verdict == "silent" and nats < ENOUGH
             held += [] if holds is None else [holds]
             if arguments.verbose and (verdict != "right" or holds is False):
-                print(f"{background.name}, {kind} {fault.names} {fault.number}: {verdict} {holds}: {said}", flush=True)
+                put_in = f"{background.name}, {kind} {fault.names} {fault.number}"
+                print(f"{put_in}: {verdict} {holds} {nats:.1f}: {said}", flush=True)
     total: Counter[str] = Counter()
     for kind, counts in table.items():
         print(f"{kind:22} right {counts['right']:3}  silent {counts['silent']:3}  wrong {counts['wrong']:3}")
@@ -321,11 +355,13 @@ def main() -> int:
     seen = max(1, total.total())
     shares = "  ".join(f"{name} {100 * total[name] / seen:.0f} %" for name in ("right", "silent", "wrong"))
     print(f"{'together':22} {shares}")
+    print(f"silent and below {ENOUGH:.0f} nats: {weak} of {total['silent']}")
     print(f"95 % intervals that hold: {100 * np.mean(held) if held else float('nan'):.0f} % of {len(held)}")
     spent = (time.process_time() - started) / max(1, runs)
     print(f"seed {arguments.seed}, {len(found)} recordings, {spent:.2f} s CPU each")
     if arguments.json:
-        arguments.json.write_text(json.dumps({"kinds": table, "together": total, "held": held}, indent=1) + "\n")
+        facts = {"kinds": table, "together": total, "held": held, "weak": weak}
+        arguments.json.write_text(json.dumps(facts, indent=1) + "\n")
     return 0
 
 

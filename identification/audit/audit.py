@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
 from identification.audit.difference import Audit, Difference
@@ -28,7 +29,7 @@ from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 
-__all__ = ["audit"]
+__all__ = ["audit", "compared"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -76,6 +77,12 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
     return _said(found, given, misread)
+
+
+def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Explanation:
+    """Recordings beside a model before anything is looked for. Raises as `audit`."""
+    given = _prepared(recordings, robot, model)
+    return Explanation.of(given.geometry, given.set_up, given.model, given.sizes)
 
 
 def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> _Given:

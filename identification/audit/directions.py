@@ -74,7 +74,7 @@ class Directions:
     ) -> float:
         gram, right = turned.T @ gram @ turned, turned.T @ right
         square = 2.0 * mean @ right - mean @ gram @ mean
-        return 0.5 * square + log_evidence(gram, right - gram @ mean, factor)
+        return float(0.5 * square) + log_evidence(gram, right - gram @ mean, factor)
 
     def left(self, gravity: FloatArray, weight: FloatArray, factor: FloatArray) -> FloatArray:
         """(n,) Nm RMS that free parameters leave."""
