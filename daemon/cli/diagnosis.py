@@ -212,18 +212,16 @@ def joint_table(diagnosis: Diagnosis) -> Table:
     """RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
     units = diagnosis.torque_units or ("Nm",) * diagnosis.baseline.rms_nm.size
     table = Table("RMS", *(f"joint {joint}, {unit}" for joint, unit in enumerate(units, start=1)))
-    rows = [
-        ("fitted, nominal model", diagnosis.baseline.rms_nm),
-        ("fitted, with findings", diagnosis.rms_after_nm),
-    ]
-    measured = diagnosis.baseline.noise_is_measured
+    rows = [("fitted, nominal model", diagnosis.baseline.rms_nm)]
+    measured, named = diagnosis.baseline.noise_is_measured, bool(diagnosis.findings)
+    if named:
+        rows.append(("fitted, with findings", diagnosis.rms_after_nm))
     if measured:
         rows.append(("fitted, noise", diagnosis.baseline.noise_floor_nm))
     if diagnosis.heldout is not None:
-        rows += [
-            ("held out, nominal model", diagnosis.heldout.rms_before_nm),
-            ("held out, with findings", diagnosis.heldout.rms_after_nm),
-        ]
+        rows.append(("held out, nominal model", diagnosis.heldout.rms_before_nm))
+        if named:
+            rows.append(("held out, with findings", diagnosis.heldout.rms_after_nm))
         if measured:
             rows.append(("held out, noise", diagnosis.heldout.noise_floor_nm))
     for name, values in rows:

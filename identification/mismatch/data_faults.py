@@ -188,12 +188,11 @@ def _sign_rows(stretch: Thinned, regressor: BaseRegressor) -> SignRows:
         gram.append(_transposed(by_joint) @ by_joint)
         seen.append((_transposed(by_joint) @ torque.T[..., None])[..., 0])
         squares.append((torque**2).sum(axis=0))
-    free = np.array([basis.shape[1] for basis in stretch.rivals], dtype=np.float64)
     return SignRows(
         gram=np.stack(gram) / ROWS_PER_NUMBER,
         seen=np.stack(seen) / ROWS_PER_NUMBER,
         squares=np.stack(squares) / ROWS_PER_NUMBER,
-        columns=np.stack([0.0 * free, free]),
+        columns=np.array([basis.shape[1] for basis in stretch.rivals], dtype=np.float64),
         numbers=signals.time.size / ROWS_PER_NUMBER,
         positive=positive_quantities(regressor, signals.position, signals.velocity),
     )

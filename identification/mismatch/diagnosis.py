@@ -158,7 +158,7 @@ def diagnose(
         unseen,
         tuple(chain(*faults)),
         nominal,
-        after_findings(nominal, plain, claims.after),
+        after_findings(nominal.rms_nm, claims.before.rms_nm, claims.after.rms_nm),
         settings,
     )
     if given is not None:

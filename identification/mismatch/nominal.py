@@ -124,8 +124,11 @@ def residuals_of(nominal: Nominal, evidences: Sequence[Evidence], library: Libra
     return residuals(replace(plain, base=nominal.values), evidences, library)
 
 
-def after_findings(nominal: Nominal, before: Residuals, after: Residuals) -> FloatArray:
-    """(n,) RMS in Nm that the fit would state with the findings in it: its own less what they take off the rows."""
-    return np.asarray(
-        np.sqrt(np.maximum(nominal.rms_nm**2 - before.rms_nm**2 + after.rms_nm**2, 0.0)), dtype=np.float64
-    )
+def after_findings(nominal: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """(n,) RMS in Nm that the fit would state with the findings in it.
+
+    nominal: (n,) of the fit. before, after: (n,) on the rows of the diagnosis, without and with the findings. What they
+    take off those is off the fit's own, at most in the same share: rows and weights of the two are not all the same.
+    """
+    share = np.minimum(1.0, (nominal / np.maximum(before, 1e-300)) ** 2)
+    return np.asarray(np.sqrt(np.maximum(nominal**2 - share * (before**2 - after**2), 0.0)), dtype=np.float64)

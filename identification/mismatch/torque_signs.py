@@ -2,8 +2,9 @@
 
 The joints share inertial parameters, so that one cannot be turned unnoticed, and friction that feeds energy or inertia
 below zero belongs to no arm. Every pattern is fitted, in all recordings with common base parameters, the noise of each
-joint as it comes out; with and without free functions of each joint's state, so that strong physics is no rival which
-only a turned sign could describe. Called by the search for data faults.
+joint as it comes out, beside free functions of each joint's state, so that strong physics is no rival which only a
+turned sign could describe. These have a prior as wide as the joint asks for and cost what they could describe: without
+it they describe a turned torque as well as any. Called by the search for data faults.
 """
 
 from __future__ import annotations
@@ -24,9 +25,7 @@ TURN = 8.0
 """Log-odds against a turned torque: 3000 to 1. All of a recording turned (the vendor's sign) is one turn."""
 CLEAR = 3.0
 """Log-odds within which a pattern with fewer turns is as good: 20 to 1."""
-PER_COLUMN = 0.5
-"""Log-likelihood that a free function gains on noise."""
-ROUNDS = 4
+ROUNDS = 6
 MOST_TURNED = 3
 """Joints turned against all others: every pattern of an arm with seven."""
 RIDGE = 1e-10
@@ -41,7 +40,7 @@ class SignRows:
     """One recording as products over its samples, per joint; first as it is, then beside free functions of the joint.
 
     gram: (2, n, p, p), seen: (2, n, p) columns of the base parameters with themselves and the torque. squares: (2, n)
-    of the torque. columns: (2, n) number of free functions. numbers: independent numbers a joint has; products are
+    of the torque. columns: (n,) number of free functions. numbers: independent numbers a joint has; products are
     scaled to them. positive: (2 n, p), what is positive on every arm (`torque_sign.positive_quantities`).
     """
 
@@ -97,41 +96,58 @@ def _turns(patterns: FloatArray) -> FloatArray:
 
 
 def _log_likelihood(recordings: Sequence[SignRows], signs: FloatArray) -> FloatArray:
-    """(P,) of patterns (P, R n), the better of that with and of that without free functions, less what physics forbids.
+    """(P,) of patterns (P, R n), less what physics forbids.
 
     Free functions may feed energy like no friction does, so what must be positive is asked of the fit without them.
     """
-    plain, normal, values, scale = _of_kind(recordings, signs, 0)
-    found = np.maximum(plain, _of_kind(recordings, signs, 1)[0])
+    found = _profile(recordings, signs, free=True)[0]
+    _, normal, values, scale = _profile(recordings, signs, free=False)
     positive = np.mean([item.positive for item in recordings], axis=0) / scale
     covariance = positive @ np.linalg.solve(normal, positive.T)
     broken = [broken_squares(*pair) for pair in zip(values @ positive.T, covariance, strict=True)]
     return np.asarray(found - 0.5 * np.array(broken), dtype=np.float64)
 
 
-def _of_kind(
-    recordings: Sequence[SignRows], signs: FloatArray, kind: int
+def _profile(
+    recordings: Sequence[SignRows], signs: FloatArray, *, free: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Profile likelihood (P,) over base parameters and noise; normal equations (P, p, p) of the parameters (P, p) times
     a scale (p,).
+
+    free: beside m free functions of each joint, of which any coefficient has the variance v of a common prior that is
+    maximised as well. With the share w = 1 / (1 + v) of what they could describe, a joint's squares are
+    w · plain + (1 − w) · beside, and its likelihood has m / 2 · log w besides (the determinant of noise and prior).
     """
     gram, seen, squares = (
-        np.concatenate([getattr(item, name)[kind] for item in recordings]) for name in ("gram", "seen", "squares")
+        np.concatenate([getattr(item, name) for item in recordings], axis=1) for name in ("gram", "seen", "squares")
     )
+    columns = np.concatenate([item.columns for item in recordings])
     numbers = np.repeat([item.numbers for item in recordings], recordings[0].squares.shape[1])
-    floor = np.maximum(SMALLEST_RESIDUAL * np.concatenate([item.squares[0] for item in recordings]), 1e-300)
-    residual = np.tile(np.maximum(squares, floor), (len(signs), 1))
-    scale = np.sqrt(np.einsum("cpp,c->p", gram, numbers / residual[0]))
+    floor = np.maximum(SMALLEST_RESIDUAL * squares[0], 1e-300)
+    scale = np.sqrt(np.einsum("cpp,c->p", gram[0], numbers / np.maximum(squares[0], floor)))
     scale[scale < ABSENT * scale.max()] = np.inf
     gram, seen = gram / np.outer(scale, scale), seen / scale
     size = scale.size
-    for _ in range(ROUNDS):
-        weight = numbers / residual
-        normal = (weight @ gram.reshape(len(gram), -1)).reshape(-1, size, size)
+    left = np.maximum(np.repeat(squares[:, None], len(signs), axis=1), floor)
+    for step in range(ROUNDS + 1):
+        kept = _kept(left, columns, numbers) if free else np.ones_like(left[0])
+        residual = kept * left[0] + (1.0 - kept) * left[1]
+        if step == ROUNDS:
+            break
+        weight = numbers / residual * np.stack([kept, 1.0 - kept])
+        normal = np.tensordot(weight, gram, ((0, 2), (0, 1)))
         normal += RIDGE * np.einsum("xpp->x", normal)[:, None, None] / size * np.eye(size)
-        values = np.linalg.solve(normal, ((weight * signs) @ seen)[..., None])[..., 0]
-        bent = (values[:, None, :] * (values @ gram.reshape(-1, size).T).reshape(len(signs), len(gram), size)).sum(-1)
-        residual = np.maximum(squares - 2.0 * signs * (values @ seen.T) + bent, floor)
-    columns = sum(float(item.columns[kind].sum()) for item in recordings)
-    found = -0.5 * (numbers * np.log(residual)).sum(axis=1) - PER_COLUMN * columns
+        seen_by = sum((weight[kind] * signs) @ seen[kind] for kind in range(2))
+        values = np.linalg.solve(normal, seen_by[..., None])[..., 0]
+        products = (values @ gram.reshape(-1, size).T).reshape(len(signs), 2, -1, size)
+        bent = np.einsum("xkcp,xp->kxc", products, values)
+        left = np.maximum(squares[:, None] - 2.0 * signs * np.einsum("xp,kcp->kxc", values, seen) + bent, floor)
+    found = 0.5 * (columns * np.log(kept) - numbers * np.log(residual)).sum(axis=1)
     return found, normal, values, scale
+
+
+def _kept(left: FloatArray, columns: FloatArray, numbers: FloatArray) -> FloatArray:
+    """(P, C) the likeliest w of squares (2, P, C) plain and beside: m · beside / ((N − m) · (plain − beside))."""
+    taken = np.maximum(numbers - columns, 0.0) * np.maximum(left[0] - left[1], 0.0)
+    beside = columns * left[1]
+    return np.asarray(np.divide(beside, taken, out=np.ones_like(taken), where=taken > beside))

@@ -14,6 +14,7 @@ from identification.errors import UndeterminedParametersError
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.nominal import after_findings
 from identification.model_file import read_model, write_model
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
@@ -104,3 +105,9 @@ def test_a_motion_of_one_joint_is_diagnosed_although_it_leaves_parameters_open(
     diagnosis = diagnose([recording], iiwa14)
     assert diagnosis.baseline.detected[5]
     assert any("leaves parameters open" in note for note in diagnosis.notes)
+
+
+def test_findings_take_off_the_fit_what_they_take_off_the_rows_and_never_more_than_it_left() -> None:
+    """Squares by hand: 5² − (3² − 0) = 4²; a third of the rows' squares is gone, so a third of 2²."""
+    nominal, before, after = np.array([5.0, 2.0, 2.0]), np.array([3.0, 9.0, 9.0]), np.array([0.0, 9.0, np.sqrt(54.0)])
+    np.testing.assert_allclose(after_findings(nominal, before, after), [4.0, 2.0, np.sqrt(4.0 * 2.0 / 3.0)])

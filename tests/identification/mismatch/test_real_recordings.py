@@ -64,19 +64,33 @@ def test_nothing_is_claimed_between_periods_where_there_are_none(tx40: tuple[Dia
     assert any("no periods" in note for note in diagnosis.notes)
 
 
-def test_no_name_is_given_to_the_kr300_by_ten_seconds_that_explain_no_other_ten(shared_folder: Path) -> None:
+@pytest.fixture(scope="module")
+def kr300(shared_folder: Path) -> Diagnosis:
+    return _diagnosed(shared_folder, "kr300_a.npz", heldout=("kr300_b.npz",))[0]
+
+
+def test_no_name_is_given_to_the_kr300_by_ten_seconds_that_explain_no_other_ten(kr300: Diagnosis) -> None:
     """Motor and link encoder differ by a delay, which moves torque little; what is left has no name yet.
 
     Nothing measures the noise, so misfit on its ground is no mismatch; but the two runs disagree.
     """
-    diagnosis, _ = _diagnosed(shared_folder, "kr300_a.npz", heldout=("kr300_b.npz",))
-    assert diagnosis.verdict == "unexplained"
-    assert not diagnosis.findings
-    assert not diagnosis.baseline.noise_is_measured
-    assert not any(diagnosis.baseline.detected)
-    assert diagnosis.heldout is not None
-    assert any(item.differs for item in diagnosis.heldout.misfits)
-    assert "Something differs between the fitted recordings and kr300_b.npz" in diagnosis.remaining
+    assert kr300.verdict == "unexplained"
+    assert not kr300.findings
+    assert not kr300.baseline.noise_is_measured
+    assert not any(kr300.baseline.detected)
+    assert kr300.heldout is not None
+    assert any(item.differs for item in kr300.heldout.misfits)
+    assert "Something differs between the fitted recordings and kr300_b.npz" in kr300.remaining
+
+
+def test_no_torque_of_the_kr300_is_turned_in_one_run_alone(kr300: Diagnosis) -> None:
+    """Both runs are of one robot and one program: joint 4 was turned in run a once, and 228 Nm stayed on run b."""
+    assert not [fault for fault in kr300.data_faults if fault.fault == "inverted_torque_sign"]
+    assert kr300.audit is None or not any("sign" in item.sentence for item in kr300.audit.differences)
+
+
+def test_without_findings_a_fit_is_what_it_was(kr300: Diagnosis) -> None:
+    np.testing.assert_allclose(kr300.rms_after_nm, kr300.baseline.rms_nm, rtol=1e-9)
 
 
 def test_the_emps_axis_has_the_asymmetric_friction_that_is_published(shared_folder: Path) -> None:
