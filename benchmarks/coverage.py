@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from benchmarks.estimators import PERIODS, QUANTILE_95, Experiment
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.fitting.nominal_model import choose_nominal_model, estimate_with
+from identification.fitting.nominal_model import choose_nominal_model, estimate_nominal
 from identification.fitting.processing import process_whole_periods
 from identification.fitting.settings import FitSettings
 
@@ -52,9 +52,10 @@ def covered(experiment: Experiment, case: str, draws: int, seed: int) -> tuple[F
         settings = FitSettings()
         processed = process_whole_periods(recording, settings)
         assert processed is not None
-        regressor, blocks, _ = choose_nominal_model([processed], experiment.robot, settings)
+        model = choose_nominal_model([processed], experiment.robot, settings)
+        regressor = model.regressor
         larger += regressor.options.offset or regressor.options.coulomb_velocity > 0.0
-        estimate = estimate_with(blocks, regressor, [processed], settings)[1].least_squares
+        estimate = estimate_nominal(model, [processed], settings)[1].least_squares
         own = [regressor.names.index(name) for name in experiment.base.names]
         error = np.abs(estimate.values[own] - experiment.truth)
         inside.append(error < QUANTILE_95 * estimate.std[own])

@@ -30,7 +30,7 @@ from identification.fitting.nominal_model import (
     Progress,
     build_blocks,
     choose_nominal_model,
-    estimate_with,
+    estimate_nominal,
     notes_on_model,
     process_all,
 )
@@ -77,17 +77,19 @@ def fit_recordings(
     if band is not None:
         settings = replace(settings, low_pass_hz=band.low_pass_hz)
     report("regressor", 0.3)
-    regressor, blocks, facts = choose_nominal_model(processed, robot, settings)
+    model = choose_nominal_model(processed, robot, settings)
+    regressor, blocks = model.regressor, model.blocks
     report("least squares", 0.5)
-    estimator, estimate = estimate_with(blocks, regressor, processed, settings)
+    estimator, estimate = estimate_nominal(model, processed, settings)
     delay = _delay(blocks, regressor, estimate, estimator)
     if settings.delay_correction != "no":
         shift = delay.of(settings.delay_correction)
         processed = [
             replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
         ]
-        blocks = build_blocks(processed, regressor, settings)
-        estimator, estimate = estimate_with(blocks, regressor, processed, settings)
+        model = replace(model, blocks=build_blocks(processed, regressor, settings))
+        blocks = model.blocks
+        estimator, estimate = estimate_nominal(model, processed, settings)
     least_squares = estimate.least_squares
     sign = _torque_sign(regressor, least_squares, blocks)
     if settings.check_torque_sign:
@@ -137,7 +139,7 @@ def fit_recordings(
             *([] if band is None else [band.sentence]),
             *notes_on_model(regressor, settings),
         ),
-        provenance=provenance(processed, robot, regressor, settings, facts),
+        provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
     return result

@@ -32,10 +32,13 @@ _TOLERANCE = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class FrictionWidth:
-    """velocity: rad/s (m/s), 0 where sign(q̇) stands. gain: log-likelihood against sign(q̇), (n,) by joint."""
+    """velocity: rad/s (m/s), the likeliest. gain: log-likelihood against sign(q̇), (n,) by joint. clear: whether most
+    joints ask for it; otherwise sign(q̇) stands.
+    """
 
     velocity: float
     gain: FloatArray
+    clear: bool
 
 
 def width_sentence(velocity: float) -> str:
@@ -49,7 +52,7 @@ def width_sentence(velocity: float) -> str:
 def friction_width(
     blocks: Sequence[Block], delay_columns: Sequence[FloatArray], weights: FloatArray, regressor: BaseRegressor
 ) -> FrictionWidth:
-    """The width that explains most, where most joints gain by it; rows are weighted as in the fit.
+    """The width that explains most, and whether most joints gain by it; rows are weighted as in the fit.
 
     blocks: with the scales of the fit, so that a row's variance is 1 / (scale² weight). delay_columns: (R, n) Nm/s of
     each block, how the torque would change with a common delay. weights: (n,) of the joints.
@@ -60,9 +63,8 @@ def friction_width(
     def gain(velocity: float) -> FloatArray:
         return np.asarray(0.5 * (sharp - profile.squares(velocity)))
 
-    none = FrictionWidth(0.0, np.zeros_like(sharp))
     if not profile.joints:
-        return none
+        return FrictionWidth(0.0, np.zeros_like(sharp), False)
     best = int(np.argmax([gain(velocity).sum() for velocity in GRID]))
     low, high = np.log(GRID[max(best - 1, 0)]), np.log(GRID[min(best + 1, len(GRID) - 1)])
     for _ in range(STEPS):
@@ -72,9 +74,8 @@ def friction_width(
     velocity = float(np.exp(0.5 * (low + high)))
     gained = gain(velocity)
     asking = np.count_nonzero(gained > NEEDED_OF_A_JOINT)
-    if 2 * asking < len(profile.joints) or float(gained.sum() - gained.max()) < NEEDED:
-        return none
-    return FrictionWidth(velocity, gained)
+    clear = bool(2 * asking >= len(profile.joints) and gained.sum() - gained.max() >= NEEDED)
+    return FrictionWidth(velocity, gained, clear)
 
 
 class _Profile:

@@ -7,16 +7,18 @@ the estimator on them. Called by the fit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import EstimationError, RecordingError
+from identification.errors import EstimationError, RecordingError, UndeterminedParametersError
+from identification.estimators.least_squares import LeastSquaresResult
 from identification.fitting.band import BandChoice, choose_low_pass
 from identification.fitting.blocks import Block, build_block
+from identification.fitting.choice import Rival, with_choice
 from identification.fitting.delay import earlier, estimate_delay, torque_rate
 from identification.fitting.drives import choose_drive_parameters, offsets_are_clear
 from identification.fitting.estimate import (
@@ -84,18 +86,32 @@ def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings:
     return blocks
 
 
-def choose_nominal_model(
-    processed: list[Processed], robot: RobotModel, settings: FitSettings
-) -> tuple[BaseRegressor, list[Block], dict[str, Any]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class NominalModel:
+    """regressor, blocks: of the model that was chosen. facts: for the provenance.
+
+    left_out: larger models considered and not taken, each with its log-likelihood against the chosen one, or None
+    where only its estimate tells it.
+    """
+
+    regressor: BaseRegressor
+    blocks: list[Block]
+    facts: dict[str, Any]
+    left_out: tuple[tuple[RegressorOptions, float | None], ...]
+
+
+def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings: FitSettings) -> NominalModel:
     """Regressor and blocks with the rotor inertias, offsets and width of friction that settings or data ask for."""
     asked = _asked(robot, settings)
     facts: dict[str, Any] = {}
+    left_out: list[tuple[RegressorOptions, float | None]] = []
     regressor = BaseRegressor(robot, _options(asked, settings))
     blocks = build_blocks(processed, regressor, settings)
     known = all(block.signals.row_noise is not None for block in blocks)
+    offsets_are_open = known and asked["offset"] is None
     if None in asked.values():
         chosen = regressor.options
-        if known and asked["offset"] is None:
+        if offsets_are_open:
             estimate = estimate_with(blocks, regressor, processed, settings)[1].least_squares
             clear = offsets_are_clear(estimate.values, estimate.std, regressor)
             asked["offset"], chosen = clear, replace(chosen, offset=clear)
@@ -108,11 +124,31 @@ def choose_nominal_model(
             blocks = build_blocks(processed, regressor, settings)
     if settings.coulomb_velocity is None and known:
         width = _friction_width(blocks, regressor, processed, settings)
-        if width.velocity > 0.0:
+        wide = replace(regressor.options, coulomb_velocity=width.velocity)
+        if width.clear:
             facts["friction_width_gain"] = width.gain.tolist()
-            regressor = BaseRegressor(robot, replace(regressor.options, coulomb_velocity=width.velocity))
+            regressor = BaseRegressor(robot, wide)
             blocks = build_blocks(processed, regressor, settings)
-    return regressor, blocks, facts
+        elif width.velocity > 0.0:
+            left_out.append((wide, float(width.gain.sum())))
+    if offsets_are_open and not regressor.options.offset:
+        left_out.append((replace(regressor.options, offset=True), None))
+    return NominalModel(regressor, blocks, facts, tuple(left_out))
+
+
+def estimate_nominal(model: NominalModel, processed: list[Processed], settings: FitSettings) -> tuple[str, Estimate]:
+    """The estimator by name and what it finds, its covariance with what the choice of the model adds."""
+    estimator, estimate = estimate_with(model.blocks, model.regressor, processed, settings)
+    rivals = []
+    for options, gain in model.left_out:
+        regressor = BaseRegressor(model.regressor.robot, options)
+        try:
+            blocks = build_blocks(processed, regressor, settings)
+            other = estimate_with(blocks, regressor, processed, settings)[1].least_squares
+        except UndeterminedParametersError:
+            continue
+        rivals.append(Rival(other, _gain_of_offsets(other) if gain is None else gain - 1.0))
+    return estimator, replace(estimate, least_squares=with_choice(estimate.least_squares, rivals))
 
 
 def notes_on_model(regressor: BaseRegressor, settings: FitSettings) -> list[str]:
@@ -152,6 +188,13 @@ def estimate_with(
     return estimator, estimate_parameters(blocks, regressor.names, estimator)
 
 
+def _gain_of_offsets(estimate: LeastSquaresResult) -> float:
+    """Log-likelihood that the offsets of an estimate gain by their own covariance, less one for each."""
+    own = [index for index, name in enumerate(estimate.names) if name.startswith("OFF_")]
+    values, covariance = estimate.values[own], estimate.covariance[np.ix_(own, own)]
+    return 0.5 * float(values @ np.linalg.solve(covariance, values)) - len(own)
+
+
 def _asked(robot: RobotModel, settings: FitSettings) -> dict[str, bool | None]:
     """Whether each joint gets a rotor inertia and an offset; None: as the data say."""
     asked = {
@@ -180,13 +223,13 @@ def _friction_width(
     A delay of many samples is no small change of the torque: taken off, it must leave the friction as wide as before.
     """
     blocks = [block for block in blocks if block.fitted.any()]
-    width = FrictionWidth(0.0, np.zeros(regressor.robot.n))
+    width = FrictionWidth(0.0, np.zeros(regressor.robot.n), False)
     for turn in range(1 + DELAYS_TAKEN_OFF):
         estimate = estimate_with(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
         values = estimate.least_squares.values
         delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
         width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
-        if width.velocity == 0.0 or turn == DELAYS_TAKEN_OFF:
+        if not width.clear or turn == DELAYS_TAKEN_OFF:
             break
         late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common
         if abs(late) < SMALL_DELAY_S:

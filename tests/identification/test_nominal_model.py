@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from identification.estimators.least_squares import LeastSquaresResult
+from identification.estimators.observation import ReducedProblem
 from identification.estimators.physical import PhysicalParameters
+from identification.fitting.choice import Rival, with_choice
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
@@ -22,6 +25,8 @@ FloatArray = npt.NDArray[np.float64]
 
 BASE_ONLY = FitSettings(physical=False)
 OFFSETS_NM = np.array([0.5, -0.4, 0.3, 0.35, -0.25, 0.2, 0.15])
+FAINT_OFFSETS_NM = 1e-3 * np.array([1.0, -1.5, 1.0, 1.5, -1.0, 1.0, -1.0])
+THREE_OFFSETS_NM = np.array([0.0, 0.02, 0.0, 0.0, -0.03, 0.02, 0.0])
 DRAWS = 4
 
 
@@ -48,6 +53,40 @@ def test_offsets_on_the_whole_arm_are_chosen_and_intervals_hold(iiwa14: RobotMod
     assert 0.90 < coverage < 0.99
     assert not results[0].misfit.detected.any()
     assert any("offset" in note for note in results[0].notes)
+
+
+@pytest.mark.parametrize("offsets", [FAINT_OFFSETS_NM, THREE_OFFSETS_NM])
+def test_intervals_hold_where_offsets_are_there_and_not_chosen(
+    iiwa14: RobotModel, table3: PhysicalParameters, offsets: FloatArray
+) -> None:
+    """A fit without them is biased by them: the interval is that of a choice, not of a model that was given."""
+
+    def hidden(q: FloatArray, dq: FloatArray, torque: FloatArray) -> FloatArray:
+        return np.tile(offsets, (len(q), 1))
+
+    coverage, results = _coverage(iiwa14, table3, hidden)
+    assert not any(result.regressor.options.offset for result in results)
+    assert 0.92 < coverage < 0.99
+
+
+def test_the_interval_of_a_choice_is_the_mean_over_the_models_considered() -> None:
+    """By hand: weights 1 : 3, variances 1 and 4, estimates 2 apart: (1 + 3 (4 + 2²)) / 4 = 6.25."""
+    chosen, larger = (
+        LeastSquaresResult(
+            names, values, np.ones(0), covariance, np.ones(0), 0.0, 1.0, np.ones(0), ReducedProblem(
+                covariance, values, 0.0, 1, names
+            ),
+        )
+        for names, values, covariance in (
+            (("FV_1",), np.array([1.0]), np.eye(1)),
+            (("OFF_1", "FV_1"), np.array([9.0, 3.0]), np.diag([7.0, 4.0])),
+        )
+    )  # fmt: skip
+    found = with_choice(chosen, [Rival(larger, float(np.log(3.0)))])
+    assert found.values.tolist() == [1.0]
+    assert found.std == pytest.approx([2.5])
+    assert with_choice(chosen, []) is chosen
+    assert with_choice(larger, [Rival(chosen, 9.0)]) is larger
 
 
 @pytest.mark.parametrize("velocity", [5e-3, 2e-2, 8e-2])
