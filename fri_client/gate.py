@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 from fri_client.channel import Address, Channel
 from fri_client.re_entry import BRIDGED_S
-from fri_client.robot_clock import Moment, RobotClock
+from fri_client.robot_clock import EARLY_NS, Moment, RobotClock
 from safety.guard import CommandGuard, Judged
 
 __all__ = ["CommandGate", "Pace"]
@@ -39,9 +39,10 @@ _IN_CYCLE = 0.8
 through the network, 0.1 ms each on a plain cable. Two commands have reached two cycles for sure if they left no nearer
 than a command period less this."""
 
-_EARLY_NS = 50_000
-"""A message earlier than the robot can have sent it, by more than this, gets no step: its answer needs twice the way
-through the network, so at most that early it still comes after the robot's cycle has begun."""
+_LATE_APART = 0.8
+"""Share of a period by which an answer to a late message leaves after the last one at least. That it reaches another
+cycle follows from where cycles begin alone, which forgeries may have told wrongly; a message that is not late was sent
+by the robot in its own cycle."""
 
 _WRAP = 0xFFFFFFFF
 
@@ -70,8 +71,7 @@ class _Window(NamedTuple):
     """
 
     judged: Judged
-    cycle_ns: int
-    counter: int
+    moment: Moment
     due_ns: int
     from_ns: int
     before_ns: int
@@ -99,6 +99,7 @@ class CommandGate:
         "_edge_ns",
         "_in_cycle_ns",
         "_landed_ns",
+        "_late_apart_ns",
         "_latest_ns",
         "_left_ns",
         "_period_ns",
@@ -114,13 +115,13 @@ class CommandGate:
         self._channel = channel
         self._clock = clock
         self._clock_ns = clock_ns
-        self._at_ns: int | None = None  # beginning of the cycle whose message the last position answered
-        self._latest_ns = 0  # beginning of the latest cycle that it may have reached
+        self._at_ns: int | None = None  # beginning of the earliest cycle that the last position may have reached
+        self._latest_ns = 0  # and of the latest one
         self._at_counter = 0
         self._left_ns = 0  # when that position left
         self._landed_ns = 0  # so much later it has reached the robot for sure, before the message that came then left
         self._period_ns = self._bridged_ns = self._edge_ns = self._phase_ns = self._in_cycle_ns = self._apart_ns = 0
-        self._send_period_ns = self._apart_by_ns = 0
+        self._send_period_ns = self._apart_by_ns = self._late_apart_ns = 0
         self._samples = 1
         self._window: _Window | None = None
         self.guard: CommandGuard | None = None
@@ -140,6 +141,7 @@ class CommandGate:
         self._apart_ns = period_ns - self._in_cycle_ns
         self._send_period_ns = period_ns // samples_per_command
         self._apart_by_ns = period_ns - self._send_period_ns // 2
+        self._late_apart_ns = int(_LATE_APART * period_ns)
         self._phase_ns = (period_ns - period_ns // samples_per_command) // 2
         self._edge_ns = max(min(4 * period_ns // 10, _EDGE_NS), self._phase_ns)
         self._at_ns = self._window = None
@@ -160,13 +162,13 @@ class CommandGate:
         at_ns = self._at_ns
         if at_ns is None:
             return _FIRST
-        cycle_ns, time_ns, counter = moment
-        if counter - self._at_counter & _WRAP < self._samples or cycle_ns - time_ns > _EARLY_NS:
+        cycle_ns, time_ns, counter, is_late = moment
+        if counter - self._at_counter & _WRAP < self._samples or cycle_ns - time_ns > EARLY_NS:
             return _TOO_EARLY
         clock, edge, bridged = self._clock, self._edge_ns, self._bridged_ns
         if clock.simulated:
             edge = self._phase_ns
-        elif time_ns - self._left_ns < (self._landed_ns if clock.is_settled else self._period_ns):
+        elif self._is_too_near(time_ns, is_late=is_late):
             return _TOO_EARLY
         if cycle_ns - self._latest_ns < self._apart_by_ns:
             return _TOO_EARLY
@@ -178,6 +180,12 @@ class CommandGate:
             clock.simulated or time_ns - self._left_ns > bridged + self._period_ns // 2
         )
         return _STANDS if stands else _UNCLEAR
+
+    def _is_too_near(self, time_ns: int, *, is_late: bool) -> bool:
+        """Whether, by our own clock, a position that leaves now may reach the robot in the cycle of the last one."""
+        if time_ns - self._left_ns < (self._landed_ns if self._clock.is_settled else self._period_ns):
+            return True
+        return is_late and self._clock_ns() - self._left_ns < self._late_apart_ns
 
     def robot_stands(self, time_ns: int) -> bool:
         """Whether the robot has had no command for longer than it bridges, or none at all."""
@@ -191,7 +199,7 @@ class CommandGate:
         """
         if not self.admits(judged, moment):
             return None
-        return self._dispatch(judged, datagram, address, moment.cycle_ns, moment.counter)
+        return self._dispatch(judged, datagram, address, moment)
 
     def expect(self, judged: Judged, counter: int) -> None:
         """Work out when that position may go out in answer to the message after the newest one, of that counter.
@@ -208,9 +216,10 @@ class CommandGate:
         cycle_ns = clock.cycle_of(1, due_ns)
         if cycle_ns - self._latest_ns < self._apart_by_ns:
             return
-        from_ns = max(clock.earliest_ns(1), cycle_ns - _EARLY_NS, self._left_ns + self._landed_ns)
-        before_ns = min(2 * cycle_ns - due_ns, at_ns + self._bridged_ns - self._edge_ns)
-        self._window = _Window(judged, cycle_ns, counter, due_ns, from_ns, before_ns, at_ns + self._bridged_ns)
+        from_ns = max(clock.earliest_ns(1), cycle_ns - EARLY_NS, self._left_ns + self._landed_ns)
+        before_ns = min(2 * cycle_ns - due_ns - EARLY_NS, at_ns + self._bridged_ns - self._edge_ns)
+        moment = Moment(cycle_ns, cycle_ns, counter)
+        self._window = _Window(judged, moment, due_ns, from_ns, before_ns, at_ns + self._bridged_ns)
 
     def is_expected(self, time_ns: int) -> bool:
         """Whether the position that `expect` was told may go out now, in answer to a message received at that time."""
@@ -225,9 +234,9 @@ class CommandGate:
         window = self._window
         if window is None or not self.is_expected(time_ns):
             return None
-        return self._dispatch(window.judged, datagram, address, window.cycle_ns, window.counter)
+        return self._dispatch(window.judged, datagram, address, window.moment)
 
-    def _dispatch(self, judged: Judged, datagram: bytes, address: Address, cycle_ns: int, counter: int) -> int:
+    def _dispatch(self, judged: Judged, datagram: bytes, address: Address, moment: Moment) -> int:
         guard = self.guard
         assert guard is not None
         if not self._channel.send(datagram, address):
@@ -237,8 +246,9 @@ class CommandGate:
         # What waits already may be the next message, sent before this command came, and read after any stall.
         disturbed = self._channel.is_waiting()
         self._landed_ns = self._apart_ns + disturbed * self._period_ns
-        self._at_ns = self._latest_ns = cycle_ns
-        self._at_counter = counter
+        cycle_ns, _, self._at_counter, is_late = moment
+        self._latest_ns = cycle_ns
+        self._at_ns = cycle_ns - is_late * self._period_ns  # see _LATE_APART
         if not self._clock.simulated:  # on the grid of messages: at which of several a cycle begins is not told
             send_ns = self._send_period_ns
             self._latest_ns += (left_ns - cycle_ns + send_ns - self._in_cycle_ns) // send_ns * send_ns

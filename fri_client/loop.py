@@ -266,7 +266,7 @@ class FriLoop:
         clock = self.session.clock
         if not clock.admits(1, time_ns):
             return None
-        return Moment(clock.cycle_of(1, time_ns), time_ns, self._ahead.counter)
+        return clock.moment(1, time_ns, self._ahead.counter)
 
     def _receive_all(self, size: int, address: Address, receive_ns: int) -> None:
         """The datagram in the buffer and all that waits behind it; then one answer, to the newest message."""

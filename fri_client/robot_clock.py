@@ -32,14 +32,20 @@ _LEARNT_NS = 20_000
 """By so little at most one early message makes the next ones expected earlier."""
 
 
+EARLY_NS = 50_000
+"""By so much a message may come before the robot's cycle begins that it belongs to, ns: the answer needs twice the way
+through the network, so it still comes after that."""
+
+
 class Moment(NamedTuple):
     """Where in the robot's time a message belongs, ns: the cycle that went on when it was received, when that was, and
-    the robot's counter.
+    the robot's counter. is_late: the robot sent the message in an earlier cycle, if its cycles begin where we think.
     """
 
     cycle_ns: int
     time_ns: int
     counter: int
+    is_late: bool = False
 
 
 class RobotClock:
@@ -94,7 +100,13 @@ class RobotClock:
         if self.due_ns is None or not self._period_ns:
             return time_ns
         due = self.due_ns + steps * self._period_ns
-        return due + max(0, time_ns - due) // self._period_ns * self._period_ns
+        return due + max(0, time_ns - due + EARLY_NS) // self._period_ns * self._period_ns
+
+    def moment(self, steps: int, time_ns: int, counter: int) -> Moment:
+        """Where the message of that counter belongs, `steps` after the newest one, if it comes at that time."""
+        cycle_ns = self.cycle_of(steps, time_ns)
+        due_ns = cycle_ns if self.due_ns is None else self.due_ns + steps * self._period_ns
+        return Moment(cycle_ns, time_ns, counter, cycle_ns > due_ns)
 
     def note(self, steps: int, time_ns: int, period_ms: int | None) -> None:
         """The message `steps` after the newest one came at that time; period_ms: the send period that it states."""

@@ -292,7 +292,7 @@ class Session:
         self.gap = robot.gap
         if order == Order.NEXT:
             clock.note(steps, time_ns, period_ms)
-            self.moment = Moment(clock.cycle_of(0, time_ns), time_ns, counter)
+            self.moment = clock.moment(0, time_ns, counter)
             counts.missing += robot.gap
             return _FRESH
         if order == Order.RESTARTED:

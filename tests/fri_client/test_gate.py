@@ -307,13 +307,13 @@ def test_what_is_expected_is_what_the_gate_admits_as_the_next_step(
         if answered:
             rig.clock.now = max(rig.clock.now, received + round(held_up * period))
             rig.channel.inbox.extend([(b"waits", ROBOT)] * queued)
-            gate.send(rig.wanted(), b"command", ROBOT, Moment(clock.cycle_of(0, received), received, rig.counter))
+            gate.send(rig.wanted(), b"command", ROBOT, clock.moment(0, received, rig.counter))
     assert clock.due_ns is not None
     judged = rig.wanted()
     gate.expect(judged, rig.counter + 1)
     received = clock.due_ns + period + round(arrival * period)
     rig.clock.now = max(rig.clock.now, received + round(stall * period))
-    moment = Moment(clock.cycle_of(1, received), received, rig.counter + 1)
+    moment = clock.moment(1, received, rig.counter + 1)
     is_next = gate.pace(moment) is Pace.NEXT and clock.admits(1, received) and gate.admits(judged, moment)
     in_its_cycle = moment.cycle_ns == clock.due_ns + period
     event(f"expected: {gate.is_expected(received)}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -138,6 +139,34 @@ def test_messages_that_waited_at_the_start_are_taken_and_what_comes_after_them_i
         clock.note(1, max(read, START + n * period_ms * MS), period_ms)
     last = START + (waiting + 199) * period_ms * MS
     assert not clock.admits(2, last + period_ms * MS)
+
+
+@given(periods, st.integers(1, 20), st.lists(st.integers(-40_000, 60_000), min_size=5, max_size=20))
+def test_after_a_pause_of_whole_periods_each_message_has_a_cycle_of_its_own(
+    period_ms: int, paused: int, jitter_ns: list[int]
+) -> None:
+    """The robot's process was held up and its counter did not go on: messages that came some 10 µs before their time
+    looked nearly a period late, and every second command was held back until the robot left.
+    """
+    clock = in_step(period_ms)
+    assert clock.due_ns is not None
+    begin = clock.due_ns
+    cycles = []
+    for n, early in enumerate(jitter_ns, 1):
+        time_ns = begin + (n + paused) * period_ms * MS + early
+        clock.note(1, time_ns, period_ms)
+        moment = clock.moment(0, time_ns, n)
+        assert moment.is_late
+        cycles.append(moment.cycle_ns)
+    assert np.all(np.diff(cycles) == period_ms * MS)
+
+
+def in_step(period_ms: int) -> RobotClock:
+    """A clock that has seen fifty messages in time."""
+    clock = RobotClock()
+    for n in range(50):
+        clock.note(min(n, 1), START + n * period_ms * MS, period_ms)
+    return clock
 
 
 def stamped(nanoseconds: int | None) -> MonitoringMessage:
