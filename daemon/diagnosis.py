@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from daemon.json_files import write_bytes_atomically
+from identification.audit.difference import Difference
+from identification.export.write_back import draw_before_after, write_back
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
@@ -22,7 +24,7 @@ from identification.recordings import Recording
 from identification.report import write_report
 from identification.robots import RobotModel
 
-__all__ = ["DiagnosisFiles", "diagnose_recordings"]
+__all__ = ["DiagnosisFiles", "ModelFiles", "diagnose_recordings", "write_model_back"]
 
 Progress = Callable[[str, float], None]
 _SHARE_OF_DIAGNOSIS = 0.6
@@ -83,6 +85,28 @@ def diagnose_recordings(
         report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=robot, links=links
     )
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFiles:
+    """A simulator's file with what was found, and its figure; lines: what stands in it now and what does not."""
+
+    lines: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+def write_model_back(
+    recordings: Sequence[Recording], robot: RobotModel, source: Path, differences: Sequence[Difference], target: Path
+) -> ModelFiles:
+    """Write the differences into a simulator's file, and beside it the torque before and after as a picture.
+
+    Raises the errors of `identification.export.amend`, and OSError.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    written = write_back(recordings, robot, source, differences, target)
+    picture = target.with_name(f"{target.name}.png")
+    draw_before_after(written).savefig(picture, dpi=110)
+    return ModelFiles((*written.amended.written, *written.amended.left, written.sentence), (target, picture))
 
 
 def _baseline(file: Path | None) -> Model | Path | None:

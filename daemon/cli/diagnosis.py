@@ -72,6 +72,10 @@ def diagnose(
         float | None,
         typer.Option("--low-pass-hz", min=0.1, help="Without periods: band compared; default: as the motion asks."),
     ] = None,
+    write_model: Annotated[
+        Path | None,
+        typer.Option("--write-model", metavar="FILE", help="With --model: that file with what was found written in."),
+    ] = None,
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
@@ -87,10 +91,14 @@ def diagnose(
     Exit code 0 whatever the verdict; the verdict is the result, on the first line and in diagnosis.json.
     Example: iiwa-ident diagnose runs/first/recording.mcap --heldout runs/second/recording.mcap --out diagnosis
     """
-    from daemon.diagnosis import diagnose_recordings
+    from daemon.diagnosis import diagnose_recordings, write_model_back
     from identification.mismatch.settings import DiagnosisSettings
     from identification.recordings.reader import recording_file
 
+    if write_model is not None and (model is None or model.suffix == ".json"):
+        raise typer.BadParameter("--write-model needs a simulator's file (.urdf, .sdf, .xml) with --model.")
+    if write_model is not None and model is not None and write_model.resolve() == model.resolve():
+        raise typer.BadParameter("--write-model would write over the file of --model: give another name.")
     inputs = load_inputs(
         [*logs, *(heldout or ())],
         robot,
@@ -115,11 +123,17 @@ def diagnose(
             settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
             progress=show,
         )
+    written = None
+    if write_model is not None and model is not None and result.diagnosis.audit is not None:
+        written = write_model_back(recordings, inputs.robot, model, result.diagnosis.audit.differences, write_model)
     if json_file is not None:
         write_json(json_file, result.diagnosis.to_json())
     if not wants_json_on_stdout(json_file):
         show_diagnosis(result.diagnosis)
-        for file in result.files:
+        if written is not None:
+            for line in written.lines:
+                data(f"Model: {line}")
+        for file in (*result.files, *(() if written is None else written.files)):
             data(f"Written to {file}")
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from identification.audit.audit import audit
 from identification.audit.columns import Geometry
 from identification.audit.difference import Audit
-from identification.audit.given import places_of
+from identification.audit.foretold import foretold
 from identification.audit.rows import COULOMB_VELOCITY, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
@@ -85,8 +85,7 @@ def _standing(path: Path, recordings: Sequence[Recording], robot: RobotModel, of
     except (ModelFileError, RobotError) as error:
         return Standing(str(path), None, None, None, str(error))
     rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
-    columns = Geometry(robot, rows).columns(robot.gravity)[..., places_of(regressor)[regressor.kept]]
-    left = np.where(rows.used, rows.torque - columns @ values, np.nan)
+    left = np.where(rows.used, rows.torque - foretold(Geometry(robot, rows), regressor, values), np.nan)
     found = np.nanmean(left, axis=0) if offsets else None
     torque = np.where(rows.used, rows.torque, np.nan)
     if found is not None:

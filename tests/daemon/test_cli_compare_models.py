@@ -12,10 +12,16 @@ import numpy as np
 import pytest
 
 from daemon.cli.app import main
+from daemon.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
+from identification.audit.difference import Difference, Number
+from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.export.write import export_model
+from identification.recordings import read_recording
 from identification.robots import load_robot
+from identification.robots.flange import IIWA_FLANGE
+from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
@@ -112,3 +118,29 @@ def test_what_makes_no_comparison_is_refused(
 
 def test_a_model_that_is_not_there_is_missing_input(folder: Path, tmp_path: Path) -> None:
     assert run("compare", "--models", tmp_path / "none.urdf", "--", folder / "log.npz") == 66
+
+
+def test_what_was_found_is_written_into_the_simulators_file(folder: Path, tmp_path: Path) -> None:
+    robot, recording = load_robot("iiwa14"), read_recording(folder / "log.npz")
+    place = zip("xyz", IIWA_FLANGE.point(OUT_M).tolist(), strict=True)
+    numbers = [Number("mass", -EXTRA_KG, 0.01, "kg"), *(Number(f"com_{axis}", v, 0.001, "m") for axis, v in place)]
+    taken_off = Difference("payload", None, 7, tuple(numbers), 0.99, 1e3, "model", "A load was taken off.")
+    fixed = tmp_path / "fixed.urdf"
+    written = write_model_back([recording], robot, folder / "heavy.urdf", [taken_off], fixed)
+    assert written.files == (fixed, tmp_path / "fixed.urdf.png")
+    assert written.files[1].stat().st_size > 10_000
+    regressor = BaseRegressor(robot)
+    before, after, true = (
+        read_simulator_model(file, regressor) for file in (folder / "heavy.urdf", fixed, folder / "true.urdf")
+    )
+    moments = [regressor.names.index(name) for name in ("MX_7", "MY_7")]
+    assert np.abs((before - true)[moments]).min() > 0.04
+    np.testing.assert_allclose(after[moments], true[moments], atol=0.002)
+
+
+@pytest.mark.parametrize("words", [["--write-model", "a.urdf"], ["--model", "a.urdf", "--write-model", "a.urdf"]])
+def test_a_model_is_written_only_beside_the_one_that_was_given(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("diagnose", "a.npz", *words) == 2
+    assert "--write-model" in capsys.readouterr().err

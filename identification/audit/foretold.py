@@ -1,0 +1,77 @@
+"""The torque that a model foretells on the rows of an audit, and the friction that it lacks. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+
+from identification.audit.columns import Geometry
+from identification.audit.comparison import PARTS, REPORT
+from identification.audit.difference import Difference, Number
+from identification.audit.given import places_of
+from identification.audit.sentences import with_interval
+from identification.base_parameters import BaseRegressor
+
+__all__ = ["foretold", "lacking_friction"]
+
+FloatArray = npt.NDArray[np.float64]
+
+LEAST_SHARE = 0.15
+"""Of what a joint's torque lacks, that friction takes away on rows that it was not fitted to."""
+
+
+def foretold(
+    geometry: Geometry, regressor: BaseRegressor, values: FloatArray, gravity: FloatArray | None = None
+) -> FloatArray:
+    """(R, n) Nm of base parameters (p,); gravity (3,) m/s² in the base frame, the robot's own where not given."""
+    columns = geometry.columns(np.array(geometry.robot.gravity) if gravity is None else gravity)
+    return np.asarray(columns[..., places_of(regressor)[regressor.kept]] @ values)
+
+
+def lacking_friction(
+    geometry: Geometry, left: FloatArray, viscous: FloatArray, coulomb: FloatArray, source: str
+) -> list[Difference]:
+    """Friction and offset of each joint in what a model leaves, (R, n) Nm, where they take enough of it away.
+
+    viscous, coulomb: (n,) that the model has, below zero of which none may come. A drawn model does not know its
+    friction: this is what it is by these rows.
+    """
+    rows, found = geometry.rows, []
+    reported = np.isin(rows.block % PARTS, REPORT)
+    for joint in range(geometry.robot.n):
+        used = rows.used[:, joint]
+        columns = np.column_stack([rows.velocity[:, joint], rows.direction[:, joint], np.ones(len(rows.block))])
+        fitted, unseen = used & ~reported, used & reported
+        least = np.array([-viscous[joint], -coulomb[joint], -np.inf]) - 1e-12
+        if fitted.sum() < columns.shape[1] or not unseen.any():
+            continue
+        values = lsq_linear(columns[fitted], left[fitted, joint], (least, np.full(3, np.inf))).x
+        stays = left[unseen, joint] - columns[unseen] @ values
+        whole = float(np.sum(left[unseen, joint] ** 2))
+        share = 1.0 - float(stays @ stays) / whole if whole > 0.0 else 0.0
+        if share < LEAST_SHARE:
+            continue
+        scale = float(np.std(left[fitted, joint] - columns[fitted] @ values))
+        std = scale * np.sqrt(np.diag(np.linalg.pinv(columns[fitted].T @ columns[fitted])))
+        numbers = tuple(
+            Number(name, float(value), float(deviation), unit)
+            for name, value, deviation, unit in zip(
+                ("viscous", "coulomb", "offset"), values, std, ("Nm s/rad", "Nm", "Nm"), strict=True
+            )
+        )
+        text = ", ".join(f"{item.name} {with_interval(item)}" for item in numbers)
+        found.append(
+            Difference(
+                "friction_change",
+                joint + 1,
+                None,
+                numbers,
+                share,
+                float("nan"),
+                "model",
+                f"The friction of joint {joint + 1} is another than {source} says: {text}: {100.0 * share:.0f} % of "
+                "what is left there.",
+            )
+        )
+    return found

@@ -1,0 +1,270 @@
+"""A simulator's file with what an audit found written back into it: load, link, friction, gravity; nothing else moves.
+
+Here: which numbers, in whose frame, and the check by reading the file back. Not here: the formats (`amended_files`) and
+the search (`audit`). Called by `diagnose --write-model`.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.audit.difference import Difference
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import ExportCheckError, ModelFileError
+from identification.export.amended_files import (
+    Changes,
+    moment_matrix,
+    write_mjcf_changes,
+    write_sdf_changes,
+    write_urdf_changes,
+)
+from identification.export.given_bodies import poses_at_zero
+from identification.export.kinematic_urdf import arm_without_inertias
+from identification.export.xml_text import document
+from identification.regressor import INERTIAL_SYMBOLS
+from identification.robots import RobotModel, load_robot, robot_from_urdf
+from identification.robots.simulator_models import read_simulator_model
+
+__all__ = ["Amended", "amend"]
+
+FloatArray = npt.NDArray[np.float64]
+
+TOLERANCE = 1e-3
+"""Of a parameter's size: what is read back has to be what was meant."""
+WITHIN = 3.0
+"""σ of what was found, that a body may be away from it."""
+_TENSOR = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Amended:
+    """path: the file. written: sentences of what stands in it now; left: of what has no place in it. gravity: (3,) m/s²
+    in the frame of the base as the file has it now.
+    """
+
+    path: Path
+    written: tuple[str, ...]
+    left: tuple[str, ...]
+    gravity: FloatArray
+
+
+@dataclass(slots=True)
+class _Wanted:
+    """What is to change, in the robot's frames and numbers of joints."""
+
+    bodies: dict[int, FloatArray] = field(default_factory=dict)
+    variance: dict[int, FloatArray] = field(default_factory=dict)
+    drives: dict[str, dict[int, float]] = field(default_factory=lambda: {"FV": {}, "FS": {}, "IA": {}})
+    gravity: FloatArray | None = None
+    written: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+
+def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, target: Path) -> Amended:
+    """Write `source` with the differences put right into `target`, in the same format, and read it back.
+
+    Raises ModelFileError where the formats differ, a link would have no mass or a joint is not in the file;
+    ExportCheckError where the file that was written does not have the torque that was meant.
+    """
+    kind = _kind(source)
+    if source.suffix.lower() != target.suffix.lower():
+        raise ModelFileError(
+            f"{target}: a changed model keeps its format; give a name that ends in {source.suffix}.", file=target
+        )
+    wanted = _wanted(differences, robot, has_armature=kind == "mujoco")
+    names, poses = _frames(source, kind, robot)
+    filed = _in_file_base(robot).kinematics
+    ours = poses_at_zero(filed)
+    bodies = {
+        names[link]: (move := np.linalg.solve(poses[link], ours[link])) @ body @ move.T
+        for link, body in wanted.bodies.items()
+    }
+    drives = {
+        symbol: {names[joint]: value for joint, value in table.items()} for symbol, table in wanted.drives.items()
+    }
+    changes = Changes(bodies, drives["FV"], drives["FS"], drives["IA"], None)
+    write: Callable[[Path, Path, Changes], None] = {
+        "robot": write_urdf_changes, "sdf": write_sdf_changes, "mujoco": write_mjcf_changes
+    }[kind]  # fmt: skip
+    write(source, target, changes)
+    _check(source, target, wanted, robot)
+    gravity = np.array(robot.gravity)
+    if wanted.gravity is not None:
+        gravity = wanted.gravity
+        # The base of a built-in arm's table is turned against that of a file.
+        base = filed.rotation[0] @ robot.kinematics.rotation[0].T
+        write(source, target, replace(changes, turn=_turn(base @ gravity, base @ robot.gravity)))
+        wanted.left.append("A turned base is the pose or gravity of a world: a simulator that sets its own undoes it.")
+    return Amended(target, tuple(wanted.written), tuple(wanted.left), gravity)
+
+
+def _kind(source: Path) -> str:
+    try:
+        tag = ElementTree.parse(source).getroot().tag
+    except (ElementTree.ParseError, OSError) as error:
+        raise ModelFileError(f"{source} cannot be read as a simulator model: {error}", file=source) from error
+    if tag not in ("robot", "sdf", "mujoco"):
+        raise ModelFileError(f"{source}: is neither URDF, SDF nor MJCF (its root is <{tag}>).", file=source)
+    return tag
+
+
+def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armature: bool) -> _Wanted:
+    wanted = _Wanted()
+    for item in differences:
+        numbers = {number.name: number.value for number in item.numbers}
+        if item.effect in ("payload", "link_parameters") and item.link is not None:
+            link = item.link - 1
+            wanted.bodies[link] = wanted.bodies.get(link, np.zeros((4, 4))) + _body(numbers, link, robot)
+            wanted.variance[link] = wanted.variance.get(link, np.zeros(10)) + _variance(item)
+        elif item.effect == "friction_change" and item.joint is not None:
+            for symbol, name in (("FV", "viscous"), ("FS", "coulomb")):
+                wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
+            offset = next((number for number in item.numbers if number.name == "offset"), None)
+            if offset is not None and abs(offset.value) > 1.96 * offset.std:
+                wanted.left.append(
+                    f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
+                    "file has a place for: apply it as a joint torque."
+                )
+        elif item.effect == "rotor_inertia" and item.joint is not None and has_armature:
+            wanted.drives["IA"][item.joint - 1] = numbers["rotor_inertia"]
+        elif item.effect == "base_tilt":
+            wanted.gravity = np.array([numbers[f"gravity_{axis}"] for axis in "xyz"])
+        else:
+            wanted.left.append(f"Not written, a simulator's file has no place for it: {item.sentence}")
+            continue
+        wanted.written.append(item.sentence)
+    return wanted
+
+
+def _body(numbers: dict[str, float], link: int, robot: RobotModel) -> FloatArray:
+    """(4, 4) of a load or of a link's change, in the frame of the robot's link."""
+    mass = numbers.get("mass", 0.0)
+    if "com_x" in numbers:
+        center = np.array([numbers[f"com_{axis}"] for axis in "xyz"])
+        if robot.flange is not None and robot.flange.link == link:
+            center = robot.flange.rotation @ center + robot.flange.origin
+        moment = mass * center
+    else:
+        moment = np.array([numbers.get(f"first_moment_{axis}", 0.0) for axis in "xyz"])
+    point = np.zeros((3, 3)) if not mass else (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
+    if not any(name in numbers for name in _TENSOR):
+        return moment_matrix(mass, moment, point)
+    xx, xy, xz, yy, yz, zz = (numbers.get(name, 0.0) for name in _TENSOR)
+    return moment_matrix(mass, moment, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def _variance(item: Difference) -> FloatArray:
+    """(10,) of what was found, mass, first moments and inertia; a centre counts with the mass."""
+    std = {number.name: number.std for number in item.numbers}
+    mass = abs(item.numbers[0].value) if item.numbers[0].name == "mass" else 0.0
+    moments = [std.get(f"first_moment_{axis}", mass * std.get(f"com_{axis}", 0.0)) for axis in "xyz"]
+    return np.array([std.get("mass", 0.0), *moments, *(std.get(name, 0.0) for name in _TENSOR)]) ** 2
+
+
+def _in_file_base(robot: RobotModel) -> RobotModel:
+    """The robot as a file has it: the table of a built-in arm measures from the shoulder, a file from the floor."""
+    if robot.modified_denavit_hartenberg is None:
+        return robot
+    return robot_from_urdf(document(arm_without_inertias(robot)), source=robot.source, name=robot.name)
+
+
+def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list[FloatArray]]:
+    """Names of the file's joints in the robot's order, and the (4, 4) pose of each one's link at zero."""
+    if kind == "robot":
+        given = load_robot(source)
+        found = dict(zip(given.joint_names, poses_at_zero(given.kinematics), strict=True))
+    elif kind == "mujoco":
+        found = _mujoco_frames(source)
+    else:
+        found = _drake_frames(source)
+    names = list(robot.joint_names) if all(name in found for name in robot.joint_names) else list(found)
+    if len(names) != robot.n:
+        raise ModelFileError(f"{source}: has {len(found)} movable joints, {robot.name} has {robot.n}.", file=source)
+    return names, [found[name] for name in names]
+
+
+def _mujoco_frames(source: Path) -> dict[str, FloatArray]:
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(source))
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    moving = [joint for joint in range(model.njnt) if model.jnt_type[joint] >= int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    for joint in moving:
+        data.qpos[model.jnt_qposadr[joint]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    found = {}
+    for joint in moving:
+        body = model.jnt_bodyid[joint]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+        found[model.joint(joint).name] = pose
+    return found
+
+
+def _drake_frames(source: Path) -> dict[str, FloatArray]:
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(0.0)
+    (instance,) = Parser(plant).AddModels(source)
+    base = plant.get_body(plant.GetBodyIndices(instance)[0])
+    if not any(item.get("type") == "fixed" and item.findtext("parent") == "world" for item in _joints(source)):
+        plant.WeldFrames(plant.world_frame(), base.body_frame())
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    joints = [joint for joint in joints if joint.num_velocities() == 1]
+    return {
+        joint.name(): np.asarray(
+            joint.child_body().body_frame().CalcPose(context, base.body_frame()).GetAsMatrix4(), dtype=np.float64
+        )
+        for joint in joints
+    }
+
+
+def _joints(source: Path) -> list[ElementTree.Element]:
+    return list(ElementTree.parse(source).getroot().iter("joint"))
+
+
+def _turn(found: FloatArray, stated: FloatArray) -> FloatArray:
+    """(3, 3) the base in a world where gravity is as stated: R with Rᵀ · stated = found."""
+    return np.asarray(pinocchio.Quaternion.FromTwoVectors(found, np.asarray(stated)).toRotationMatrix())
+
+
+def _check(source: Path, target: Path, wanted: _Wanted, robot: RobotModel) -> None:
+    """Refuse a file whose base parameters are not those of the source and the changes."""
+    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
+    before, after = (read_simulator_model(path, regressor) for path in (source, target))
+    symbols = (*INERTIAL_SYMBOLS, *regressor.options.symbols)
+    added, variance = np.zeros((2, robot.n, len(symbols)))
+    for link, body in wanted.bodies.items():
+        tensor = np.trace(body[:3, :3]) * np.eye(3) - body[:3, :3]
+        ten = [body[3, 3], *body[:3, 3], *tensor[np.triu_indices(3)]]
+        added[link, :10] = ten
+        variance[link, :10] = wanted.variance[link]
+    for symbol, table in wanted.drives.items():
+        for joint, value in table.items():
+            added[joint, symbols.index(symbol)] = value
+    meant = before + regressor.regrouping @ added.ravel()
+    # Numbers with errors may be no body's; the nearest body has to be within them.
+    allowed = TOLERANCE * (np.maximum(np.abs(before), np.abs(meant)) + 1e-2)
+    allowed += WITHIN * np.sqrt(regressor.regrouping**2 @ variance.ravel())
+    worst = int(np.argmax(np.abs(after - meant) / allowed))
+    if abs(after[worst] - meant[worst]) > allowed[worst]:
+        target.unlink(missing_ok=True)
+        raise ExportCheckError(
+            f"{target}: read back, {regressor.names[worst]} is {after[worst]:.4g} and not {meant[worst]:.4g}: the "
+            "numbers found are no body's, or the file's frames are others. Nothing was written.",
+            file=target,
+            program="the reader of this program",
+            difference_nm=float(abs(after[worst] - meant[worst])),
+        )

@@ -1,0 +1,220 @@
+"""One simulator file changed in place: bodies, friction and gravity of its own format, everything else as it was.
+
+URDF and SDF are edited as text trees, MJCF by MuJoCo's own editor, which also resolves its defaults and includes. What
+is added to a body is a pseudo-inertia (4, 4) in the frame of the file's link, [[Σ, h], [hᵀ, m]] with Σ = ½ tr(I) − I
+about the link's origin. Not here: what is changed (`amend`).
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from identification.errors import ModelFileError
+from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, place, roll_pitch_yaw
+
+__all__ = ["Changes", "moment_matrix", "write_mjcf_changes", "write_sdf_changes", "write_urdf_changes"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """bodies: joint's name → (4, 4) pseudo-inertia that its link gains, in the file's frame. viscous, coulomb,
+    armature: joint's name → what is added. turn: (3, 3) of the base in the world, None where it stands as stated.
+    """
+
+    bodies: Mapping[str, FloatArray]
+    viscous: Mapping[str, float]
+    coulomb: Mapping[str, float]
+    armature: Mapping[str, float]
+    turn: FloatArray | None
+
+
+def moment_matrix(mass: float, moment: FloatArray, inertia: FloatArray) -> FloatArray:
+    """(4, 4) pseudo-inertia of mass kg, first moment (3,) kg m and inertia (3, 3) kg m² about one origin."""
+    matrix = np.zeros((4, 4))
+    matrix[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    matrix[:3, 3] = matrix[3, :3] = moment
+    matrix[3, 3] = mass
+    return matrix
+
+
+def _central(matrix: FloatArray, link: str, file: Path) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, centre and inertia about it of a pseudo-inertia. Raises ModelFileError where no body has them."""
+    mass = float(matrix[3, 3])
+    if not mass > 0.0:
+        raise ModelFileError(f"{file}: link '{link}' would be left with {mass:.3g} kg; nothing was written.", file=file)
+    center = matrix[:3, 3] / mass
+    about = matrix[:3, :3] - mass * np.outer(center, center)
+    least = float(np.linalg.eigvalsh(about)[0])
+    if least < 0.0:
+        # The masses' spread about the centre cannot be negative: the nearest that can be is taken.
+        values, vectors = np.linalg.eigh(about)
+        about = (vectors * np.maximum(values, 1e-9 * mass)) @ vectors.T
+    return mass, center, np.trace(about) * np.eye(3) - about
+
+
+def _pseudo(mass: float, center: FloatArray, about: FloatArray) -> FloatArray:
+    return moment_matrix(mass, mass * center, about + mass * (center @ center * np.eye(3) - np.outer(center, center)))
+
+
+def _tensor(entries: Mapping[str, float]) -> FloatArray:
+    tensor = np.zeros((3, 3))
+    for row, column, symbol in INERTIA_SYMBOLS:
+        tensor[row, column] = tensor[column, row] = entries.get(symbol, 0.0)
+    return tensor
+
+
+def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> ElementTree.Element:
+    found = next((item for item in root.iter(tag) if item.get("name") == name), None)
+    if found is None:
+        raise ModelFileError(f"{file}: has no {tag} '{name}'; nothing was written.", file=file)
+    return found
+
+
+def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
+    """A URDF with the changes. A turned base hangs on a link `world`, as simulators expect it."""
+    tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    root: ElementTree.Element = tree.getroot()
+    for joint, added in changes.bodies.items():
+        child = _named(root, "joint", joint, source).find("child")
+        link = _named(root, "link", "" if child is None else child.get("link", ""), source)
+        inertial = link.find("inertial")
+        whole = added.copy()
+        if inertial is not None:
+            stated = inertial.find("origin")
+            pose = pinocchio.SE3.Identity() if stated is None else place(stated.get("xyz"), stated.get("rpy"))
+            entries = inertial.find("inertia")
+            about = _tensor({} if entries is None else {key: float(value) for key, value in entries.items()})
+            mass = inertial.find("mass")
+            whole += _pseudo(0.0 if mass is None else float(mass.get("value", 0.0)), pose.translation,
+                             pose.rotation @ about @ pose.rotation.T)  # fmt: skip
+            link.remove(inertial)
+        mass_kg, center, tensor = _central(whole, link.get("name", ""), source)
+        inertial = ElementTree.Element("inertial")
+        link.insert(0, inertial)
+        add(inertial, "origin", xyz=numbers(center), rpy="0 0 0")
+        add(inertial, "mass", value=number(mass_kg))
+        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in INERTIA_SYMBOLS})
+    for key, table in (("damping", changes.viscous), ("friction", changes.coulomb)):
+        for joint, more in table.items():
+            element = _named(root, "joint", joint, source)
+            dynamics = element.find("dynamics")
+            dynamics = add(element, "dynamics") if dynamics is None else dynamics
+            dynamics.set(key, number(max(0.0, float(dynamics.get(key, 0.0)) + more)))
+    if changes.turn is not None:
+        _turn_urdf(root, changes.turn)
+    tree.write(target, encoding="utf-8", xml_declaration=True)
+
+
+def _turn_urdf(root: ElementTree.Element, turn: FloatArray) -> None:
+    children = {item.get("link") for joint in root.findall("joint") for item in joint.findall("child")}
+    base = next(link.get("name", "") for link in root.findall("link") if link.get("name") not in children)
+    if base == "world":
+        for joint in root.findall("joint"):
+            parent = joint.find("parent")
+            if parent is not None and parent.get("link") == "world":
+                origin = joint.find("origin")
+                origin = add(joint, "origin") if origin is None else origin
+                pose = pinocchio.SE3(turn, np.zeros(3)) * place(origin.get("xyz"), origin.get("rpy"))
+                origin.set("xyz", numbers(pose.translation))
+                origin.set("rpy", numbers(roll_pitch_yaw(pose.rotation)))
+        return
+    add(root, "link", name="world")
+    joint = add(root, "joint", name="world_to_base", type="fixed")
+    add(joint, "parent", link="world")
+    add(joint, "child", link=base)
+    add(joint, "origin", xyz="0 0 0", rpy=numbers(roll_pitch_yaw(turn)))
+
+
+def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
+    """An SDF with the changes; a turned base is the pose of its model."""
+    tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    root: ElementTree.Element = tree.getroot()
+    for joint, added in changes.bodies.items():
+        link = _named(root, "link", _named(root, "joint", joint, source).findtext("child", "").strip(), source)
+        inertial = link.find("inertial")
+        whole = added.copy()
+        if inertial is not None:
+            pose = _sdf_pose(inertial)
+            entries = inertial.find("inertia")
+            about = _tensor({} if entries is None else {item.tag: float(item.text or 0.0) for item in entries})
+            whole += _pseudo(
+                float(inertial.findtext("mass", "0")), pose.translation, pose.rotation @ about @ pose.rotation.T
+            )
+            link.remove(inertial)
+        mass_kg, center, tensor = _central(whole, link.get("name", ""), source)
+        inertial = ElementTree.Element("inertial")
+        link.insert(0, inertial)
+        add(inertial, "pose", numbers([*center, 0.0, 0.0, 0.0]))
+        add(inertial, "mass", number(mass_kg))
+        inertia = add(inertial, "inertia")
+        for row, column, symbol in INERTIA_SYMBOLS:
+            add(inertia, symbol, number(tensor[row, column]))
+    for key, table in (("damping", changes.viscous), ("friction", changes.coulomb)):
+        for joint, more in table.items():
+            axis = _named(root, "joint", joint, source).find("axis")
+            if axis is None:
+                raise ModelFileError(f"{source}: joint '{joint}' has no axis; nothing was written.", file=source)
+            dynamics = axis.find("dynamics")
+            dynamics = add(axis, "dynamics") if dynamics is None else dynamics
+            element = dynamics.find(key)
+            element = add(dynamics, key, "0") if element is None else element
+            element.text = number(max(0.0, float(element.text or 0.0) + more))
+    if changes.turn is not None:
+        model = next(root.iter("model"))
+        pose = pinocchio.SE3(changes.turn, np.zeros(3)) * _sdf_pose(model)
+        for stated in model.findall("pose"):
+            model.remove(stated)
+        element = ElementTree.Element("pose")
+        element.text = numbers([*pose.translation, *roll_pitch_yaw(pose.rotation)])
+        model.insert(0, element)
+    tree.write(target, encoding="utf-8", xml_declaration=True)
+
+
+def _sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
+    words = element.findtext("pose", "0 0 0 0 0 0").split()
+    return place(" ".join(words[:3]), " ".join(words[3:]))
+
+
+def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
+    """An MJCF with the changes; a turned base is another direction of gravity in its world."""
+    import mujoco
+
+    spec: Any = mujoco.MjSpec.from_file(str(source))
+    compiled = spec.compile()
+    for joint, added in changes.bodies.items():
+        body = spec.joint(joint).parent
+        own = compiled.body(body.name)
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, own.iquat)
+        frame = axes.reshape(3, 3)
+        whole = added + _pseudo(float(own.mass[0]), own.ipos, frame @ np.diag(own.inertia) @ frame.T)
+        mass_kg, center, tensor = _central(whole, body.name, source)
+        moments, vectors = np.linalg.eigh(tensor)
+        vectors[:, 2] *= np.sign(np.linalg.det(vectors))
+        turn = np.zeros(4)
+        mujoco.mju_mat2Quat(turn, vectors.ravel())
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat, body.inertia = mass_kg, center, turn, moments
+        body.fullinertia = [np.nan, 0.0, 0.0, 0.0, 0.0, 0.0]
+    for key, table in (
+        ("damping", changes.viscous), ("frictionloss", changes.coulomb), ("armature", changes.armature)
+    ):  # fmt: skip
+        for name, more in table.items():
+            joint_spec = spec.joint(name)
+            stated = float(getattr(compiled, f"dof_{key}")[compiled.joint(name).dofadr[0]])
+            new = max(0.0, stated + more)
+            setattr(joint_spec, key, [new, 0.0, 0.0] if np.ndim(getattr(joint_spec, key)) else new)
+    if changes.turn is not None:
+        spec.option.gravity = changes.turn.T @ np.array(spec.option.gravity)
+    spec.compile()
+    target.write_text(spec.to_xml(), encoding="utf-8")

@@ -1,0 +1,134 @@
+"""What an audit found, written back into the simulator's file, and the torque before and after in one figure.
+
+Here: the order of things (bodies and gravity first, then the friction that is lacking) and the drawing. Not here: the
+file (`amend`) and what is foretold (`audit.foretold`). Called by `diagnose --write-model`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from identification.audit.columns import Geometry
+from identification.audit.difference import Difference
+from identification.audit.foretold import foretold, lacking_friction
+from identification.audit.rows import rows_of
+from identification.base_parameters import BaseRegressor
+from identification.export.amend import Amended, amend
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+from identification.robots.simulator_models import read_simulator_model
+
+__all__ = ["WrittenBack", "draw_before_after", "write_back"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
+_MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 3.2, "alpha": 0.35}
+_BEFORE: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.1, "linestyle": ":"}
+_AFTER: dict[str, Any] = {"color": "#0072B2", "linewidth": 1.2, "linestyle": "--"}
+_MOST_POINTS = 1500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrittenBack:
+    """amended: the file. measured, before, after: (R, n) Nm on rows `spacing_s` apart; used: (R, n). units: (n,)."""
+
+    amended: Amended
+    source: str
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+    used: npt.NDArray[np.bool_]
+    spacing_s: float
+    units: tuple[str, ...]
+
+    def rms(self, torque: FloatArray) -> FloatArray:
+        """(n,) of measured minus foretold, over the rows in which each joint moves."""
+        left = np.where(self.used, self.measured - torque, 0.0)
+        return np.asarray(np.sqrt((left**2).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1)))
+
+    @property
+    def sentence(self) -> str:
+        """What it is worth."""
+        before, after = (float(np.sqrt(np.sum(self.rms(each) ** 2))) for each in (self.before, self.after))
+        return (
+            f"{self.amended.path} has what was found: {before:.3g} Nm RMS (all joints together) of measured minus "
+            f"simulated torque before, {after:.3g} Nm after."
+        )
+
+
+def write_back(
+    recordings: Sequence[Recording], robot: RobotModel, source: Path, differences: Sequence[Difference], target: Path
+) -> WrittenBack:
+    """Write a simulator's file with the differences put right, and read both back for their torque.
+
+    A file's friction is a guess more often than not: what the rows lack of it after everything else is written too.
+    Raises the errors of `amend`.
+    """
+    regressor = BaseRegressor(robot)
+    rows = rows_of(recordings)
+    geometry = Geometry(robot, rows)
+    amended = amend(source, differences, robot, target)
+    before, after = (read_simulator_model(source, regressor), _values(amended, source, differences, robot, regressor))
+    if not any(item.effect == "friction_change" for item in differences):
+        left = rows.torque - foretold(geometry, regressor, after, amended.gravity)
+        own = [
+            np.array([after[regressor.names.index(f"{symbol}_{joint}")] for joint in range(1, robot.n + 1)])
+            for symbol in ("FV", "FS")
+        ]
+        found = lacking_friction(geometry, left, own[0], own[1], source.name)
+        if found:
+            differences = [*differences, *found]
+            amended = amend(source, differences, robot, target)
+            after = _values(amended, source, differences, robot, regressor)
+    return WrittenBack(
+        amended, source.name, rows.torque, foretold(geometry, regressor, before),
+        foretold(geometry, regressor, after, amended.gravity), rows.used, rows.spacing_s, robot.units,
+    )  # fmt: skip
+
+
+def _values(
+    amended: Amended, source: Path, differences: Sequence[Difference], robot: RobotModel, regressor: BaseRegressor
+) -> FloatArray:
+    """Base parameters of the file that was written, as its bodies are; a turned base is in `amended.gravity`."""
+    if np.allclose(amended.gravity, robot.gravity):
+        return read_simulator_model(amended.path, regressor)
+    level = amended.path.with_name(f"{amended.path.stem}.level{amended.path.suffix}")
+    try:
+        amend(source, [item for item in differences if item.effect != "base_tilt"], robot, level)
+        return read_simulator_model(level, regressor)
+    finally:
+        level.unlink(missing_ok=True)
+
+
+def draw_before_after(written: WrittenBack) -> Figure:
+    """One row a joint: measured torque with that of the file before and after, and what each leaves."""
+    n = written.measured.shape[1]
+    figure = Figure(figsize=(13.5, 1.5 * n + 1.6), layout="constrained")
+    figure.suptitle(f"{written.source}: {written.sentence.partition(': ')[2]}")
+    rows = figure.subplots(n, 2, sharex=True, squeeze=False)
+    shown = slice(0, _MOST_POINTS)
+    time = written.spacing_s * np.arange(len(written.measured))[shown]
+    for joint, (left, right) in enumerate(rows):
+        measured, before, after = (each[shown, joint] for each in (written.measured, written.before, written.after))
+        left.plot(time, measured, label="measured", **_MEASURED)
+        left.plot(time, before, label="file as given", **_BEFORE)
+        left.plot(time, after, label="file as written", **_AFTER)
+        right.plot(time, measured - before, label="measured − as given", **_BEFORE)
+        right.plot(time, measured - after, label="measured − as written", **_AFTER)
+        left.set_ylabel(f"joint {joint + 1}\ntorque ({written.units[joint]})")
+        right.set_ylabel(f"difference\n({written.units[joint]})")
+        for axes in (left, right):
+            axes.grid(alpha=0.25)
+            axes.set_xlim(time[0], time[-1])
+    for column in (0, 1):
+        rows[-1, column].set_xlabel("moving time, low-pass filtered (s)")
+        rows[0, column].legend(loc="upper right", ncols=3, fontsize="small")
+    return figure

@@ -1,0 +1,176 @@
+"""Claims about a simulator's file with what was found written into it.
+
+Truth: Pinocchio's inverse dynamics of the paper's arm with a body on its flange, more friction and a base that leans,
+built without any file. Read back: the URDF by Pinocchio, the MJCF by MuJoCo, the SDF by Drake.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+from identification.audit.difference import Difference, Number
+from identification.base_parameters import BaseRegressor
+from identification.errors import ExportCheckError, ModelFileError
+from identification.estimators import PhysicalParameters
+from identification.export.amend import amend
+from identification.export.write import export_model
+from identification.robots import load_robot
+from identification.robots.simulator_models import read_simulator_model
+from tests.identification.exported import consistent, model_of
+
+MASS_KG, CENTER_M = 1.5, np.array([0.06, 0.03, 0.1])
+MORE_VISCOUS, MORE_COULOMB = 0.3, 0.2
+ANGLE = 0.3
+GRAVITY = 9.81 * np.array([np.sin(ANGLE), 0.0, -np.cos(ANGLE)])
+FILES = {"urdf": "arm.urdf", "sdf": "arm.sdf", "mjcf": "arm.xml"}
+Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def physical(table3: PhysicalParameters) -> PhysicalParameters:
+    return consistent(table3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, physical: PhysicalParameters) -> Path:
+    place = tmp_path_factory.mktemp("arms")
+    model = model_of(place, "iiwa14", physical)
+    for form, name in FILES.items():
+        export_model(model, place / name, form, parameter_set="physical")
+    return place
+
+
+def number(name: str, value: float) -> Number:
+    return Number(name, value, 0.01 * abs(value), "")
+
+
+def payload(mass: float) -> Difference:
+    center = zip("xyz", CENTER_M.tolist(), strict=True)
+    numbers = (number("mass", mass), *(number(f"com_{axis}", value) for axis, value in center))
+    return Difference("payload", None, 7, numbers, 0.9, 100.0, "model", "A load.")
+
+
+def friction() -> Difference:
+    numbers = (number("viscous", MORE_VISCOUS), number("coulomb", MORE_COULOMB))
+    return Difference("friction_change", 3, None, numbers, 0.9, 100.0, "model", "Friction.")
+
+
+def tilt() -> Difference:
+    numbers = [number(f"gravity_{axis}", value) for axis, value in zip("xyz", GRAVITY.tolist(), strict=True)]
+    return Difference("base_tilt", None, None, (number("angle", ANGLE), *numbers), 0.9, 100.0, "model", "Leans.")
+
+
+def states() -> zip[tuple[np.ndarray, ...]]:
+    generator = np.random.default_rng(8)
+    q, dq, ddq = (generator.uniform(-1.5, 1.5, (10, 7)) for _ in range(3))
+    return zip(q, dq, ddq, strict=True)
+
+
+def truth(physical: PhysicalParameters, gravity: np.ndarray, mass: float) -> Torque:
+    """The arm with a point on its flange, whose axes are the last link's turned by π about z, 126 mm out."""
+    model = load_robot("iiwa14").pinocchio_model.copy()
+    model.gravity.linear = gravity
+    for link in range(7):
+        model.inertias[link + 1] = pinocchio.Inertia(
+            physical.mass[link], physical.center_of_mass[link], physical.inertia[link]
+        )
+    at = np.diag([-1.0, -1.0, 1.0]) @ CENTER_M + np.array([0.0, 0.0, 0.126])
+    model.appendBodyToJoint(7, pinocchio.Inertia(mass, at, np.zeros((3, 3))), pinocchio.SE3.Identity())
+    data = model.createData()
+    viscous, coulomb = physical.viscous.copy(), physical.coulomb.copy()
+    viscous[2] += MORE_VISCOUS
+    coulomb[2] += MORE_COULOMB
+
+    def torque(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        return np.asarray(pinocchio.rnea(model, data, q, dq, ddq) + viscous * dq + coulomb * np.sign(dq))
+
+    return torque
+
+
+def by_pinocchio(file: Path) -> Torque:
+    model = pinocchio.buildModelFromUrdf(str(file))
+    data = model.createData()
+    joints = [ElementTree.parse(file).getroot().find(f"joint[@name='{name}']/dynamics") for name in model.names[1:]]
+    damping, dry = (np.array([float(item.get(key)) for item in joints]) for key in ("damping", "friction"))  # type: ignore[union-attr, arg-type]
+    return lambda q, dq, ddq: pinocchio.rnea(model, data, q, dq, ddq) + damping * dq + dry * np.sign(dq)
+
+
+def by_mujoco(file: Path) -> Torque:
+    model = mujoco.MjModel.from_xml_path(str(file))
+    dry = np.array(model.dof_frictionloss)
+    model.dof_frictionloss[:] = 0.0
+    data = mujoco.MjData(model)
+
+    def torque(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        return np.asarray(data.qfrc_inverse + dry * np.sign(dq))
+
+    return torque
+
+
+@pytest.mark.parametrize(("name", "reader"), [("arm.urdf", by_pinocchio), ("arm.xml", by_mujoco)])
+@pytest.mark.parametrize("mass", [MASS_KG, -0.05])
+def test_a_simulator_moves_the_arm_as_it_was_found(
+    name: str, reader: Callable[[Path], Torque], mass: float, folder: Path, physical: PhysicalParameters, tmp_path: Path
+) -> None:
+    before = (folder / name).read_bytes()
+    written = amend(folder / name, [payload(mass), friction(), tilt()], load_robot("iiwa14"), tmp_path / name)
+    assert (folder / name).read_bytes() == before
+    assert written.written == ("A load.", "Friction.", "Leans.")
+    expected, found = truth(physical, GRAVITY, mass), reader(tmp_path / name)
+    for state in states():
+        # MuJoCo's editor writes six digits.
+        np.testing.assert_allclose(found(*state), expected(*state), rtol=1e-5, atol=2e-4)
+
+
+def test_an_sdf_has_the_load_too(folder: Path, physical: PhysicalParameters, tmp_path: Path) -> None:
+    pytest.importorskip("pydrake")
+    amend(folder / "arm.sdf", [payload(MASS_KG), friction()], load_robot("iiwa14"), tmp_path / "arm.sdf")
+    regressor = BaseRegressor(load_robot("iiwa14"))
+    values = read_simulator_model(tmp_path / "arm.sdf", regressor)
+    expected = truth(physical, np.array([0.0, 0.0, -9.81]), MASS_KG)
+    for state in states():
+        columns = regressor.matrix(*(each[None] for each in state))[0]
+        np.testing.assert_allclose(columns @ values, expected(*state), atol=1e-5)
+
+
+def test_nothing_else_of_a_urdf_is_touched(folder: Path, tmp_path: Path) -> None:
+    amend(folder / "arm.urdf", [payload(MASS_KG)], load_robot("iiwa14"), tmp_path / "arm.urdf")
+    before, after = (ElementTree.parse(place / "arm.urdf").getroot() for place in (folder, tmp_path))
+    changed = [
+        (one.tag, one.get("name"))
+        for one, other in zip(before, after, strict=True)
+        if ElementTree.tostring(one).split() != ElementTree.tostring(other).split()
+    ]
+    assert changed == [("link", "link_7")]
+
+
+def test_what_is_the_recordings_fault_is_left_out_and_said(folder: Path, tmp_path: Path) -> None:
+    late = Difference("torque_delay", None, None, (number("delay", 0.02),), 0.5, 50.0, "model", "The torque is late.")
+    written = amend(folder / "arm.urdf", [late], load_robot("iiwa14"), tmp_path / "arm.urdf")
+    assert written.written == ()
+    assert "The torque is late." in written.left[0]
+
+
+def test_a_link_without_a_mass_and_another_format_are_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match=r"link 'link_7' would be left with -\d"):
+        amend(folder / "arm.urdf", [payload(-40.0)], load_robot("iiwa14"), tmp_path / "arm.urdf")
+    with pytest.raises(ModelFileError, match=r"ends in \.urdf"):
+        amend(folder / "arm.urdf", [payload(1.0)], load_robot("iiwa14"), tmp_path / "arm.xml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_body_that_cannot_be_is_not_written(folder: Path, tmp_path: Path) -> None:
+    numbers = (number("mass", 0.1), *(number(f"first_moment_{axis}", 0.2) for axis in "xyz"), number("XX", -0.5))
+    wrong = Difference("link_parameters", None, 4, numbers, 0.9, 100.0, "model", "Link 4.")
+    with pytest.raises(ExportCheckError, match="no body's"):
+        amend(folder / "arm.urdf", [wrong], load_robot("iiwa14"), tmp_path / "arm.urdf")
+    assert not list(tmp_path.iterdir())
