@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RobotOption, load_inputs
 from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
+
+if TYPE_CHECKING:
+    from daemon.host_checks import DoctorCheck
+    from identification.mismatch.set_up import SetUpCheck
 
 
 @app.command()
@@ -31,12 +37,18 @@ def doctor(
         Path | None, typer.Option("--config", metavar="FILE", help="Take address, version and folder from this file.")
     ] = None,
     arm: ArmOption = None,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option("--log", metavar="LOG", help="Instead: how this recording was made; may be given repeatedly."),
+    ] = None,
+    robot: RobotOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Examine host, network, firewall, real-time limits, disk and link, and say what to do next. Moves nothing.
 
     Grades the link: A nothing lost and regular, B good, C usable for a try, D not usable. Exit code 1 when a check
-    failed; warnings are allowed.
+    failed; warnings are allowed. --log: gravity, signs, clock, units, order of joints, rows, late torque and load data
+    of a recording, without any model of the arm.
 
     Example: iiwa-ident doctor --bind 192.170.10.1:30200 --answer
     """
@@ -46,6 +58,9 @@ def doctor(
     from daemon.link_observation import Mirror
     from fri_client.messages import FriVersion
 
+    if logs:
+        _examine_logs(logs, robot, json_file)
+        return
     if arm is not None and config is None:
         raise typer.BadParameter(ARM_WITHOUT_FILE)
     settings = DaemonConfig() if config is None else load_config(config, arm)
@@ -65,10 +80,30 @@ def doctor(
     if json_file is not None:
         write_json(json_file, report.to_json())
     if not wants_json_on_stdout(json_file):
-        table = Table("check", "result", "what was found")
-        for item in report.checks:
-            table.add_row(item.name, item.status if item.status != "failed" else "FAILED", item.sentence)
-        show_table(table)
+        _show(report.checks)
         data(report.next_step)
     if not report.passed:
         raise typer.Exit(1)
+
+
+def _examine_logs(logs: Sequence[Path], robot: str | None, json_file: Path | None) -> None:
+    from identification.mismatch.set_up import examine_set_up
+
+    # What is found is the result here, and not said beside it.
+    inputs = load_inputs(logs, robot, say=False)
+    checks = examine_set_up(inputs.recordings, inputs.robot)
+    passed = all(item.status != "failed" for item in checks)
+    if json_file is not None:
+        write_json(json_file, {"format": "iiwa-ident/set-up/1", "recordings": list(map(str, logs)), "passed": passed,
+                               "checks": [asdict(item) for item in checks]})  # fmt: skip
+    if not wants_json_on_stdout(json_file):
+        _show(checks)
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _show(checks: Sequence[DoctorCheck] | Sequence[SetUpCheck]) -> None:
+    table = Table("check", "result", "what was found")
+    for item in checks:
+        table.add_row(item.name, item.status if item.status != "failed" else "FAILED", item.sentence)
+    show_table(table)

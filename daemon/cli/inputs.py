@@ -60,8 +60,9 @@ def load_inputs(
     installation: Installation | None = None,
     model_robot: RobotModel | None = None,
     find_mount: bool = False,
+    say: bool = True,
 ) -> Inputs:
-    """Recordings and their robot; what was found wrong in each is said on stderr. As `read_inputs`.
+    """Recordings and their robot; what was found wrong in each is said on stderr, unless not `say`. As `read_inputs`.
 
     find_mount: take gravity as the recordings show it. Otherwise it is said where they show another than is stated.
     """
@@ -71,6 +72,8 @@ def load_inputs(
         return read_inputs(logs, robot=robot, installation=stand, joints=names_of(joints), model_robot=model_robot)
 
     inputs = read(installation)
+    if not say:
+        return inputs
     for log, recording in zip(logs, inputs.recordings, strict=True):
         for finding in recording.report.findings:
             message(f"{log}: {finding.sentence}")

@@ -37,9 +37,8 @@ __all__ = ["Amended", "amend"]
 FloatArray = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-3
-"""Of a parameter's size: what is read back has to be what was meant."""
-WITHIN = 3.0
-"""σ of what was found, that a body may be away from it."""
+"""Of the torque's size: what is read back has to be what was meant."""
+STATES, SEED = 40, 13
 _TENSOR = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 
 
@@ -60,7 +59,6 @@ class _Wanted:
     """What is to change, in the robot's frames and numbers of joints."""
 
     bodies: dict[int, FloatArray] = field(default_factory=dict)
-    variance: dict[int, FloatArray] = field(default_factory=dict)
     drives: dict[str, dict[int, float]] = field(default_factory=lambda: {"FV": {}, "FS": {}, "IA": {}})
     gravity: FloatArray | None = None
     written: list[str] = field(default_factory=list)
@@ -93,8 +91,10 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     write: Callable[[Path, Path, Changes], None] = {
         "robot": write_urdf_changes, "sdf": write_sdf_changes, "mujoco": write_mjcf_changes
     }[kind]  # fmt: skip
+    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
+    before = read_simulator_model(source, regressor)
     write(source, target, changes)
-    _check(source, target, wanted, robot)
+    _check(before, target, wanted, regressor)
     gravity = np.array(robot.gravity)
     if wanted.gravity is not None:
         gravity = wanted.gravity
@@ -122,7 +122,6 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
         if item.effect in ("payload", "link_parameters") and item.link is not None:
             link = item.link - 1
             wanted.bodies[link] = wanted.bodies.get(link, np.zeros((4, 4))) + _body(numbers, link, robot)
-            wanted.variance[link] = wanted.variance.get(link, np.zeros(10)) + _variance(item)
         elif item.effect == "friction_change" and item.joint is not None:
             for symbol, name in (("FV", "viscous"), ("FS", "coulomb")):
                 wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
@@ -158,14 +157,6 @@ def _body(numbers: dict[str, float], link: int, robot: RobotModel) -> FloatArray
         return moment_matrix(mass, moment, point)
     xx, xy, xz, yy, yz, zz = (numbers.get(name, 0.0) for name in _TENSOR)
     return moment_matrix(mass, moment, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-
-
-def _variance(item: Difference) -> FloatArray:
-    """(10,) of what was found, mass, first moments and inertia; a centre counts with the mass."""
-    std = {number.name: number.std for number in item.numbers}
-    mass = abs(item.numbers[0].value) if item.numbers[0].name == "mass" else 0.0
-    moments = [std.get(f"first_moment_{axis}", mass * std.get(f"com_{axis}", 0.0)) for axis in "xyz"]
-    return np.array([std.get("mass", 0.0), *moments, *(std.get(name, 0.0) for name in _TENSOR)]) ** 2
 
 
 def _in_file_base(robot: RobotModel) -> RobotModel:
@@ -220,7 +211,7 @@ def _drake_frames(source: Path) -> dict[str, FloatArray]:
         plant.WeldFrames(plant.world_frame(), base.body_frame())
     plant.Finalize()
     context = plant.CreateDefaultContext()
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    plant.SetPositions(context, np.zeros(plant.num_positions()))  # type: ignore[arg-type]
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
     joints = [joint for joint in joints if joint.num_velocities() == 1]
     return {
@@ -240,31 +231,35 @@ def _turn(found: FloatArray, stated: FloatArray) -> FloatArray:
     return np.asarray(pinocchio.Quaternion.FromTwoVectors(found, np.asarray(stated)).toRotationMatrix())
 
 
-def _check(source: Path, target: Path, wanted: _Wanted, robot: RobotModel) -> None:
-    """Refuse a file whose base parameters are not those of the source and the changes."""
-    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
-    before, after = (read_simulator_model(path, regressor) for path in (source, target))
+def _check(before: FloatArray, target: Path, wanted: _Wanted, regressor: BaseRegressor) -> None:
+    """Refuse a file that does not weigh or rub as it was meant to; say where an inertia is no body's."""
+    robot, after = regressor.robot, read_simulator_model(target, regressor)
     symbols = (*INERTIAL_SYMBOLS, *regressor.options.symbols)
-    added, variance = np.zeros((2, robot.n, len(symbols)))
+    added = np.zeros((robot.n, len(symbols)))
     for link, body in wanted.bodies.items():
         tensor = np.trace(body[:3, :3]) * np.eye(3) - body[:3, :3]
-        ten = [body[3, 3], *body[:3, 3], *tensor[np.triu_indices(3)]]
-        added[link, :10] = ten
-        variance[link, :10] = wanted.variance[link]
+        added[link, :10] = [body[3, 3], *body[:3, 3], *tensor[np.triu_indices(3)]]
     for symbol, table in wanted.drives.items():
         for joint, value in table.items():
             added[joint, symbols.index(symbol)] = value
-    meant = before + regressor.regrouping @ added.ravel()
-    # Numbers with errors may be no body's; the nearest body has to be within them.
-    allowed = TOLERANCE * (np.maximum(np.abs(before), np.abs(meant)) + 1e-2)
-    allowed += WITHIN * np.sqrt(regressor.regrouping**2 @ variance.ravel())
-    worst = int(np.argmax(np.abs(after - meant) / allowed))
-    if abs(after[worst] - meant[worst]) > allowed[worst]:
+    off = after - (before + regressor.regrouping @ added.ravel())
+    generator = np.random.default_rng(SEED)
+    q, dq, ddq = (generator.uniform(-1.5, 1.5, (STATES, robot.n)) for _ in range(3))
+    still = np.zeros_like(q)
+    drives = np.array([not name.startswith(("FV", "FS")) for name in regressor.names])
+    whole = regressor.matrix(q, dq, ddq)
+    size = float(np.abs(whole @ after).max())
+    weight = np.abs(regressor.matrix(q, still, still) @ off).max()
+    friction = np.abs(whole @ np.where(drives, 0.0, off)).max()
+    wrong = float(max(weight, friction))
+    if wrong > TOLERANCE * size:
         target.unlink(missing_ok=True)
         raise ExportCheckError(
-            f"{target}: read back, {regressor.names[worst]} is {after[worst]:.4g} and not {meant[worst]:.4g}: the "
-            "numbers found are no body's, or the file's frames are others. Nothing was written.",
+            f"{target}: read back, its torque is {wrong:.3g} Nm from what was meant: the file's frames are others. "
+            "Nothing was written.",
             file=target,
             program="the reader of this program",
-            difference_nm=float(abs(after[worst] - meant[worst])),
+            difference_nm=wrong,
         )
+    if float(np.abs(whole @ off).max()) > TOLERANCE * size:
+        wanted.left.append("The inertia that was found is no body's: the nearest that a body can have was written.")

@@ -17,7 +17,7 @@ import pytest
 
 from identification.audit.difference import Difference, Number
 from identification.base_parameters import BaseRegressor
-from identification.errors import ExportCheckError, ModelFileError
+from identification.errors import ExportCheckError, ModelFileError, RobotError
 from identification.estimators import PhysicalParameters
 from identification.export.amend import amend
 from identification.export.write import export_model
@@ -168,9 +168,16 @@ def test_a_link_without_a_mass_and_another_format_are_refused(folder: Path, tmp_
     assert not list(tmp_path.iterdir())
 
 
-def test_a_body_that_cannot_be_is_not_written(folder: Path, tmp_path: Path) -> None:
-    numbers = (number("mass", 0.1), *(number(f"first_moment_{axis}", 0.2) for axis in "xyz"), number("XX", -0.5))
+def test_an_inertia_that_no_body_has_becomes_the_nearest_and_is_said(folder: Path, tmp_path: Path) -> None:
+    numbers = (number("mass", 0.1), number("first_moment_x", 0.02), number("XX", -0.5))
     wrong = Difference("link_parameters", None, 4, numbers, 0.9, 100.0, "model", "Link 4.")
-    with pytest.raises(ExportCheckError, match="no body's"):
-        amend(folder / "arm.urdf", [wrong], load_robot("iiwa14"), tmp_path / "arm.urdf")
-    assert not list(tmp_path.iterdir())
+    written = amend(folder / "arm.urdf", [wrong], load_robot("iiwa14"), tmp_path / "arm.urdf")
+    assert "nearest that a body can have" in written.left[0]
+    inertias = pinocchio.buildModelFromUrdf(str(tmp_path / "arm.urdf")).inertias
+    assert np.linalg.eigvalsh(inertias[4].inertia).min() > 0.0
+
+
+def test_the_file_of_another_arm_is_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises((ExportCheckError, RobotError)):
+        amend(folder / "arm.urdf", [payload(1.0)], load_robot("iiwa7"), tmp_path / "arm.urdf")
+    assert not (tmp_path / "arm.urdf").exists()

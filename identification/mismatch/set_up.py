@@ -1,0 +1,178 @@
+"""How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, delay, load.
+
+A verdict for each, in seconds. What in single rows and signs is wrong comes from `data_faults`, how the base stands
+from the audit's `mount`. Called by `doctor --log` and, for the page, by the diagnosis of files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from identification.audit.columns import Geometry
+from identification.audit.evidence import posterior
+from identification.audit.given import sizes_of, wide_open
+from identification.audit.misread import in_degrees
+from identification.audit.mount import Mounting, mounting_of
+from identification.audit.rows import Rows, rows_of
+from identification.base_parameters import BaseRegressor
+from identification.fitting.result import FitResult
+from identification.load_data import unknown_load
+from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.findings import DataFault
+from identification.mismatch.nominal import nominal_fit
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings.recording import Recording
+from identification.robots.model import RobotModel
+from identification.signals.aperiodic import sixth_order_difference, zero_phase_low_pass
+
+__all__ = ["SetUpCheck", "examine_set_up", "set_up_checks"]
+
+FloatArray = npt.NDArray[np.float64]
+Status = Literal["ok", "warning", "failed"]
+
+FAULTS = {
+    "torque signs": (("inverted_torque_sign",), "Every torque sensor has the sign of the arm's own inertia."),
+    "clock": (("wrong_time_base",), "Inertia and velocity go by the clock as stated."),
+    "rows": (
+        ("lost_samples", "garbled_rows", "saturated_sensor"),
+        "No rows are lost, repeated or garbled, and no sensor is at its end.",
+    ),
+}
+LATEST_S, LEAST_SIGMAS = 0.005, 5.0
+"""A torque later than this shifts what a fit finds, where it shows."""
+NOT_ITS_OWN, ITS_OWN, CHEAPER = 0.5, 0.2, 0.3
+"""Of a torque's square: what stays of one at least under the joint where it stands, and of each at most under the one
+it goes with; and how much less stays in all. The columns of a joint near the base take much of any torque.
+"""
+ORDER_ROWS, ORDER_NOISE = 600, 0.1
+_LOAD_HZ = 8.0
+_LOAD_ROWS = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class SetUpCheck:
+    """One question to a recording: its name, the verdict, and a sentence."""
+
+    name: str
+    status: Status
+    sentence: str
+
+
+def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[SetUpCheck, ...]:
+    """Every check of some recordings of one robot. Raises RecordingError for those that are too short or at rest."""
+    fit = nominal_fit(recordings, robot, DiagnosisSettings())
+    faults = find_data_faults(recordings, BaseRegressor(robot) if fit is None else fit.regressor)
+    return set_up_checks(recordings, robot, [fault for own in faults for fault in own], fit)
+
+
+def set_up_checks(
+    recordings: Sequence[Recording], robot: RobotModel, faults: Sequence[DataFault], fit: FitResult | None
+) -> tuple[SetUpCheck, ...]:
+    """As `examine_set_up`, where the faults of the data and the nominal fit are known already."""
+    rows, stand = rows_of(recordings), mounting_of(recordings, robot)
+    gravity = np.array(robot.gravity) if stand is None or not stand.is_other else stand.gravity
+    return (
+        _gravity(stand),
+        *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
+        _units(recordings, robot),
+        _order(rows, robot, gravity),
+        _delay(fit),
+        _load(recordings, robot),
+    )
+
+
+def _gravity(found: Mounting | None) -> SetUpCheck:
+    if found is None:
+        return SetUpCheck("gravity", "ok", "Gravity acts on no joint of this arm.")
+    return SetUpCheck("gravity", "failed" if found.is_other else "ok", found.sentence)
+
+
+def _of_faults(name: str, kinds: Sequence[str], well: str, faults: Sequence[DataFault]) -> SetUpCheck:
+    found = [fault for fault in faults if fault.fault in kinds]
+    if not found:
+        return SetUpCheck(name, "ok", well)
+    # Rows that are lost are left out; what is read with the wrong sign or clock spoils everything.
+    status: Status = "warning" if name == "rows" else "failed"
+    return SetUpCheck(name, status, " ".join(fault.sentence for fault in found))
+
+
+def _units(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
+    degrees = [item for item in recordings if in_degrees(item, robot.kinematics.revolute) is not None]
+    if degrees:
+        return SetUpCheck("units", "failed", f"{degrees[0].source.path}: the positions are in degrees.")
+    units = {recording.torque_unit for recording in recordings}
+    if units != {"Nm"}:
+        return SetUpCheck("units", "warning", f"The torque is in {', '.join(sorted(units))}: masses will be scaled.")
+    span = max(float(np.ptp(item.position, axis=0).max()) for item in recordings)
+    torque = max(float(np.abs(item.torque).max()) for item in recordings)
+    return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
+
+
+def _order(rows: Rows, robot: RobotModel, gravity: FloatArray) -> SetUpCheck:
+    """Which joint's motion each torque goes with: the columns of every joint are fitted to every torque.
+
+    A cost is the share of a torque that a joint's columns leave on blocks that were not fitted.
+    """
+    n, sizes = robot.n, sizes_of(robot, rows)
+    chosen = np.unique(np.linspace(0, len(rows.block) - 1, min(ORDER_ROWS, len(rows.block))).astype(int))
+    columns = Geometry(robot, rows).columns(gravity)[chosen]
+    fitted = rows.block[chosen] % 2 == 0
+    torque = (rows.torque / sizes.torque)[chosen]
+    cost = np.zeros((n, n))
+    for joint in range(n):
+        own = columns[:, joint] / sizes.torque[joint]
+        gram = own[fitted].T @ own[fitted] / ORDER_NOISE**2
+        for other in range(n):
+            right = own[fitted].T @ torque[fitted, other] / ORDER_NOISE**2
+            values = posterior(gram, right, np.diag(wide_open(sizes))).values
+            left = torque[~fitted, other] - own[~fitted] @ values
+            cost[joint, other] = float(np.mean(left**2)) / max(float(torque[~fitted, other].var()), 1e-12)
+    _, order = linear_sum_assignment(cost)
+    moved = [joint for joint in range(n) if order[joint] != joint]
+    own, other = cost[moved, moved], cost[moved, order[moved]]
+    if not moved or own.max() < NOT_ITS_OWN or other.max() > ITS_OWN or other.sum() > CHEAPER * own.sum():
+        return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
+    which = ", ".join(f"that of joint {joint + 1} stands under joint {order[joint] + 1}" for joint in moved)
+    return SetUpCheck("order of joints", "failed", f"The torques are in the order of other joints: {which}.")
+
+
+def _delay(fit: FitResult | None) -> SetUpCheck:
+    if fit is None or not np.isfinite(fit.torque_delay.common):
+        return SetUpCheck("late torque", "ok", "The motion does not tell whether the torque is late.")
+    delay, deviation = fit.torque_delay.common, fit.torque_delay.common_std
+    which = "later" if delay > 0 else "earlier"
+    said = f"The torque is {which} than the position by {1e3 * abs(delay):.1f} ± {1.96e3 * deviation:.1f} ms"
+    if abs(delay) > LATEST_S and abs(delay) > LEAST_SIGMAS * deviation:
+        return SetUpCheck("late torque", "warning", f"{said}; friction beyond the model looks like that too.")
+    return SetUpCheck("late torque", "ok", f"{said}.")
+
+
+def _load(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
+    known = [item for item in recordings if item.external_torque is not None]
+    if not known:
+        return SetUpCheck("load data", "ok", "The recording has no external torque: load data cannot be judged by it.")
+    recording = known[0]
+    step = recording.sampling_period_s
+    cutoff = min(_LOAD_HZ, 0.1 / step)
+    q = zero_phase_low_pass(recording.position, step, cutoff)
+    dq = sixth_order_difference(q, step)
+    ddq = sixth_order_difference(dq, step)
+    assert recording.external_torque is not None, "chosen above"
+    chosen = np.unique(np.linspace(0, len(q) - 1, min(_LOAD_ROWS, len(q))).astype(int))
+    external = np.nan_to_num(recording.external_torque[chosen])
+    found = unknown_load(robot, q[chosen], dq[chosen], ddq[chosen], external)
+    if found is None:
+        return SetUpCheck("load data", "ok", "The external torque shows no load that the cabinet does not know of.")
+    whose = "lack" if found.mass > 0.0 else "have too much by"
+    return SetUpCheck(
+        "load data",
+        "failed",
+        f"The cabinet's load data {whose} {abs(found.mass):.2g} kg at the flange: that explains "
+        f"{100.0 * found.share:.0f} % of the external torque.",
+    )

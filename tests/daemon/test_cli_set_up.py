@@ -1,0 +1,124 @@
+"""Claims about `doctor --log`: a verdict for each question to a recording, exit codes.
+
+Truth: torque of the paper's arm by Pinocchio, read with a fault that is put in.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+
+from daemon.cli.app import main
+from fixtures.physics import iiwa14_table_three
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.set_up import set_up_checks
+from identification.recordings import read_recording
+from identification.robots import load_robot
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
+
+UNKNOWN_KG = 0.8
+
+
+def run(*words: object) -> int:
+    try:
+        main([str(word) for word in words])
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def sound() -> dict[str, np.ndarray]:
+    """A recording of an iiwa 14 whose cabinet knows its load: the external torque is noise."""
+    robot, links = load_robot("iiwa14"), iiwa14_table_three()
+    physical = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=4)
+    noise = 0.05 * np.random.default_rng(6).standard_normal((2, 1000, 7))
+    torque = inverse_dynamics(robot, physical, *states) + noise[0]
+    return {"t": np.arange(1000) * 0.01, "q": states[0], "dq": states[1], "tau": torque, "tau_ext": noise[1]}
+
+
+def leaning(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    robot, links = load_robot("iiwa14"), iiwa14_table_three()
+    model = robot.pinocchio_model.copy()
+    for link in range(7):
+        model.inertias[link + 1] = pinocchio.Inertia(links.mass[link], links.center_of_mass[link], links.inertia[link])
+    model.gravity.linear = np.array([9.81, 0.0, 0.0]) - robot.gravity
+    still = np.zeros(7)
+    weight = [pinocchio.rnea(model, model.createData(), q, still, still) for q in data["q"]]
+    return {**data, "tau": data["tau"] + np.array(weight)}
+
+
+def loaded(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    model = load_robot("iiwa14").pinocchio_model.copy()
+    for joint in range(1, 8):
+        model.inertias[joint] = pinocchio.Inertia.Zero()
+    body = pinocchio.Inertia(UNKNOWN_KG, np.array([0.0, 0.02, 0.2]), 0.001 * np.eye(3))
+    model.appendBodyToJoint(7, body, pinocchio.SE3.Identity())
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=4)
+    load = np.array([pinocchio.rnea(model, model.createData(), *state) for state in zip(*states, strict=True)])
+    # External torque is what the load does to the joints, not what the joints do against it.
+    return {**data, "tau": data["tau"] + load, "tau_ext": data["tau_ext"] - load}
+
+
+def examined(data: dict[str, np.ndarray], folder: Path) -> tuple[int, dict[str, dict[str, str]]]:
+    np.savez(folder / "log.npz", robot="iiwa14", **data)  # type: ignore[arg-type]
+    code = run("doctor", "--log", folder / "log.npz", "--json", folder / "set_up.json")
+    checks = json.loads((folder / "set_up.json").read_text())["checks"]
+    return code, {item["name"]: item for item in checks}
+
+
+def test_a_sound_recording_passes_every_check(sound: dict[str, np.ndarray], tmp_path: Path) -> None:
+    code, checks = examined(sound, tmp_path)
+    assert code == 0
+    assert list(checks) == [
+        "gravity", "torque signs", "clock", "rows", "units", "order of joints", "late torque", "load data"
+    ]  # fmt: skip
+    assert {item["status"] for item in checks.values()} == {"ok"}
+
+
+def test_a_turned_sensor_fails_its_check(sound: dict[str, np.ndarray], tmp_path: Path) -> None:
+    code, checks = examined({**sound, "tau": sound["tau"] * [1, 1, -1, 1, 1, 1, 1]}, tmp_path)
+    assert code == 1
+    assert checks["torque signs"]["status"] == "failed"
+    assert "joint 3" in checks["torque signs"]["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (
+            lambda data: leaning(loaded(data)),
+            {"gravity": "does not stand as stated", "load data": f"lack {UNKNOWN_KG}"},
+        ),
+        (
+            lambda data: {**data, "tau": data["tau"][:, [0, 1, 3, 2, 4, 5, 6]]},
+            {"order of joints": "that of joint 3 stands under joint 4"},
+        ),
+    ],
+)
+def test_what_was_put_in_fails_its_check(
+    spoil: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]],
+    expected: dict[str, str],
+    sound: dict[str, np.ndarray],
+    tmp_path: Path,
+) -> None:
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **spoil(sound))  # type: ignore[arg-type]
+    checks = set_up_checks([read_recording(tmp_path / "log.npz")], load_robot("iiwa14"), (), None)
+    failed = {item.name: item.sentence for item in checks if item.status != "ok"}
+    assert failed.keys() == expected.keys()
+    assert all(words in failed[name] for name, words in expected.items())
+
+
+def test_a_recording_without_motion_is_refused_in_one_sentence(
+    sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = {**sound, "q": np.tile(sound["q"][0], (1000, 1)), "dq": 0.0 * sound["dq"]}
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **still)  # type: ignore[arg-type]
+    assert run("doctor", "--log", tmp_path / "log.npz") == 65
+    assert "Traceback" not in capsys.readouterr().err
