@@ -97,8 +97,8 @@ def test_a_turned_sensor_fails_its_check(sound: dict[str, np.ndarray], tmp_path:
             {"gravity": "does not stand as stated", "load data": f"lack {UNKNOWN_KG}"},
         ),
         (
-            lambda data: {**data, "tau": data["tau"][:, [0, 1, 3, 2, 4, 5, 6]]},
-            {"order of joints": "that of joint 3 stands under joint 4"},
+            lambda data: {**data, "tau": data["tau"][:, [0, 5, 2, 3, 4, 1, 6]]},
+            {"order of joints": "that of joint 2 stands under joint 6"},
         ),
     ],
 )
