@@ -14,10 +14,12 @@ from typing import Any
 
 from daemon.json_files import write_bytes_atomically
 from identification.audit.difference import Difference
+from identification.errors import RecordingError
 from identification.export.write_back import draw_before_after, write_back
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.set_up import SetUpCheck, set_up_checks
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model, read_model, write_model
 from identification.recordings import Recording
@@ -82,8 +84,9 @@ def diagnose_recordings(
     fit_page = out.parent / report_file.name
     links = [(f"../{fit_page.name}", "The fit of this run")] if fit_page.is_file() else []
     write_report(
-        report_file, diagnosis=diagnosis, model=model, recordings=recordings, heldout=heldout, robot=robot, links=links
-    )
+        report_file, diagnosis=diagnosis, set_up=_set_up(recordings, robot, diagnosis), model=model,
+        recordings=recordings, heldout=heldout, robot=robot, links=links,
+    )  # fmt: skip
     return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
 
 
@@ -107,6 +110,14 @@ def write_model_back(
     picture = target.with_name(f"{target.name}.png")
     draw_before_after(written).savefig(picture, dpi=110)
     return ModelFiles((*written.amended.written, *written.amended.left, written.sentence), (target, picture))
+
+
+def _set_up(recordings: Sequence[Recording], robot: RobotModel, diagnosis: Diagnosis) -> tuple[SetUpCheck, ...]:
+    """The verdicts for the page; none of recordings that are too short to be asked."""
+    try:
+        return set_up_checks(recordings, robot, diagnosis.data_faults)
+    except RecordingError:
+        return ()
 
 
 def _baseline(file: Path | None) -> Model | Path | None:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from identification.audit.columns import Geometry
-from identification.audit.evidence import posterior
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import in_degrees
 from identification.audit.mount import Mounting, mounting_of
@@ -68,13 +67,13 @@ def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[
     """Every check of some recordings of one robot. Raises RecordingError for those that are too short or at rest."""
     fit = nominal_fit(recordings, robot, DiagnosisSettings())
     faults = find_data_faults(recordings, BaseRegressor(robot) if fit is None else fit.regressor)
-    return set_up_checks(recordings, robot, [fault for own in faults for fault in own], fit)
+    return set_up_checks(recordings, robot, [fault for own in faults for fault in own], _delay(fit))
 
 
 def set_up_checks(
-    recordings: Sequence[Recording], robot: RobotModel, faults: Sequence[DataFault], fit: FitResult | None
+    recordings: Sequence[Recording], robot: RobotModel, faults: Sequence[DataFault], delay: SetUpCheck | None = None
 ) -> tuple[SetUpCheck, ...]:
-    """As `examine_set_up`, where the faults of the data and the nominal fit are known already."""
+    """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit."""
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
     gravity = np.array(robot.gravity) if stand is None or not stand.is_other else stand.gravity
     return (
@@ -82,7 +81,7 @@ def set_up_checks(
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot),
         _order(rows, robot, gravity),
-        _delay(fit),
+        *(() if delay is None else (delay,)),
         _load(recordings, robot),
     )
 
@@ -125,18 +124,16 @@ def _order(rows: Rows, robot: RobotModel, gravity: FloatArray) -> SetUpCheck:
     fitted = rows.block[chosen] % 2 == 0
     torque = (rows.torque / sizes.torque)[chosen]
     cost = np.zeros((n, n))
+    width = wide_open(sizes)
     for joint in range(n):
-        own = columns[:, joint] / sizes.torque[joint]
-        gram = own[fitted].T @ own[fitted] / ORDER_NOISE**2
-        for other in range(n):
-            right = own[fitted].T @ torque[fitted, other] / ORDER_NOISE**2
-            values = posterior(gram, right, np.diag(wide_open(sizes))).values
-            left = torque[~fitted, other] - own[~fitted] @ values
-            cost[joint, other] = float(np.mean(left**2)) / max(float(torque[~fitted, other].var()), 1e-12)
+        own = columns[:, joint] / sizes.torque[joint] * width
+        gram = own[fitted].T @ own[fitted] + ORDER_NOISE**2 * np.eye(len(width))
+        left = torque[~fitted] - own[~fitted] @ np.linalg.solve(gram, own[fitted].T @ torque[fitted])
+        cost[joint] = (left**2).mean(axis=0) / np.maximum(torque[~fitted].var(axis=0), 1e-12)
     _, order = linear_sum_assignment(cost)
     moved = [joint for joint in range(n) if order[joint] != joint]
-    own, other = cost[moved, moved], cost[moved, order[moved]]
-    if not moved or own.max() < NOT_ITS_OWN or other.max() > ITS_OWN or other.sum() > CHEAPER * own.sum():
+    here, there = cost[moved, moved], cost[moved, order[moved]]
+    if not moved or here.max() < NOT_ITS_OWN or there.max() > ITS_OWN or there.sum() > CHEAPER * here.sum():
         return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
     which = ", ".join(f"that of joint {joint + 1} stands under joint {order[joint] + 1}" for joint in moved)
     return SetUpCheck("order of joints", "failed", f"The torques are in the order of other joints: {which}.")

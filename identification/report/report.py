@@ -11,6 +11,7 @@ from typing import Any, Concatenate, ParamSpec
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsTable
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.set_up import SetUpCheck
 from identification.recordings.recording import Recording
 from identification.report.comparison_section import comparison_section
 from identification.report.diagnosis_sections import diagnosis_sections, tone_of, verdict_sentence
@@ -25,6 +26,7 @@ from identification.report.model_sections import (
 from identification.report.motion_sections import excitation_section, residual_section
 from identification.report.page import render
 from identification.report.recording_section import recording_section
+from identification.report.set_up_section import set_up_section
 from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
 from identification.report.units import in_units_of_joints
 from identification.robots import RobotModel
@@ -42,6 +44,7 @@ def build_document(
     fit: FitResult | None = None,
     model: Mapping[str, Any] | None = None,
     diagnosis: Diagnosis | None = None,
+    set_up: Sequence[SetUpCheck] = (),
     recordings: Sequence[Recording] = (),
     heldout: Sequence[Recording] = (),
     validation: RmsTable | None = None,
@@ -52,9 +55,9 @@ def build_document(
     """The report as value objects, of everything that is given; what is not given is left out.
 
     fit: adds excitation and residual figures. model: `model.json` as a mapping, of the fit by default. diagnosis: adds
-    findings, first on the page. recordings: those that were fitted, of the fit by default; heldout: those that were
-    not. validation: RMS lines on other recordings. robot: for units and the path of its last link, of the fit by
-    default. links: pages that belong to this one, as address relative to it and text.
+    findings, first on the page; set_up: how its recordings were made. recordings: those that were fitted, of the fit by
+    default; heldout: those that were not. validation: RMS lines on other recordings. robot: for units and the path of
+    its last link, of the fit by default. links: pages that belong to this one, as address relative to it and text.
     """
     if model is None and fit is not None:
         model = fit.to_model_json()
@@ -67,6 +70,7 @@ def build_document(
     answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
     sections: list[Section | None] = []
     if diagnosis is not None:
+        sections.append(set_up_section(diagnosis.audit, set_up))
         sections += [comparison_section(diagnosis.model_comparison), *diagnosis_sections(diagnosis)]
     sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
     if model.get("base_parameters"):

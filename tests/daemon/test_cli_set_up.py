@@ -109,7 +109,7 @@ def test_what_was_put_in_fails_its_check(
     tmp_path: Path,
 ) -> None:
     np.savez(tmp_path / "log.npz", robot="iiwa14", **spoil(sound))  # type: ignore[arg-type]
-    checks = set_up_checks([read_recording(tmp_path / "log.npz")], load_robot("iiwa14"), (), None)
+    checks = set_up_checks([read_recording(tmp_path / "log.npz")], load_robot("iiwa14"), ())
     failed = {item.name: item.sentence for item in checks if item.status != "ok"}
     assert failed.keys() == expected.keys()
     assert all(words in failed[name] for name, words in expected.items())

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from identification.audit.difference import Audit, Difference, Number
 from identification.mismatch.baseline import LinkDeviation, ModelComparison, ParameterDeviation
 from identification.mismatch.effects.base import Parameter, Place
 from identification.mismatch.findings import (
@@ -25,8 +26,10 @@ from identification.mismatch.findings import (
     Spectrum,
     TimeSeries,
 )
+from identification.mismatch.set_up import SetUpCheck
 from identification.report import build_document, write_report
 from identification.report.document import Facts, Figure, Paragraph, Section, Table
+from identification.report.set_up_section import set_up_section
 
 JOINTS = 3
 
@@ -239,3 +242,20 @@ def test_a_given_model_is_judged_first_link_by_link() -> None:
     assert table(found["comparison"], "refute") == {"MY_2": ("2", "1.000", "1.400", "0.010", "−40", "kg m")}
     assert table(found["comparison"], "links")["3"] == ("right within σ", "0.0100", "0.60")
     assert table(found["comparison"], "RMS")["left with its parameters put right"] == ("0.200", "0.200", "0.200")
+
+
+def test_the_page_has_the_set_up_with_each_difference_and_verdict() -> None:
+    mass = Number("mass", 2.804, 0.056, "kg")
+    load = Difference("payload", None, 6, (mass,), 0.97, 90.0, "model", "A load of 2.80 ± 0.11 kg on the flange.")
+    audit = Audit("old.json", "named", (load,), (5.0,), (0.3,), "A load of 2.80 ± 0.11 kg on the flange.")
+    checks = (SetUpCheck("gravity", "ok", "As stated."), SetUpCheck("clock", "failed", "The clock is 2 % slow."))
+    section = set_up_section(audit, checks)
+    assert section is not None
+    lead, differences, verdicts = section.blocks
+    assert isinstance(lead, Paragraph)
+    assert lead.text == audit.sentence
+    assert isinstance(differences, Table)
+    assert differences.rows == (("payload", "link 6", "2.80", "0.11", "kg", "97 %", "model"),)
+    assert isinstance(verdicts, Table)
+    assert [row[:2] for row in verdicts.rows] == [("gravity", "as stated"), ("clock", "not as stated")]
+    assert set_up_section(None, ()) is None
