@@ -25,6 +25,7 @@ from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout
 if TYPE_CHECKING:
     from identification.audit.between import Change
     from identification.audit.leaderboard import Standing
+    from identification.audit.trend import Trend
     from identification.robots import Installation
 
 SHOWN = 8
@@ -43,6 +44,9 @@ def compare(
     offsets: Annotated[
         bool, typer.Option("--offsets", help="With --models: fit one constant torque a joint; nothing else is fitted.")
     ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Of four recordings or more: a page of their friction.")
+    ] = None,
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
@@ -53,6 +57,7 @@ def compare(
     """What changed between two dates, arms or tools: the fewest causes, then parameter by parameter in σ.
 
     --models: RMS of measured minus foretold torque of every model, best first, and what is wrong in each.
+    Four recordings or more are a series: friction by date (of the runs, else as given), and when it changed at once.
     Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
     """
@@ -69,14 +74,15 @@ def compare(
         raise typer.BadParameter("--offsets belongs to --models.")
     if len(files) < 2:
         raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
-    _changes(files[0], files[1:], robot, joints, stand, json_file)
+    _changes(files[0], files[1:], robot, joints, stand, out, json_file)
 
 
 def _changes(
     first: Path, others: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    json_file: Path | None,
+    out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
+    from identification.audit.trend import LEAST, trend_of
     from identification.model_file import read_model
 
     known = read_model(first) if first.suffix == ".json" else None
@@ -90,13 +96,35 @@ def _changes(
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     changes = [changes_between(model, recording, inputs.robot) for recording in recordings]
+    is_series = len(inputs.recordings) >= LEAST
+    if out is not None and not is_series:
+        raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")
+    trend = trend_of(inputs.recordings, inputs.robot) if is_series else None
+    page = None
+    if trend is not None and out is not None:
+        page = _write_page(trend, inputs.robot.name, out)
     if json_file is not None:
         write_json(json_file, {"format": "iiwa-ident/comparison/1", "with": str(first), "changes": [
             {"recording": str(file), **change.to_json()} for file, change in zip(others, changes, strict=True)
-        ]})  # fmt: skip
+        ], **({} if trend is None else {"trend": trend.to_json()})})  # fmt: skip
     if not wants_json_on_stdout(json_file):
         for file, change in zip(others, changes, strict=True):
             show_change(f"{first} → {file}", change)
+        if trend is not None:
+            data("The series:")
+            for sentence in trend.sentences:
+                data(f"  {sentence}")
+        if page is not None:
+            data(f"Written to {page}")
+
+
+def _write_page(trend: Trend, robot: str, out: Path) -> Path:
+    from identification.report.trend_page import write_trend
+
+    out.mkdir(parents=True, exist_ok=True)
+    page = out / "trend.html"
+    write_trend(page, trend, robot)
+    return page
 
 
 def _leaderboard(

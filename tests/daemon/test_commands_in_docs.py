@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_group
 
-from daemon.cli.app import app
+from daemon.cli.app import CatalogueGroup, app
 from daemon.cli.catalogue import COMMANDS
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
@@ -29,7 +29,9 @@ def test_there_are_commands_to_judge() -> None:
 def test_a_printed_command_has_the_options_it_is_printed_with(line: str) -> None:
     name, *words = shlex.split(line)
     importlib.import_module(f"daemon.cli.{COMMANDS[name].module}")
-    command = get_group(app).commands[name]
+    loaded = get_group(app)
+    assert isinstance(loaded, CatalogueGroup)
+    command = loaded.registered[name]
     context = command.context_class(command, info_name=name)
     # The parser refuses what the command does not know; the command itself is not run.
     command.make_parser(context).parse_args([word for word in words if word != "--"])

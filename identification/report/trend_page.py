@@ -1,0 +1,66 @@
+"""The page of a series of recordings: friction of every joint by date, and by temperature where it is known.
+
+Called by `compare --out`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from identification.audit.trend import JointTrend, Trend
+from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Table
+from identification.report.numbers import rounded, with_sigma
+from identification.report.page import render
+
+__all__ = ["trend_document", "write_trend"]
+
+_DAY_S = 86400.0
+
+
+def trend_document(trend: Trend, robot: str) -> Document:
+    """The trend as value objects: what changed in words, friction by date, by temperature, and as a table."""
+    if trend.dates is None:
+        place, label = np.arange(len(trend.names), dtype=np.float64), "recording, as given"
+    else:
+        place = np.array([(date - trend.dates[0]).total_seconds() / _DAY_S for date in trend.dates])
+        label = f"days since {trend.dates[0]:%Y-%m-%d %H:%M} UTC"
+    keys = (("measured", "friction of one recording ± one deviation"),)
+    blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
+    blocks.append(Figure("Friction by date", tuple(_panel(item, place, label) for item in trend.joints), keys))
+    warm = [item for item in trend.joints if np.isfinite(item.temperature).all()]
+    if warm:
+        panels = tuple(_panel(item, item.temperature, "temperature (°C)") for item in warm)
+        blocks.append(Figure("Friction by temperature", panels, keys))
+    head = ("recording", *(f"joint {item.joint}" for item in trend.joints))
+    rows = tuple(
+        (name, *(" ± ".join(with_sigma(item.friction[row], item.std[row])) for item in trend.joints))
+        for row, name in enumerate(trend.names)
+    )
+    blocks.append(Table("Friction at each joint's usual speed, Nm ± one deviation of the fit", head, rows))
+    changed = [item for item in trend.joints if item.change.odds >= 20.0]
+    joints = ", ".join(str(item.joint) for item in changed)
+    verdict = f"Friction changed at once on joint {joints}." if changed else "No joint's friction changed at once."
+    return Document(
+        title=f"{len(trend.names)} recordings of {robot}",
+        verdict=verdict,
+        sections=(Section("trend", "Friction over the series", tuple(blocks)),),
+        tone="attention" if changed else "good",
+    )
+
+
+def _panel(item: JointTrend, place: np.ndarray, label: str) -> Panel:
+    low, high = rounded(float(item.friction.min()), 3), rounded(float(item.friction.max()), 3)
+    return Panel(
+        f"Joint {item.joint}",
+        label,
+        f"friction at {item.speed:.2g} rad/s (Nm)",
+        (Line("measured", place, item.friction, item.std, "dots"),),
+        f"friction of joint {item.joint} between {low} and {high} Nm over {len(place)} recordings",
+    )
+
+
+def write_trend(path: Path, trend: Trend, robot: str) -> None:
+    """One self-contained HTML file. Raises OSError where it cannot be written."""
+    path.write_text(render(trend_document(trend, robot)), encoding="utf-8")

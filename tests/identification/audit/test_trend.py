@@ -1,0 +1,82 @@
+"""Claims about a series of recordings: friction by date, and the step in it.
+
+Truth: Pinocchio's torque of the paper's arm whose joint 4 rubs more from the fourth recording on; drawn series.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from identification.audit.trend import change_point, date_of, trend_of
+from identification.errors import RecordingError
+from identification.estimators import PhysicalParameters
+from identification.recordings import Recording
+from identification.report.trend_page import trend_document
+from identification.robots import RobotModel
+from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
+
+MORE_NM = 0.15
+FROM = 3
+
+
+@pytest.fixture(scope="module")
+def series(iiwa14: RobotModel, table3: PhysicalParameters) -> list[Recording]:
+    """Five runs of ten seconds on five days, given in no order of time; joint 4's friction is larger from run 4 on."""
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=3)
+    bare, found = inverse_dynamics(iiwa14, table3, *states), []
+    for day in range(5):
+        torque = bare + coloured_noise(bare.shape, deviation=0.05, correlation=0.5, seed=40 + day)
+        torque[:, 3] += (day >= FROM) * MORE_NM * np.sign(states[1][:, 3])
+        recording = recording_of(states[0], torque, period_s=10.0)
+        tags = {"run_id": f"2026060{day + 1}T080000123Z"}
+        found.append(replace(recording, source=replace(recording.source, path=f"day{day + 1}.npz", metadata=tags)))
+    return [found[place] for place in (4, 0, 2, 1, 3)]
+
+
+def test_the_day_on_which_friction_changed_is_found(series: list[Recording], iiwa14: RobotModel) -> None:
+    trend = trend_of(series, iiwa14)
+    assert trend.names == tuple(f"day{day}.npz" for day in range(1, 6))
+    elbow = trend.joints[3]
+    assert (elbow.change.at, elbow.change.odds > 20.0) == (FROM, True)
+    assert elbow.change.size == pytest.approx(MORE_NM, abs=0.02)
+    assert "before day4.npz" in elbow.sentence(trend.names)
+    assert all(item.change.odds < 20.0 for item in trend.joints if item.joint != 4)
+    document = trend_document(trend, "iiwa14")
+    assert document.verdict == "Friction changed at once on joint 4."
+
+
+def test_a_steady_series_has_a_step_as_seldom_as_the_odds_say() -> None:
+    generator = np.random.default_rng(20261122)
+    said = [change_point(1.0 + 0.02 * generator.standard_normal(8), np.full(8, 0.005)).odds > 20.0 for _ in range(100)]
+    # Odds of 20 : 1 for a step are wrong in one series of 20 at most.
+    assert sum(said) <= 5
+
+
+def test_a_step_of_many_deviations_is_placed_and_its_size_covered() -> None:
+    generator = np.random.default_rng(11)
+    held = []
+    for _ in range(40):
+        at, size = int(generator.integers(2, 8)), float(generator.choice([-1, 1]) * generator.uniform(0.15, 0.5))
+        values = 1.0 + 0.02 * generator.standard_normal(10) + size * (np.arange(10) >= at)
+        found = change_point(values, np.full(10, 0.005))
+        assert (found.at, found.odds > 20.0) == (at, True)
+        held.append(abs(found.size - size) < 1.96 * found.std)
+    # 40 intervals of 95 %: fewer than 33 that hold have a chance below one in a thousand.
+    assert sum(held) >= 33
+
+
+def test_three_recordings_are_no_series(series: list[Recording], iiwa14: RobotModel) -> None:
+    with pytest.raises(RecordingError, match="4 recordings or more, not 3"):
+        trend_of(series[:3], iiwa14)
+
+
+def test_dates_come_from_the_run_or_from_the_file(series: list[Recording]) -> None:
+    assert date_of(series[0]) == datetime(2026, 6, 5, 8, tzinfo=UTC)
+    told = replace(series[0], source=replace(series[0].source, metadata={"date": "2026-05-04T10:00:00"}))
+    assert date_of(told) == datetime(2026, 5, 4, 10, tzinfo=UTC)
+    unsaid = replace(series[0], source=replace(series[0].source, metadata={}))
+    assert date_of(unsaid) is None
