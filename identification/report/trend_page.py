@@ -22,13 +22,14 @@ _DAY_S = 86400.0
 def trend_document(trend: Trend, robot: str) -> Document:
     """The trend as value objects: what changed in words, friction by date, by temperature, and as a table."""
     if trend.dates is None:
-        place, label = np.arange(len(trend.names), dtype=np.float64), "recording, as given"
+        place, label = np.arange(1.0, len(trend.names) + 1.0), "recording, as given"
     else:
         place = np.array([(date - trend.dates[0]).total_seconds() / _DAY_S for date in trend.dates])
-        label = f"days since {trend.dates[0]:%Y-%m-%d %H:%M} UTC"
+        label = f"days since {trend.dates[0]:%Y-%m-%d %H:%M}"
     keys = (("measured", "friction of one recording ± one deviation"),)
     blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
-    blocks.append(Figure("Friction by date", tuple(_panel(item, place, label) for item in trend.joints), keys))
+    by_date = tuple(_panel(item, place, label) for item in trend.joints)
+    blocks.append(Figure("Friction of each recording", by_date, keys))
     warm = [item for item in trend.joints if np.isfinite(item.temperature).all()]
     if warm:
         panels = tuple(_panel(item, item.temperature, "temperature (°C)") for item in warm)
