@@ -17,6 +17,7 @@ __all__ = ["foretold", "lacking_friction"]
 
 FloatArray = npt.NDArray[np.float64]
 
+LEAST_SIGMAS = 5.0
 LEAST_SHARE = 0.15
 """Of what a joint's torque lacks, that friction takes away on rows that it was not fitted to."""
 
@@ -50,10 +51,11 @@ def lacking_friction(
         stays = left[unseen, joint] - columns[unseen] @ values
         whole = float(np.sum(left[unseen, joint] ** 2))
         share = 1.0 - float(stays @ stays) / whole if whole > 0.0 else 0.0
-        if share < LEAST_SHARE:
-            continue
         scale = float(np.std(left[fitted, joint] - columns[fitted] @ values))
         std = scale * np.sqrt(np.diag(np.linalg.pinv(columns[fitted].T @ columns[fitted])))
+        # A mere offset is no friction, and no simulator's file holds one.
+        if share < LEAST_SHARE or not (np.abs(values) > LEAST_SIGMAS * std)[:2].any():
+            continue
         numbers = tuple(
             Number(name, float(value), float(deviation), unit)
             for name, value, deviation, unit in zip(
