@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from identification.audit.trend import JointTrend, Trend
-from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Table
+from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
 
@@ -26,7 +26,7 @@ def trend_document(trend: Trend, robot: str) -> Document:
     else:
         place = np.array([(date - trend.dates[0]).total_seconds() / _DAY_S for date in trend.dates])
         label = f"days since {trend.dates[0]:%Y-%m-%d %H:%M}"
-    keys = (("measured", "friction of one recording ± one deviation"),)
+    keys: tuple[tuple[Style, str], ...] = (("measured", "friction of one recording ± one deviation"),)
     blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
     by_date = tuple(_panel(item, place, label) for item in trend.joints)
     blocks.append(Figure("Friction of each recording", by_date, keys))
