@@ -5,14 +5,15 @@ Called by the diagnosis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
+from identification.mismatch.aperiodic_evidence import weighted_by_result
 from identification.mismatch.between_periods import Change
 from identification.mismatch.earned import earned
 from identification.mismatch.effects.base import Estimate
@@ -26,11 +27,12 @@ from identification.mismatch.localisation import best_curve, where_of
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.pruning import removal_scores
+from identification.mismatch.refinement import Member
 from identification.mismatch.screening import build_screen
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.tenable import recurring, tenable
-from identification.mismatch.trial import Trial
+from identification.mismatch.trial import Trial, fitted
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.verdict import (
     alternatives,
@@ -86,20 +88,37 @@ def build_findings(
     unearned: list[str] = []
     if dependence is not None:
         trial, unearned = earned(exam, trial, dependence)
-    before, now = exam.check(()), exam.check(trial.members)
+    now = exam.check(trial.members)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
     remarks += [*untenable, *unearned, *(_came_again(change) for change in again)]
+    def settled(members: Sequence[Member]) -> Check:
+        return _by_own_weights(exam, fitted_role, members)
+
+    before = settled(())
     findings = [
         *_between([change for change in changes if change not in again], names),
-        *_repeatable(exam, trial, now, before),
+        *_repeatable(exam, trial, now, before, settled),
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         exam.check(result.trial.members).heldout_after if physics else None, tuple(remarks),
     )  # fmt: skip
+
+
+def _by_own_weights(exam: Examination, fitted_role: Prepared, members: Sequence[Member]) -> Check:
+    """As `Examination.check`, but where no noise is measured by the weights of what these members leave.
+
+    That is how `fit` weighs. By the weights of what all effects leave, a joint that is misfitted without one of them
+    bends the parameters of the others, and what that does to them would count for the effect or against it.
+    """
+    if exam.problem.noise_is_measured:
+        return exam.check(members)
+    evidences = weighted_by_result(fitted_role.evidences, fitted(exam.problem, members, exam.settings))
+    problem = replace(fitted_role, evidences=evidences).problem()
+    return replace(exam, problem=problem).check(members)
 
 
 def _came_again(change: Change) -> str:
@@ -109,8 +128,13 @@ def _came_again(change: Change) -> str:
     )
 
 
-def _repeatable(exam: Examination, trial: Trial, now: Check, before: Check) -> list[Finding]:
-    """One finding per member that passed, with its alternatives and its held-out gain."""
+def _repeatable(
+    exam: Examination, trial: Trial, now: Check, before: Check, settled: Callable[[Sequence[Member]], Check]
+) -> list[Finding]:
+    """One finding per member that passed, with its alternatives and its held-out gain.
+
+    settled: what a set of members leaves, as it stands in the result.
+    """
     if not trial.members:
         return []
     problem, library, result, settings = exam.problem, exam.rows.library, exam.result, exam.settings
@@ -126,7 +150,7 @@ def _repeatable(exam: Examination, trial: Trial, now: Check, before: Check) -> l
         joints = joints_of(member, rows)
         whitened = (rows * problem.weight).ravel()
         visible = off(problem.basis, whitened)
-        gain = _heldout_gain(exam.check(without(trial.members, index)), now)
+        gain = _heldout_gain(settled(without(trial.members, index)), now)
         phase = member.effect.phase(library.evidences[0].motion, member.place, member.shape)
         curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result, phase)
         found.append(
