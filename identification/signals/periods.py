@@ -33,7 +33,8 @@ class PeriodTable:
     """Position and torque laid out by period and sample, nan where a sample is missing.
 
     position, torque: (K, M, n) rad, Nm. periods: (K,) their numbers in the recording. period_s: s.
-    notes: sentences on what was left out.
+    notes: sentences on what was left out. filtered_hz: cutoff of a low-pass that the torque went through before, None
+    where its noise shows none.
     """
 
     position: FloatArray
@@ -41,6 +42,7 @@ class PeriodTable:
     periods: IntArray
     period_s: float
     notes: tuple[str, ...] = ()
+    filtered_hz: float | None = None
 
     @property
     def sampling_period_s(self) -> float:
@@ -57,7 +59,8 @@ class PeriodAverage:
     torque_spectrum, position_spectrum: (M // 2 + 1, n) variance of the noise of ONE period per spectral line, in the
     units of a white noise's variance (Nm², rad²), from successive differences; None for a single period.
     torque_noise_nm: (n,) standard deviation of one sample of one period, nan for a single period.
-    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period.
+    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period. filtered_hz: as in
+    `PeriodTable`.
     """
 
     position: FloatArray
@@ -71,6 +74,7 @@ class PeriodAverage:
     torque_noise_nm: FloatArray
     noise_freedom: float = float("inf")
     notes: tuple[str, ...] = ()
+    filtered_hz: float | None = None
 
     @property
     def sampling_period_s(self) -> float:
@@ -114,6 +118,7 @@ def period_table(recording: Recording) -> PeriodTable:
         tables.append(table)
     position, torque = tables
     notes: list[str] = []
+    filtered_hz = None
     keep = np.ones(numbers.size, dtype=np.bool_)
     coverage = np.isfinite(position[:, :, 0]).mean(axis=1)
     if np.any(coverage < 0.5) and np.any(coverage >= 0.5):
@@ -121,10 +126,12 @@ def period_table(recording: Recording) -> PeriodTable:
         notes.append(f"{int((~keep).sum())} of {numbers.size} periods hold less than half of their samples; left out")
     if recording.source.kind != "log":
         keep &= ~_transient(position, keep, notes)
-        keep &= ~_at_filter_ends(recording, numbers, torque[keep], notes)
+        filtered_hz = cutoff_hz(torque[keep], recording.period_s / torque.shape[1])
+        if filtered_hz is not None:
+            keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
-    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes))
+    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz)
 
 
 def average_periods(table: PeriodTable) -> PeriodAverage:
@@ -168,26 +175,25 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
         torque_noise_nm=_noise_deviation(table.torque, present),
         noise_freedom=_noise_freedom(present.shape[0]),
         notes=tuple(notes),
+        filtered_hz=table.filtered_hz,
     )
 
 
-def _at_filter_ends(recording: Recording, numbers: IntArray, torque: FloatArray, notes: list[str]) -> BoolArray:
-    """Marks periods that reach to where a filter, which the noise of the torque (K, M, n) shows, had not settled.
+def _at_filter_ends(recording: Recording, numbers: IntArray, cutoff: float, notes: list[str]) -> BoolArray:
+    """Marks periods that reach to where a filter of that cutoff (Hz) had not settled.
 
     Whole ones: what fills a part of a filtered period has lines that the filter took from all others.
     """
-    assert recording.period_s is not None
     assert recording.period_index is not None
-    cutoff = cutoff_hz(torque, recording.period_s / torque.shape[1])
-    if cutoff is None:
-        return np.zeros(numbers.size, dtype=np.bool_)
+    said = f"the torque was filtered at about {cutoff:.2g} Hz before: nothing above half of that is compared"
     ends = at_filter_ends(recording.time, cutoff)
     marked = np.isin(numbers, recording.period_index[ends])
-    if not marked.any() or len(torque) - int(marked.sum()) < 2:
+    if not marked.any() or numbers.size - int(marked.sum()) < 2:
+        notes.append(said)
         return np.zeros(numbers.size, dtype=np.bool_)
     notes.append(
-        f"the torque was filtered at about {cutoff:.2g} Hz before: {int(marked.sum())} periods reach to the ends of "
-        "the recording, where such a filter has not settled; left out"
+        f"{said}; {int(marked.sum())} periods reach to the ends of the recording, where such a filter has not settled; "
+        "left out"
     )
     return marked
 
