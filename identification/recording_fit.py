@@ -194,7 +194,7 @@ def _refuse_wrong_sign(sign: TorqueSign, processed: list[Processed]) -> None:
     )
     raise RecordingError(
         f"{Path(path).name}: the torque has the opposite sign of the inverse dynamics: as it stands, inertia or "
-        f"friction of joint {joints} would be negative{gravity}. Import it with the sign turned (flip_torque)",
+        f"friction of joint {joints} would be negative{gravity}. Turn it with --flip-torque",
         file=path,
         field="tau",
         joint=next(iter(sign.inverted_joints), None),
