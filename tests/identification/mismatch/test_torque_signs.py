@@ -86,6 +86,17 @@ def test_all_torques_turned_round_are_said_of_a_real_arm_at_100_hz(med7: tuple[R
     assert found((replace(recording, torque=-recording.torque),), regressor) == []
 
 
+@pytest.mark.parametrize("joints", [(2, 5), (1, 2), (4, 6, 7)])
+def test_some_sensors_turned_on_a_real_arm_are_all_found(
+    med7: tuple[Recording, RobotModel], joints: tuple[int, ...]
+) -> None:
+    """Of each of these one was missed while the free functions cost little: they described it either way."""
+    recording, robot = med7
+    upright = replace(recording, torque=-recording.torque)
+    regressor = BaseRegressor(robot, RegressorOptions(offset=True))
+    assert found((turned(upright, *joints),), regressor) == [("lbrmed7.npz", joints)]
+
+
 def test_fit_refuses_them_and_takes_them_turned(med7: tuple[Recording, RobotModel]) -> None:
     recording, robot = med7
     with pytest.raises(RecordingError, match="opposite sign"):
