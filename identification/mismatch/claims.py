@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -94,9 +95,7 @@ def build_findings(
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
     remarks += [*untenable, *unearned, *(_came_again(change) for change in again)]
-    def settled(members: Sequence[Member]) -> Check:
-        return _by_own_weights(exam, fitted_role, members)
-
+    settled = partial(_by_own_weights, exam, fitted_role)
     before = settled(())
     findings = [
         *_between([change for change in changes if change not in again], names),
