@@ -158,7 +158,7 @@ def diagnose(
         unseen,
         tuple(chain(*faults)),
         nominal,
-        after_findings(nominal.rms_nm, claims.before.rms_nm, claims.after.rms_nm),
+        after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm,
         settings,
     )
     if given is not None:

@@ -127,8 +127,8 @@ def residuals_of(nominal: Nominal, evidences: Sequence[Evidence], library: Libra
 def after_findings(nominal: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
     """(n,) RMS in Nm that the fit would state with the findings in it.
 
-    nominal: (n,) of the fit. before, after: (n,) on the rows of the diagnosis, without and with the findings. What they
-    take off those is off the fit's own, at most in the same share: rows and weights of the two are not all the same.
+    nominal: (n,) of the fit. before, after: (n,) on the rows of the diagnosis, of the fit's parameters and with the
+    findings. What is taken off those is off the fit's own, at most in the same share: the rows are not always the same.
     """
     share = np.minimum(1.0, (nominal / np.maximum(before, 1e-300)) ** 2)
     return np.asarray(np.sqrt(np.maximum(nominal**2 - share * (before**2 - after**2), 0.0)), dtype=np.float64)

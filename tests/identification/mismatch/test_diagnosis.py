@@ -61,6 +61,13 @@ def test_joints_without_an_effect_stay_clean(pair_diagnosis: Diagnosis) -> None:
     assert finding_of(pair_diagnosis, "cable_spring", 6).where["joints"] == [6]
 
 
+def test_with_the_findings_the_fit_is_left_with_its_noise(pair_diagnosis: Diagnosis) -> None:
+    """Nothing else is hidden in this plant."""
+    baseline = pair_diagnosis.baseline
+    assert baseline.rms_nm[0] > 2.0 * baseline.noise_floor_nm[0]
+    np.testing.assert_allclose(pair_diagnosis.rms_after_nm, baseline.noise_floor_nm, rtol=0.1)
+
+
 def test_json_is_the_contracts_and_holds_no_number_that_is_not_finite(pair_diagnosis: Diagnosis) -> None:
     data = json.loads(json.dumps(pair_diagnosis.to_json(), allow_nan=False))
     assert data["format"] == "iiwa-ident/diagnosis/1"
