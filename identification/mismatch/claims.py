@@ -89,14 +89,14 @@ def build_findings(
     unearned: list[str] = []
     if dependence is not None:
         trial, unearned = earned(exam, trial, dependence)
-    now = exam.check(trial.members)
+    settled = partial(_by_own_weights, exam, fitted_role)
+    before = settled(())
+    now = exam.check(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
     remarks += [*untenable, *unearned, *(_came_again(change) for change in again)]
-    settled = partial(_by_own_weights, exam, fitted_role)
-    before = settled(())
     findings = [
         *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before, settled),

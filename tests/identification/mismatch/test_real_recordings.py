@@ -97,6 +97,8 @@ def test_no_torque_of_the_kr300_is_turned_in_one_run_alone(kr300: Diagnosis) -> 
 
 
 def test_without_findings_a_fit_is_what_it_was(kr300: Diagnosis) -> None:
+    assert kr300.heldout is not None
+    np.testing.assert_array_equal(kr300.heldout.rms_after_nm, kr300.heldout.rms_before_nm)
     np.testing.assert_allclose(kr300.rms_after_nm, kr300.baseline.rms_nm, rtol=1e-9)
 
 
