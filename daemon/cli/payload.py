@@ -57,8 +57,8 @@ def payload(
 
 def lines_of(body: Body, stated: Sequence[dict[str, str]]) -> list[str]:
     """What an operator types into the cabinet, each with half of its 95 % interval. stated: of a log without, with."""
+    from identification.audit.difference import with_interval
     from identification.audit.payload import cabinet_load_data
-    from identification.audit.sentences import with_interval
 
     x, y, z = (with_interval(item, 1e3, "") for item in body.center)
     inertia = ", ".join(f"{item.name.removeprefix('inertia_')} {with_interval(item)}" for item in body.inertia)

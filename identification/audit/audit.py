@@ -18,7 +18,7 @@ from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
 from identification.audit.difference import Audit, Difference
 from identification.audit.given import GivenModel, Sizes, given_model, sizes_of
-from identification.audit.misread import Misread, in_degrees, misread_order
+from identification.audit.misread import Misread, by_its_velocity, in_degrees, misread_order
 from identification.audit.numbers import found_numbers
 from identification.audit.rows import COULOMB_VELOCITY, rows_of
 from identification.audit.search import Audited, search
@@ -67,6 +67,10 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
         recordings = [recording for recording in degrees if recording is not None]
         every = tuple(range(1, robot.n + 1))
         misread.append(Misread("wrong_unit", every, 0.0, "The positions are in degrees, read as radians"))
+    clock = by_its_velocity(recordings)
+    if clock is not None:
+        recordings, what = clock
+        misread.append(what)
     given = _prepared(recordings, robot, model)
     other = misread_order(given.geometry, given.set_up, given.model)
     if other is not None:
@@ -128,7 +132,7 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
             item.effect,
             None,
             None,
-            (),
+            item.numbers,
             1.0 - item.stays,
             float("nan"),
             "recording",
@@ -145,8 +149,11 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
 def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,
              model: GivenModel) -> str:  # fmt: skip
     own = np.where(np.isfinite(model.left), model.left, noise)
+    holds = bool(np.all(after < STILL_ITS_OWN * own))
     if not differences:
-        return "nothing" if bool(np.all(after < STILL_ITS_OWN * own)) else "unexplained"
+        return "nothing" if holds else "unexplained"
+    if holds and np.array_equal(before, after):
+        return "named"
     weight = 1.0 / noise**2
     possible = float(weight @ np.maximum(before**2 - noise**2, 0.0))
     explained = float(weight @ (before**2 - after**2))

@@ -55,10 +55,13 @@ class Explanation:
         """With the data read otherwise; the noise stays what it was."""
         return replace(self, comparison=compare(self.comparison.geometry, set_up, self.model))
 
-    def with_noise_of_now(self) -> Explanation:
-        """With the noise of the set-up as it is read now."""
-        now = self.comparison
-        return replace(self, noise=noise_of(now.geometry, now.set_up, self.sizes, self.model))
+    def noise_with(self, item: Hypothesis | None = None) -> Noise:
+        """The noise of the set-up as it is read now, where the scales of one hypothesis are free besides."""
+        now, n, beside = self.comparison, self.layout.n, None
+        if item is not None:
+            scales = [int(place) - self.layout.gain for place in item.columns]
+            beside = np.stack([now.expected * ((np.arange(n) == k) | (k == n)) for k in scales], axis=2)
+        return noise_of(now.geometry, now.set_up, self.sizes, self.model, beside)
 
     def plus(self, step: Hypothesis, day: float) -> Explanation:
         """With one difference more."""

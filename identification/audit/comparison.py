@@ -35,6 +35,11 @@ class Noise:
     repeated: FloatArray
 
     @property
+    def loudness(self) -> float:
+        """Nats that a row costs: log of the deviations together."""
+        return float(np.log(self.std).sum())
+
+    @property
     def weight(self) -> FloatArray:
         """(n,) of a row's square."""
         return np.asarray(1.0 / (self.std**2 * self.repeated))
@@ -83,17 +88,24 @@ def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatA
     return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target)
 
 
-def noise_of(geometry: Geometry, set_up: SetUp, sizes: Sizes, model: GivenModel) -> Noise:
+def noise_of(
+    geometry: Geometry, set_up: SetUp, sizes: Sizes, model: GivenModel, beside: FloatArray | None = None
+) -> Noise:
     """What fourteen free parameters a link leave of the torque as it is read, weighted by itself.
 
-    Where that is many times what the model left of its own recordings, it is no noise but what is wrong here.
+    beside: (R, n, m) Nm of what is free besides, of the size of the torque. Where that is many times what the model
+    left of its own recordings, it is no noise but what is wrong here.
     """
     geometry = geometry.at(set_up.zeros)
     rows = geometry.rows
     columns = geometry.columns(set_up.gravity, set_up.ratio)
     measured = torque_as_read(geometry, set_up)
+    widths = wide_open(sizes)
+    if beside is not None:
+        columns = np.concatenate([columns, beside], axis=2)
+        widths = np.concatenate([widths, np.ones(beside.shape[2])])
     everything = products_of(columns, measured, rows.used, [np.ones(len(rows.block), dtype=np.bool_)])
-    factor = np.diag(wide_open(sizes))
+    factor = np.diag(widths)
     std = np.maximum(0.1 * sizes.torque, 1e-9)
     left = measured
     for _ in range(3):

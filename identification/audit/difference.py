@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Audit", "Difference", "Number"]
+__all__ = ["Audit", "Difference", "Number", "with_interval"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +29,14 @@ class Number:
         low, high = self.interval
         return {"value": _finite(self.value), "std": _finite(self.std), "unit": self.unit,
                 "ci95": [_finite(low), _finite(high)]}  # fmt: skip
+
+
+def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) -> str:
+    """As 2.80 ± 0.11 kg: ± half of the 95 % interval, two digits of it."""
+    half = 1.96 * number.std * abs(factor)
+    digits = 2 if half <= 0.0 else max(0, min(6, 1 - math.floor(math.log10(half))))
+    text = f"{number.value * factor:.{digits}f} ± {half:.{digits}f}"
+    return f"{text} {number.unit if unit is None else unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,12 @@
-"""Data that were read otherwise than they are: degrees for radians, torques in the order of other joints.
+"""Data read otherwise than they are: degrees for radians, another clock, torques in the order of other joints.
 
-No column is small enough for these: they are tried as a whole, and taken only where next to nothing of the misfit
-stays.
-Pure. Called by the audit before any search.
+No column is small enough for the first and the last: they are tried as a whole, and taken only where next to nothing of
+the misfit stays. The clock needs no model where a velocity was recorded. Pure. Called by the audit before any search.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +14,16 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from identification.audit.columns import Geometry, SetUp
+from identification.audit.difference import Number, with_interval
 from identification.audit.given import GivenModel
+from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
 
-__all__ = ["Misread", "in_degrees", "misread_order"]
+__all__ = ["Misread", "by_its_velocity", "in_degrees", "misread_order"]
 
 FloatArray = npt.NDArray[np.float64]
 
+SMALLEST_CLOCK_ERROR = 0.03
 STAYS = 0.12
 """Of the misfit, what may stay for a misreading to be believed."""
 WIDEST_RAD = 4.0 * np.pi
@@ -29,12 +32,15 @@ WIDEST_RAD = 4.0 * np.pi
 
 @dataclass(frozen=True, slots=True)
 class Misread:
-    """One misreading. effect: its name (contract §7). joints: from 1. stays: share of the misfit that stays."""
+    """One misreading. effect: its name (contract §7). joints: from 1. stays: share of the misfit that stays, nan where
+    no misfit was asked.
+    """
 
     effect: str
     joints: tuple[int, ...]
     stays: float
     text: str
+    numbers: tuple[Number, ...] = ()
 
 
 def in_degrees(recording: Recording, revolute: npt.NDArray[np.bool_]) -> Recording | None:
@@ -48,6 +54,25 @@ def in_degrees(recording: Recording, revolute: npt.NDArray[np.bool_]) -> Recordi
         if values is not None:
             changed[name] = np.where(revolute, np.radians(values), values)
     return replace(recording, **changed)
+
+
+def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], Misread] | None:
+    """Recordings with the clock that their velocity says, None where it is the stated one or nothing says."""
+    found = [clock_by_velocity(recording) for recording in recordings]
+    each = [item for item in found if item is not None]
+    if not each or len(each) < len(recordings):
+        return None
+    ratio, std = (float(np.mean(values)) for values in zip(*each, strict=True))
+    std = float(np.hypot(std, np.std([value for value, _ in each])))
+    if abs(np.log(ratio)) < max(SMALLEST_CLOCK_ERROR, 5.0 * std / ratio):
+        return None
+    number = Number("ratio", ratio, std, "")
+    text = f"The clock is wrong: by the recorded velocity, true rate over stated rate is {with_interval(number)}"
+    corrected = [
+        replace(recording, time=recording.time / ratio, sampling_period_s=recording.sampling_period_s / ratio)
+        for recording in recordings
+    ]
+    return corrected, Misread("wrong_time_base", (), float("nan"), text, (number,))
 
 
 def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[npt.NDArray[np.int64], Misread] | None:

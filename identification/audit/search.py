@@ -32,8 +32,10 @@ MOST_STEPS = 5
 ALIKE = 0.03
 AS_LIKELY = 3.0
 """Nats within which two hypotheses cannot be told apart."""
+READINGS = 3
+"""How many other readings of the data are asked what noise they leave."""
 TURNS = 4
-TRIED = 4
+TRIED = 8
 WEIGHS = 3.0
 """σ that a load's mass must be from zero: a first moment alone is no load."""
 FARTHEST = 3.0
@@ -95,7 +97,7 @@ def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -
         steps = tuple(each for each in (*steps, step) if each.hypothesis not in needless)
         now = after.without(needless)
         if step.hypothesis.bends:
-            now = now.with_noise_of_now()
+            now = replace(now, noise=now.noise_with())
     return Audited(steps, np.ones(n), now, first)
 
 
@@ -119,8 +121,10 @@ def _signs(after: Explanation, step: Hypothesis) -> FloatArray | None:
 def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) -> tuple[Step, Explanation] | None:
     """The next difference and all with it; None where none is likely and seen on rows that were not fitted."""
     known = {item.place for item in now.steps}
-    scored = now.gains([item for item in candidates if item.place not in known])
-    turned = _turned_base(now, [item for item in candidates if item.effect == "base_tilt" and item.place not in known])
+    candidates = [item for item in candidates if item.place not in known]
+    now = _in_its_own_noise(now, candidates)
+    scored = now.gains(candidates)
+    turned = _turned_base(now, [item for item in candidates if item.effect == "base_tilt"])
     if turned is not None and turned[0][0] > next(one[0] for one in scored if one[2] is turned[0][2]):
         scored = [turned[0] if one[2] is turned[0][2] else one for one in scored]
     else:
@@ -134,7 +138,7 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
         least = LATER_SHARE if now.steps else FIRST_SHARE
         if (
             _share(now, after, first) >= least
-            and float(now.noise.weight @ (replace(now, day=day).reported() - after.reported())) > 0.0
+            and _confirmed(now, after)
             and _sigmas(now, after) >= LEAST_SIGMAS
             and _loudest(now, after) >= LEAST_TORQUE
             and _plausible(after)
@@ -143,20 +147,44 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
     return None
 
 
+def _in_its_own_noise(now: Explanation, candidates: list[Hypothesis]) -> Explanation:
+    """With the noise of that reading of the data, among the likeliest, which leaves least.
+
+    A fault that parameters cannot take looks like noise in the torque as it is read, and would hide itself.
+    """
+    best = now.noise
+    readings = [one for one in now.gains(candidates) if one[2].bends or one[2].effect == "torque_sensor_gain"]
+    for _, day, item in readings[:READINGS]:
+        trial = _bent(now.plus(item, day)).noise_with() if item.bends else now.noise_with(item)
+        best = trial if trial.loudness < best.loudness else best
+    return replace(now, noise=best)
+
+
 def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
     """Of the first difference beyond noise, what the last step takes away on rows that were not fitted.
 
     Beside the parameters, which are free in both; on the same day, since which day it is was weighed by the evidence.
     """
-    weight, counts = first.noise.weight, first.comparison.products.counts(USED)
-    whole, before = (replace(each, day=after.day).foretold() for each in (first, now))
-    beyond = float(weight @ np.maximum(whole - counts * first.noise.std**2, 0.0))
+    noise, counts = now.noise, first.comparison.products.counts(USED)
+    weight = noise.weight
+    whole, before = (replace(each, day=after.day, noise=noise).foretold() for each in (first, now))
+    beyond = float(weight @ np.maximum(whole - counts * noise.std**2, 0.0))
     return float(weight @ (before - after.foretold())) / max(beyond, 1e-300)
+
+
+def _confirmed(now: Explanation, after: Explanation) -> bool:
+    """Whether the rows that report are better foretold: beside the parameters, or by the difference by itself."""
+    weight, same_day = now.noise.weight, replace(now, day=after.day)
+    beside, alone = (
+        float(weight @ (left - stays))
+        for left, stays in ((same_day.reported(), after.reported()), (now.alone(), after.alone()))
+    )
+    return max(beside, alone) > 0.0
 
 
 def _explained(now: Explanation, after: Explanation, first: Explanation) -> float:
     """Of the first difference, what a step by itself takes away on the rows that report."""
-    weight = 1.0 / first.noise.std**2
+    weight = 1.0 / now.noise.std**2
     whole, left, stays = (float(weight @ each.alone()) for each in (first, now, after))
     return (left - stays) / whole if whole > 0.0 else 0.0
 
@@ -260,7 +288,8 @@ def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypoth
         return ()
     found: dict[tuple[str, int | None, int | None], Hypothesis] = {}
     for other_score, _, other in scored:
-        if other.place != item.place and abs(other_score - score) < AS_LIKELY:
+        near = max(AS_LIKELY, ALIKE * score if item.is_body and other.is_body else 0.0)
+        if other.place != item.place and abs(other_score - score) < near:
             found.setdefault(other.place, other)
     return tuple(found.values())
 

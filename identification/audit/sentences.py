@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.audit.columns import SYMBOLS, SetUp, across
-from identification.audit.difference import Difference, Number
+from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.hypotheses import Hypothesis, Layout
 from identification.audit.numbers import Found
 from identification.audit.search import Step
@@ -22,14 +22,6 @@ _BODY_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
 _FRICTION = {"FV": ("viscous", "Nm s/rad"), "FS": ("coulomb", "Nm"), "OFF": ("offset", "Nm"),
              "IA": ("rotor_inertia", "kg m^2")}  # fmt: skip
 DATA_FAULTS = ("wrong_time_base", "inverted_torque_sign", "wrong_unit", "wrong_joint_order")
-
-
-def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) -> str:
-    """As 2.80 ± 0.11 kg: ± half of the 95 % interval, two digits of it."""
-    half = 1.96 * number.std * abs(factor)
-    digits = 2 if half <= 0.0 else max(0, min(6, 1 - int(np.floor(np.log10(half)))))
-    text = f"{number.value * factor:.{digits}f} ± {half:.{digits}f}"
-    return f"{text} {number.unit if unit is None else unit}".rstrip()
 
 
 def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: str, robot: RobotModel) -> Difference:

@@ -22,6 +22,7 @@ from identification.fitting.torque_sign import positive_quantities
 from identification.mismatch.findings import DataFault
 from identification.mismatch.rival_physics import beside, rival_physics
 from identification.mismatch.torque_signs import SignRows, likeliest_signs
+from identification.recordings.clock import WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
 from identification.signals.aperiodic import process_aperiodic
@@ -45,7 +46,6 @@ ROWS_PER_NUMBER = 10.0
 TIME_BASE_COST_RATIO = 1.3
 SMALLEST_TIME_ERROR = 0.03
 TIME_ERROR_SIGMAS = 5.0
-WIDEST_RATIO = 30.0
 MOST_STATES = 1200
 SMOOTHED_S = 0.1
 _CUTOFF = 1e-9
@@ -257,7 +257,7 @@ def _time_base(
     if claimed:
         other = _ratio_from_torque(stretch.signals, regressor, signs, stretch.rivals)
         claimed = _is_wrong(*other) and (other[0] > 1.0) == (ratio > 1.0)
-    measured = _ratio_from_velocity(recording)
+    measured = clock_by_velocity(recording)
     if measured is not None and abs(np.log(measured[0])) > SMALLEST_TIME_ERROR:
         ratio, std = measured
         source = "the recorded velocity against the change of position"
@@ -275,33 +275,6 @@ def _time_base(
 def _is_wrong(ratio: float, std: float, cost_ratio: float) -> bool:
     """Whether the misfit falls enough with another clock, and that clock is another."""
     return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
-
-
-def _ratio_from_velocity(recording: Recording) -> tuple[float, float] | None:
-    """Slope of the recorded velocity over the difference of positions; None where they do not go together."""
-    if recording.velocity is None or not np.isfinite(recording.velocity).all():
-        return None
-    step = np.diff(recording.time)
-    even = step < 1.5 * recording.sampling_period_s
-    width = max(1, round(0.02 / recording.sampling_period_s))
-    index = np.flatnonzero(np.convolve(even, np.ones(2 * width), "valid") == 2 * width)
-    if index.size < 10 * width:
-        return None
-    duration = (recording.time[index + 2 * width] - recording.time[index])[:, None]
-    difference = (recording.position[index + 2 * width] - recording.position[index]) / duration
-    total = np.concatenate([np.zeros((1, recording.n)), np.cumsum(recording.velocity, axis=0)])
-    velocity = (total[index + 2 * width] - total[index]) / (2 * width)
-    slopes = (difference * velocity).sum(axis=0) / np.maximum((difference**2).sum(axis=0), 1e-300)
-    moving = difference.std(axis=0) > 0.1 * difference.std(axis=0).max()
-    alike = (difference * velocity).sum(axis=0) ** 2 > 0.98 * (difference**2).sum(axis=0) * (velocity**2).sum(axis=0)
-    chosen = slopes[moving & alike & (slopes > 0.0)]
-    if chosen.size < max(1, 0.5 * moving.sum()):
-        return None
-    ratio = float(np.median(chosen))
-    spread = 1.4826 * float(np.median(np.abs(chosen - ratio))) if chosen.size > 1 else 0.01 * ratio
-    if not 1.0 / WIDEST_RATIO < ratio < WIDEST_RATIO or spread > 0.05 * ratio:
-        return None
-    return ratio, max(spread / np.sqrt(chosen.size), 1e-4)
 
 
 def _ratio_from_torque(

@@ -1,0 +1,41 @@
+"""Is the clock of a recording right? Its velocity, where one was recorded, says so without a model. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.recordings.recording import Recording
+
+__all__ = ["WIDEST_RATIO", "clock_by_velocity"]
+
+WIDEST_RATIO = 30.0
+
+
+def clock_by_velocity(recording: Recording) -> tuple[float, float] | None:
+    """True rate over stated rate and its deviation, as the recorded velocity goes with the change of position.
+
+    None where a recording has no velocity, or one that is not the derivative of its position.
+    """
+    if recording.velocity is None or not np.isfinite(recording.velocity).all():
+        return None
+    step = np.diff(recording.time)
+    even = step < 1.5 * recording.sampling_period_s
+    width = max(1, round(0.02 / recording.sampling_period_s))
+    index = np.flatnonzero(np.convolve(even, np.ones(2 * width), "valid") == 2 * width)
+    if index.size < 10 * width:
+        return None
+    duration = (recording.time[index + 2 * width] - recording.time[index])[:, None]
+    difference = (recording.position[index + 2 * width] - recording.position[index]) / duration
+    total = np.concatenate([np.zeros((1, recording.n)), np.cumsum(recording.velocity, axis=0)])
+    velocity = (total[index + 2 * width] - total[index]) / (2 * width)
+    slopes = (difference * velocity).sum(axis=0) / np.maximum((difference**2).sum(axis=0), 1e-300)
+    moving = difference.std(axis=0) > 0.1 * difference.std(axis=0).max()
+    alike = (difference * velocity).sum(axis=0) ** 2 > 0.98 * (difference**2).sum(axis=0) * (velocity**2).sum(axis=0)
+    chosen = slopes[moving & alike & (slopes > 0.0)]
+    if chosen.size < max(1, 0.5 * moving.sum()):
+        return None
+    ratio = float(np.median(chosen))
+    spread = 1.4826 * float(np.median(np.abs(chosen - ratio))) if chosen.size > 1 else 0.01 * ratio
+    if not 1.0 / WIDEST_RATIO < ratio < WIDEST_RATIO or spread > 0.05 * ratio:
+        return None
+    return ratio, max(spread / np.sqrt(chosen.size), 1e-4)
