@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from identification.audit import Audit, audit
 from identification.audit.audit import compared
-from identification.audit.columns import PARAMETERS
+from identification.audit.columns import PARAMETERS, across
 from identification.audit.evidence import posterior, products_of
 from identification.audit.given import given_model, sizes_of
 from identification.audit.rows import rows_of
@@ -297,9 +297,10 @@ def strength(background: Background, fault: Fault) -> float:
         return float("nan")
     moved = moved - clean.comparison.target
     read = clean.comparison
+    geometry, gravity = read.geometry, read.set_up.gravity
+    tilt = geometry.weight(clean.model.values) @ (np.linalg.norm(gravity) * across(gravity)).T
     columns = np.concatenate(
-        [read.geometry.columns(read.set_up.gravity, read.set_up.ratio), read.geometry.rows.torque_rate[..., None]],
-        axis=2,
+        [geometry.columns(gravity, read.set_up.ratio), geometry.rows.torque_rate[..., None], tilt], axis=2
     )
     used = read.geometry.rows.used & faulty.comparison.geometry.rows.used
     products = products_of(columns, moved, used, [np.ones(len(moved), dtype=np.bool_)])

@@ -17,15 +17,17 @@ from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
 from identification.audit.difference import Audit, Difference
-from identification.audit.given import GivenModel, Sizes, given_model, sizes_of
+from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.misread import Misread, by_its_velocity, in_degrees, misread_order
 from identification.audit.numbers import found_numbers
 from identification.audit.rows import COULOMB_VELOCITY, rows_of
 from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
 from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import EstimationError
 from identification.model_file import Model
 from identification.recordings.recording import Recording
+from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 
@@ -49,7 +51,10 @@ TOO_LITTLE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
+    """stand: (3,) m/s², gravity where the model was made."""
+
     model: GivenModel
+    stand: FloatArray
     sizes: Sizes
     geometry: Geometry
     set_up: SetUp
@@ -59,7 +64,7 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     """What is different between a model and the arm of some recordings.
 
     model: a model.json as read, or a simulator's file. Raises RecordingError for recordings that are too short or at
-    rest, ModelFileError or RobotError for a model of another arm.
+    rest, ModelFileError or RobotError for a model of another arm, EstimationError for a load beyond reason.
     """
     misread: list[Misread] = []
     degrees = [in_degrees(recording, robot.kinematics.revolute) for recording in recordings]
@@ -92,25 +97,33 @@ def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
 def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> _Given:
     options = model.options if isinstance(model, Model) else RegressorOptions()
     regressor = BaseRegressor(robot, options)
+    if isinstance(model, Model) and set(model.names) != set(regressor.names):
+        # Another stand shows other parameters: those of the model are of the stand that it was made on.
+        its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
+        regressor = BaseRegressor(replace(robot, gravity=its_stand), options)
     rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
     sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
     if isinstance(model, Model):
         given = given_model(model, regressor, sizes, Path(model.path or "the model").name)
     else:
         given = given_model(read_simulator_model(model, regressor), regressor, sizes, model.name)
-    return _Given(given, sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s))
+    return _Given(
+        given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s)
+    )
 
 
 def _too_wide(given: _Given) -> bool:
     """Whether a fit does not know the torque of this motion: its standard deviation against the torque's size."""
     if not given.model.own:
         return False
-    columns = given.geometry.columns(given.set_up.gravity)
-    used = given.geometry.rows.used
-    spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance_on(1.0), columns, optimize=True)
-    torque = given.geometry.rows.torque
-    size, wide = (np.where(used, values, 0.0).sum() for values in (torque**2, spread))
-    return bool(wide > TOO_WIDE**2 * size)
+    used, torque = given.geometry.rows.used, given.geometry.rows.torque
+    size = np.where(used, torque**2, 0.0).sum()
+    wide = []
+    for gravity in (given.set_up.gravity, given.stand):
+        columns = given.geometry.columns(gravity)
+        spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance_on(1.0), columns, optimize=True)
+        wide.append(np.where(used, spread, 0.0).sum())
+    return bool(min(wide) > TOO_WIDE**2 * size)
 
 
 def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
@@ -120,6 +133,12 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
         np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0)) for each in (first, now)
     )
     numbers = found_numbers(now)
+    for each in numbers:
+        if each.hypothesis.effect == "payload" and abs(each.values[0]) > WIDEST * float(given.sizes.mass.mean()):
+            raise EstimationError(
+                f"{model.name} and the recording differ by {each.values[0]:.0f} kg on one link, which no such arm "
+                "carries: they are of different arms, or the torque is not in Nm."
+            )
     differences = [
         difference_of(step, each, given.set_up, now.comparison.set_up, model.name, given.geometry.robot)
         for step, each in zip(found.steps, numbers, strict=True)

@@ -29,6 +29,10 @@ All joints together tell, so that one joint stands out after an hour, and none w
 """
 
 
+LEVEL_RAD = np.radians(0.3)
+"""A base stands as is said within this; cables and hoses pull on an arm as much as such a lean."""
+
+
 def root_of(covariance: FloatArray, scale: FloatArray) -> FloatArray:
     """F with F Fᵀ the covariance (k, k) of parameters of some sizes (k,)."""
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -77,14 +81,15 @@ class Explanation:
         return Layout(self.comparison.geometry.robot.n)
 
     def columns(self) -> IntArray:
-        """(k,) places of all that is free: parameters, the delay, and the differences."""
+        """(k,) places of all that is free: parameters, delay and tilt as they are known, and the differences."""
         own = [step.columns for step in self.steps]
-        return np.concatenate([self.layout.base, [self.layout.delay], *own])
+        tilt = self.layout.tilt
+        return np.concatenate([self.layout.base, [self.layout.delay, tilt, tilt + 1], *own])
 
     def factor(self, day: float | None = None) -> FloatArray:
         """(k, k) root of the prior of all that is free."""
         covariance = self.model.covariance_on(self.day if day is None else day)
-        widths = np.concatenate([[self.model.delay_std_s], *(step.width for step in self.steps)])
+        widths = np.concatenate([[self.model.delay_std_s, LEVEL_RAD, LEVEL_RAD], *(step.width for step in self.steps)])
         return block_diag(root_of(covariance, self.sizes.each), np.diag(widths))
 
     def fitted(self, parts: Sequence[int]) -> Estimate:

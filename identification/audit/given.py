@@ -40,6 +40,10 @@ DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
 
+WIDEST = 20.0
+"""Sizes of the arm's mean link that a load may have; more is no load of this arm."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
     """How large parameters of this arm are. each: (14 n,). mass: kg, length: m of a link (n,). torque: (n,) Nm."""

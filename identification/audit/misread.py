@@ -24,6 +24,8 @@ __all__ = ["Misread", "by_its_velocity", "in_degrees", "misread_order"]
 FloatArray = npt.NDArray[np.float64]
 
 SMALLEST_CLOCK_ERROR = 0.03
+FILTERED = 0.005
+"""By which the filter of a recorded velocity makes it smaller or larger."""
 STAYS = 0.12
 """Of the misfit, what may stay for a misreading to be believed."""
 WIDEST_RAD = 4.0 * np.pi
@@ -63,7 +65,7 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], M
     if not each or len(each) < len(recordings):
         return None
     ratio, std = (float(np.mean(values)) for values in zip(*each, strict=True))
-    std = float(np.hypot(std, np.std([value for value, _ in each])))
+    std = float(np.linalg.norm([std, np.std([value for value, _ in each]), FILTERED * ratio]))
     if abs(np.log(ratio)) < max(SMALLEST_CLOCK_ERROR, 5.0 * std / ratio):
         return None
     number = Number("ratio", ratio, std, "")

@@ -48,7 +48,7 @@ def found_numbers(now: Explanation) -> list[Found]:
     moved = without - without.mean(axis=0)
     between = FEW_PARTS**2 * (len(ALL) - 1) / len(ALL) * moved.T @ moved
     scale = _scale_scatter(now)
-    result, place = [], len(now.layout.base) + 1
+    result, place = [], len(estimate.values) - sum(len(step.columns) for step in now.steps)
     for step in now.steps:
         own = slice(place, place + len(step.columns))
         place = own.stop

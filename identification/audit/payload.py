@@ -19,7 +19,7 @@ from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
 from identification.audit.difference import Number
 from identification.audit.evidence import Estimate, Products, posterior, products_of, repeated_rows
-from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, Sizes, sizes_of, wide_open
+from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.numbers import FEW_PARTS
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
@@ -31,8 +31,6 @@ __all__ = ["Body", "cabinet_load_data", "weigh"]
 
 FloatArray = npt.NDArray[np.float64]
 
-WIDEST = 20.0
-"""Sizes of the arm's mean link that a load may have; more is no load of this arm."""
 LEAST_SIGMAS = 3.0
 _TURNS = 4
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")

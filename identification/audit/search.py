@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.audit.basis import Explanation, root_of
+from identification.audit.basis import DAYS, Explanation, root_of
 from identification.audit.columns import PARAMETERS, Geometry, SetUp
 from identification.audit.comparison import ALL, USED, Comparison, torque_as_read, turned
 from identification.audit.directions import Directions
@@ -27,7 +27,7 @@ FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
 LEAST_SIGMAS = 5.0
 LEAST_TORQUE = 0.5
-"""Of what the best model leaves of some joint: less is below what these rows can show."""
+"""Of what the best model leaves of a joint: where a difference makes less it does not act."""
 MOST_STEPS = 5
 ALIKE = 0.03
 AS_LIKELY = 3.0
@@ -140,7 +140,6 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
             _share(now, after, first) >= least
             and _confirmed(now, after)
             and _sigmas(now, after) >= LEAST_SIGMAS
-            and _loudest(now, after) >= LEAST_TORQUE
             and _plausible(after)
         ):
             return Step(item, score, _explained(now, after, first), _alike(item, score, scored)), after
@@ -161,25 +160,28 @@ def _in_its_own_noise(now: Explanation, candidates: list[Hypothesis]) -> Explana
 
 
 def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
-    """Of the first difference beyond noise, what the last step takes away on rows that were not fitted.
+    """Of the first difference beyond noise, what the last step takes away on rows that were not fitted, where it acts.
 
-    Beside the parameters, which are free in both; on the same day, since which day it is was weighed by the evidence.
+    Beside the parameters, which are free in all, on the quietest day: which day it is was weighed by the evidence.
     """
     noise, counts = now.noise, first.comparison.products.counts(USED)
-    weight = noise.weight
-    whole, before = (replace(each, day=after.day, noise=noise).foretold() for each in (first, now))
-    beyond = float(weight @ np.maximum(whole - counts * noise.std**2, 0.0))
-    return float(weight @ (before - after.foretold())) / max(beyond, 1e-300)
+    whole, before, left = (replace(each, day=DAYS[0], noise=noise).foretold() for each in (first, now, after))
+    acts = _heard(now, after) >= LEAST_TORQUE
+    if not acts.any():
+        return 0.0
+    taken = (noise.weight * (before - left))[acts].sum()
+    beyond = (noise.weight * np.maximum(whole - counts * noise.std**2, 0.0))[acts].sum()
+    return float(taken / max(beyond, 1e-300))
 
 
 def _confirmed(now: Explanation, after: Explanation) -> bool:
-    """Whether the rows that report are better foretold: beside the parameters, or by the difference by itself."""
+    """Whether the rows that report do not contradict: neither beside the parameters nor by the difference by itself."""
     weight, same_day = now.noise.weight, replace(now, day=after.day)
     beside, alone = (
         float(weight @ (left - stays))
         for left, stays in ((same_day.reported(), after.reported()), (now.alone(), after.alone()))
     )
-    return max(beside, alone) > 0.0
+    return max(beside, alone) > -2.0 * LEAST_GAIN
 
 
 def _explained(now: Explanation, after: Explanation, first: Explanation) -> float:
@@ -189,8 +191,8 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     return (left - stays) / whole if whole > 0.0 else 0.0
 
 
-def _loudest(now: Explanation, after: Explanation) -> float:
-    """The RMS of a difference's torque over what the best model leaves, of the joint where it is largest."""
+def _heard(now: Explanation, after: Explanation) -> FloatArray:
+    """(n,) RMS of the last difference's torque over what the best model leaves of each joint."""
     values, _ = after.deviation_of_last()
     columns = after.steps[-1].columns
     old, new = now.comparison, after.comparison
@@ -199,7 +201,7 @@ def _loudest(now: Explanation, after: Explanation) -> float:
     counts = np.maximum(new.products.counts(ALL), 1.0)
     moved = (np.where(rows, old.target - new.target, 0.0) ** 2).sum(axis=0)
     power = (np.einsum("jab,a,b->j", gram, values, values) + moved) / counts
-    return float(np.sqrt(np.max(power / now.noise.std**2)))
+    return np.asarray(np.sqrt(power) / now.noise.std)
 
 
 def _plausible(after: Explanation) -> bool:
@@ -289,7 +291,9 @@ def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypoth
     found: dict[tuple[str, int | None, int | None], Hypothesis] = {}
     for other_score, _, other in scored:
         near = max(AS_LIKELY, ALIKE * score if item.is_body and other.is_body else 0.0)
-        if other.place != item.place and abs(other_score - score) < near:
+        # A link that is another and a load on it are one body to the torque.
+        same = item.is_body and other.link == item.link
+        if other.place != item.place and (same or abs(other_score - score) < near):
             found.setdefault(other.place, other)
     return tuple(found.values())
 

@@ -14,10 +14,11 @@ import pinocchio
 import pytest
 
 from identification.audit import Audit, audit
+from identification.errors import EstimationError, ModelFileError, RecordingError
 from identification.model_file import Model, read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
-from identification.robots import RobotModel, load_robot
+from identification.robots import Installation, RobotModel, load_robot
 
 FloatArray = np.ndarray
 
@@ -132,3 +133,170 @@ def test_an_offset_is_named_with_its_joint(bench: Bench) -> None:
     found = bench.with_torque(torque)
     assert names(found)[0][:2] in (("torque_offset", 2), ("friction_change", 2))
     assert len(found.differences) == 1
+
+
+def rates(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """q̇, q̈ by differences of the position, smoothed over 0.1 s."""
+    width = round(0.1 / recording.sampling_period_s)
+    values = recording.position
+    found = []
+    for _ in range(2):
+        values = np.gradient(values, recording.sampling_period_s, axis=0)
+        values = np.apply_along_axis(lambda row: np.convolve(row, np.ones(width) / width, "same"), 0, values)
+        found.append(values)
+    return found[0], found[1]
+
+
+def on_joint(bench: Bench, joint: int, column: FloatArray) -> Audit:
+    torque = bench.recording.torque.copy()
+    torque[:, joint - 1] += column
+    return bench.with_torque(torque)
+
+
+@pytest.mark.parametrize(
+    ("effect", "number", "value", "joint"),
+    [("friction_change", "viscous", 14.0, 3), ("friction_change", "coulomb", 9.0, 2), ("rotor_inertia", "", 1.4, 4)],
+)
+def test_another_drive_is_named_with_its_joint_and_number(
+    bench: Bench, effect: str, number: str, value: float, joint: int
+) -> None:
+    velocity, acceleration = rates(bench.recording)
+    column = {"viscous": velocity, "coulomb": np.sign(velocity), "": acceleration}[number][:, joint - 1]
+    found = on_joint(bench, joint, value * column)
+    assert names(found) == [(effect, joint, None)]
+    first = found.differences[0].numbers[0]
+    assert first.name == (number or "rotor_inertia")
+    assert first.value == pytest.approx(value, rel=0.3)
+
+
+def test_one_scale_is_named_with_its_joint(bench: Bench) -> None:
+    torque = bench.recording.torque * np.where(np.arange(6) == 2, 0.75, 1.0)
+    found = bench.with_torque(torque)
+    assert names(found) == [("torque_sensor_gain", 3, None)]
+    assert found.differences[0].numbers[0].value == pytest.approx(0.75, abs=0.05)
+
+
+def test_the_zero_of_a_joint_is_named_with_its_angle(bench: Bench) -> None:
+    position = bench.recording.position.copy()
+    position[:, 1] -= 0.1
+    found = bench.asked(replace(bench.recording, position=position))
+    assert names(found) == [("joint_zero_offset", 2, None)]
+    assert found.differences[0].numbers[0].value == pytest.approx(0.1, abs=0.03)
+
+
+def test_a_late_torque_is_named_beyond_the_delay_of_the_models_own_recording(bench: Bench) -> None:
+    recording, late = bench.recording, 0.03
+    torque = np.column_stack([np.interp(recording.time - late, recording.time, each) for each in recording.torque.T])
+    found = bench.with_torque(torque)
+    assert names(found) == [("torque_delay", None, None)]
+    low, high = found.differences[0].numbers[0].interval
+    assert low < late < high
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_slow_clock_is_named_with_and_without_a_recorded_velocity(bench: Bench, velocity: bool) -> None:
+    ratio, recording = 1.4, bench.recording
+    slow = replace(
+        recording,
+        time=recording.time * ratio,
+        sampling_period_s=recording.sampling_period_s * ratio,
+        velocity=recording.velocity if velocity else None,
+    )
+    found = bench.asked(slow)
+    assert names(found) == [("wrong_time_base", None, None)]
+    assert found.differences[0].numbers[0].value == pytest.approx(ratio, rel=0.005 if velocity else 0.15)
+
+
+@pytest.mark.parametrize("degrees", [8.0, 60.0, 170.0])
+def test_a_base_that_stands_otherwise_than_it_is_said_is_named_with_its_angle(
+    bench: Bench, shared_folder: Path, degrees: float
+) -> None:
+    # The arm stood level: what is stated leans, so what is found leans back.
+    angle = np.radians(degrees)
+    leaning = Installation((9.81 * float(np.sin(angle)), 0.0, -9.81 * float(np.cos(angle))))
+    robot = load_robot(shared_folder / "recordings" / "ur10_mdh.csv", leaning)
+    found = audit([bench.recording], robot, bench.model)
+    assert names(found) == [("base_tilt", None, None)]
+    assert np.degrees(found.differences[0].numbers[0].value) == pytest.approx(degrees, abs=1.5)
+
+
+def test_another_link_is_named_so_or_as_a_load_on_it(bench: Bench) -> None:
+    # The inertia about the joint's own axis, which no weight of a load could make.
+    _, acceleration = rates(bench.recording)
+    found = on_joint(bench, 1, 25.0 * acceleration[:, 0])
+    assert len(found.differences) == 1
+    one = found.differences[0]
+    also = [(one.effect, one.joint or one.link), *one.alternatives]
+    assert {("link_parameters", 1), ("rotor_inertia", 1)} & set(also)
+
+
+def small(bench: Bench, what: str) -> Recording:
+    """A fault that is there and that these rows cannot show."""
+    recording = bench.recording
+    velocity, acceleration = rates(recording)
+    first = np.eye(6)[1]
+    match what:
+        case "load":
+            load = torque_of_load(bench.robot, recording, 0.05, np.array([0.0, 0.0, 0.05]))
+            return replace(recording, torque=recording.torque + load)
+        case "offset":
+            return replace(recording, torque=recording.torque + 0.2 * first)
+        case "viscous friction":
+            return replace(recording, torque=recording.torque + 0.3 * velocity * first)
+        case "Coulomb friction":
+            return replace(recording, torque=recording.torque + 0.2 * np.sign(velocity) * first)
+        case "rotor inertia":
+            return replace(recording, torque=recording.torque + 0.1 * acceleration * first)
+        case "one scale":
+            return replace(recording, torque=recording.torque * (1.0 + 0.005 * first))
+        case "all scales":
+            return replace(recording, torque=recording.torque * 1.005)
+        case "zero":
+            return replace(recording, position=recording.position - 0.002 * first)
+        case "late torque":
+            torque = [np.interp(recording.time - 0.001, recording.time, each) for each in recording.torque.T]
+            return replace(recording, torque=np.column_stack(torque))
+    return replace(
+        recording, time=recording.time * 1.005, sampling_period_s=recording.sampling_period_s * 1.005, velocity=None
+    )
+
+
+@pytest.mark.parametrize(
+    "what",
+    ["load", "offset", "viscous friction", "Coulomb friction", "rotor inertia", "one scale", "all scales", "zero",
+     "late torque", "clock"],
+)  # fmt: skip
+def test_what_the_rows_cannot_show_has_no_name(bench: Bench, what: str) -> None:
+    assert bench.asked(small(bench, what)).differences == ()
+
+
+def test_a_load_that_no_arm_carries_has_one_sentence_and_no_name(bench: Bench) -> None:
+    load = torque_of_load(bench.robot, bench.recording, 3000.0, np.array([0.0, 0.0, 0.1]))
+    with pytest.raises(EstimationError, match="no such arm carries"):
+        bench.with_torque(bench.recording.torque + load)
+
+
+def test_a_model_of_another_arm_is_refused(bench: Bench, shared_folder: Path) -> None:
+    folder = shared_folder / "recordings"
+    other = read_recording(folder / "tx40_excitation.npz", robot=folder / "tx40.urdf")
+    with pytest.raises(ModelFileError):
+        audit([other], load_robot(folder / "tx40.urdf"), bench.model)
+
+
+def test_a_recording_without_motion_is_refused(bench: Bench) -> None:
+    still = np.broadcast_to(bench.recording.position[:1], bench.recording.position.shape).copy()
+    with pytest.raises(RecordingError, match="no joint moves"):
+        bench.asked(replace(bench.recording, position=still, velocity=None))
+
+
+def test_two_runs_of_one_arm_on_other_programs_have_nothing_named(
+    shared_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    # KUKA KR300, two recordings of 10 s with different motions: each against the model of the other.
+    folder = shared_folder / "recordings"
+    runs = [read_recording(folder / file) for file in ("kr300_a.npz", "kr300_b.npz")]
+    robot = load_robot(folder / "kr300.urdf")
+    for one, other in (runs, runs[::-1]):
+        result = fit_recordings([one], robot, FitSettings(physical=False, check_torque_sign=False))
+        file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
+        assert audit([other], robot, read_model(file)).differences == ()
