@@ -8,9 +8,8 @@ from scipy.optimize import lsq_linear
 
 from identification.audit.columns import Geometry
 from identification.audit.comparison import PARTS, REPORT
-from identification.audit.difference import Difference, Number
+from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import places_of
-from identification.audit.sentences import with_interval
 from identification.base_parameters import BaseRegressor
 
 __all__ = ["foretold", "lacking_friction"]

@@ -65,7 +65,8 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], M
     if not each or len(each) < len(recordings):
         return None
     ratio, std = (float(np.mean(values)) for values in zip(*each, strict=True))
-    std = float(np.linalg.norm([std, np.std([value for value, _ in each]), FILTERED * ratio]))
+    apart = float(np.std([value for value, _ in each]))
+    std = float(np.sqrt(std**2 + apart**2 + (FILTERED * ratio) ** 2))
     if abs(np.log(ratio)) < max(SMALLEST_CLOCK_ERROR, 5.0 * std / ratio):
         return None
     number = Number("ratio", ratio, std, "")

@@ -57,6 +57,11 @@ class Mounting:
     def sentence(self) -> str:
         """What an operator reads."""
         x, y, z = (f"{value:.2f}" for value in self.gravity)
+        if not self.is_other and self.angle > LEAST_ANGLE:
+            return (
+                "This recording does not tell how the base stands: it is taken as stated, but gravity "
+                f"({x}, {y}, {z}) m/s² in its frame fits about as well. Record a motion that turns every link."
+            )
         if not self.is_other:
             return f"The base stands as stated, within {np.degrees(self.angle):.1f}° by this recording."
         return (

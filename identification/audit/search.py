@@ -169,6 +169,9 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
     acts = _heard(now, after) >= LEAST_TORQUE
     if not acts.any():
         return 0.0
+    if now.steps:
+        # One that comes besides has to matter to the whole; else the misfit of the first one's model gets a name.
+        acts[:] = True
     taken = (noise.weight * (before - left))[acts].sum()
     beyond = (noise.weight * np.maximum(whole - counts * noise.std**2, 0.0))[acts].sum()
     return float(taken / max(beyond, 1e-300))
