@@ -344,8 +344,8 @@ def main() -> int:
             runs += 1
             table[kind][verdict] += 1
             nats = strength(background, fault) if verdict == "silent" else float("nan")
-            weak += verdict == "silent" and nats < ENOUGH
-            held += [] if holds is None else [holds]
+            weak += int(verdict == "silent" and nats < ENOUGH)
+            held += [] if holds is None else [bool(holds)]
             if arguments.verbose and (verdict != "right" or holds is False):
                 put_in = f"{background.name}, {kind} {fault.names} {fault.number}"
                 print(f"{put_in}: {verdict} {holds} {nats:.1f}: {said}", flush=True)
