@@ -110,8 +110,8 @@ def build_findings(
 def _by_own_weights(exam: Examination, fitted_role: Prepared, members: Sequence[Member]) -> Check:
     """As `Examination.check`, but where no noise is measured by the weights of what these members leave.
 
-    That is how `fit` weighs. By the weights of what all effects leave, a joint that is misfitted without one of them
-    bends the parameters of the others, and what that does to them would count for the effect or against it.
+    By joint and band; `fit` weighs by joint alone. By the weights of what all effects leave, a joint that is misfitted
+    without one of them bends the parameters of the others, and what that does would count for the effect or against it.
     """
     if exam.problem.noise_is_measured:
         return exam.check(members)
