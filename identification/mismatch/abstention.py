@@ -1,9 +1,8 @@
 """The rule of abstention: which members of a model may be named, and which stand under another name.
 
 A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
-recordings; if no torque that acts in one part of the joint's range only (a stop, a bump: nothing the library holds)
-explains more; and if held-out recordings do not contradict it. Where the fitted motion cannot separate two names,
-held-out data choose. Called by the claims.
+recordings, and if held-out recordings do not contradict it; what has another form than it is for `earned`. Where the
+fitted motion cannot separate two names, held-out data choose. Called by the claims.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension, extend
 from identification.mismatch.heldout import Residuals, residuals, worsened
 from identification.mismatch.library import Library
-from identification.mismatch.local_torque import local_is_likelier
 from identification.mismatch.problem import Problem
 from identification.mismatch.pruning import removal_score, removal_scores
 from identification.mismatch.refinement import Member, other_kinds, score_of
@@ -31,7 +29,6 @@ from identification.mismatch.verdict import (
     contrast,
     contrast_by_band,
     explains_enough,
-    has_its_form,
     joints_of,
     rivals,
 )
@@ -93,8 +90,7 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
     while trial.members:
         now = exam.check(trial.members)
         failing = [index for index in range(len(trial.members)) if not _passes(exam, trial, index, before, now)]
-        undetermined = [] if failing else _undetermined(exam, trial, now)
-        if not failing and not undetermined:
+        if not failing:
             break
         loudest = sorted(failing, key=lambda index: -_left_on(now, trial, index))
         options = (_confirmed_rival(exam, trial, index, before) for index in loudest)
@@ -104,7 +100,7 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
             trial = better
             continue
         scores = removal_scores(exam.problem, trial, exam.settings)
-        worst = min(failing or undetermined, key=lambda index: scores[index])
+        worst = min(failing, key=lambda index: scores[index])
         member = trial.members[worst]
         refused.append(name_of(member.effect.name, member.place.joint))
         trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
@@ -204,28 +200,6 @@ def _choices(before: Trial, after: Trial) -> list[str]:
     ]
 
 
-def _undetermined(exam: Examination, trial: Trial, now: Check) -> list[int]:
-    """Members on a joint whose misfit they explain together, and none of them by itself.
-
-    Each of two right names is missed for most of what it explains. Where all that go with any one are little beside
-    what all explain, they are a series expansion of a torque that has none of these names.
-    """
-    if not trial.complete or len(trial.members) < 2:
-        return []
-    scores = removal_scores(exam.problem, trial, exam.settings)
-    squares = [(problem.residual**2).reshape(problem.n, -1).sum(axis=1) for problem in (exam.problem, trial.problem)]
-    on_joint: dict[int, list[int]] = {}
-    for index, member in enumerate(trial.members):
-        for joint in joints_of(member, torque_of(member, now.extension.coefficients[index], trial.problem.n)):
-            on_joint.setdefault(joint, []).append(index)
-    found: set[int] = set()
-    for joint, members in on_joint.items():
-        missed = 2.0 * sum(scores[index] for index in members)
-        if len(members) > 1 and missed < exam.settings.share_missed * float(squares[0][joint] - squares[1][joint]):
-            found.update(members)
-    return sorted(found)
-
-
 def _left_on(now: Check, trial: Trial, index: int) -> float:
     """What a model leaves on held-out recordings on the joints of one member, in squares of the expected scatter."""
     left = now.after if now.heldout_after is None else now.heldout_after
@@ -257,15 +231,7 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
     torque = torque_of(member, now.extension.coefficients[index], trial.problem.n)
     joints = joints_of(member, torque)
     rest, complete = exam.check(without(trial.members, index)), trial.complete
-    loudest = int(np.argmax(((torque / now.after.sensor_noise) ** 2).sum(axis=1)))
-
-    def held_out(members: Sequence[Member]) -> float:
-        return _held_out_likelihood(exam.check(members))
-
-    if complete:
-        if not has_its_form(trial.problem, exam.rows.evidences, loudest, rest.after, now.after, settings):
-            return False
-    elif (
+    if not complete and (
         # Whoever is left of a set that explained all, and does no longer, is judged as beside any background.
         removal_score(exam.problem, trial, index, settings) < settings.background_score
         or not explains_enough(before.after, now.after, joints, settings.share_removed, complete=False)
@@ -275,8 +241,6 @@ def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Che
             and contrast_by_band(rest.after, now.after, joints, exam.problem.band, settings) < settings.background_score
         )
     ):
-        return False
-    if local_is_likelier(exam.problem, exam.rows.library, trial, index, loudest, held_out, settings):
         return False
     if now.heldout_after is None or before.heldout_after is None:
         return True

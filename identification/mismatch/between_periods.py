@@ -20,7 +20,7 @@ from identification.mismatch.change_uncertainty import shape_covariance
 from identification.mismatch.changes import find_drift, find_payload, find_thermal
 from identification.mismatch.contact_search import find_contact, without_outliers
 from identification.mismatch.contrasts import Contrasts, Fit, solve
-from identification.mismatch.effects.base import CERTAIN, Effect, Estimate
+from identification.mismatch.effects.base import CERTAIN, Effect, Estimate, Place
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
@@ -84,17 +84,20 @@ def with_level(mean_columns: FloatArray) -> FloatArray:
 
 
 def find_between_periods(
-    evidences: Sequence[Evidence], effects: Sequence[Effect], settings: BetweenPeriodsSettings | None = None
+    evidences: Sequence[Evidence],
+    effects: Sequence[Effect],
+    settings: BetweenPeriodsSettings | None = None,
+    banned: frozenset[tuple[str, Place]] = frozenset(),
 ) -> tuple[Change, ...]:
     """All changes in all recordings, strongest first; recordings with fewer than three periods have none.
 
-    effects: those of the stage "between_periods" among them are searched.
+    effects: those of the stage "between_periods" among them are searched. banned: names and places that are not asked.
     """
     settings = settings if settings is not None else BetweenPeriodsSettings()
     changes: list[Change] = []
     for number, evidence in enumerate(evidences):
         if evidence.period_torque is not None and evidence.periods >= FEWEST_PERIODS:
-            changes.extend(_search(number, evidence, effects, settings))
+            changes.extend(_search(number, evidence, effects, settings, banned))
     return tuple(sorted(changes, key=lambda change: -change.gain))
 
 
@@ -128,7 +131,11 @@ class _Closed:
 
 
 def _search(
-    number: int, evidence: Evidence, effects: Sequence[Effect], settings: BetweenPeriodsSettings
+    number: int,
+    evidence: Evidence,
+    effects: Sequence[Effect],
+    settings: BetweenPeriodsSettings,
+    banned: frozenset[tuple[str, Place]],
 ) -> list[Change]:
     contrasts = Contrasts(evidence)
     contrasts.z = whole = without_outliers(contrasts)
@@ -138,12 +145,14 @@ def _search(
     length = float(time[-1] - time[0])
     ends = [(-BESIDE_FLAGGED_S, BESIDE_FLAGGED_S), (length - BESIDE_FLAGGED_S, length + BESIDE_FLAGGED_S)]
     closed = _Closed(
+        drift={_joint(place) for name, place in banned if name == TorqueSensorDrift.name},
+        thermal={_joint(place) for name, place in banned if name == ThermalFriction.name},
         spans=ends
         + [
             (low + shift * period, high + shift * period)
             for low, high in beside_flagged_rows(evidence.recording)
             for shift in range(-evidence.periods, evidence.periods + 1)
-        ]
+        ],
     )
     claimed: list[Candidate] = []
     bound = float(np.log10(settings.false_alarm))
@@ -151,7 +160,9 @@ def _search(
         found = [
             candidate
             for candidate in _candidates(contrasts, effects, closed)
-            if candidate is not None and candidate.log10_chance < bound
+            if candidate is not None
+            and candidate.log10_chance < bound
+            and (candidate.effect.name, candidate.place) not in banned
         ]
         if not found:
             break
@@ -172,6 +183,12 @@ def _search(
                 return changes
         del claimed[weakest]
     return []
+
+
+def _joint(place: Place) -> int:
+    """Joint of a place, from 0."""
+    assert place.joint is not None
+    return place.joint - 1
 
 
 def _candidates(contrasts: Contrasts, effects: Sequence[Effect], closed: _Closed) -> list[Candidate | None]:

@@ -27,7 +27,7 @@ from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.extension import extend
-from identification.mismatch.findings import Baseline, Diagnosis, HeldOut
+from identification.mismatch.findings import Baseline, Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
 from identification.mismatch.nominal import (
@@ -48,8 +48,10 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.trial import Trial
 from identification.mismatch.trial import fitted as fitted_again
+from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.judgement import judge
+from identification.mismatch.unknown.over_time import Refused, earned_over_time
 from identification.model_file import Model
 from identification.recordings.independence import refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -130,7 +132,7 @@ def diagnose(
         values = extend(problem, trial.members).base[: regressor.size]
         return prepare(others, robot, regressor, settings, split, values)
 
-    fitted = prepare(to_fit, robot, regressor, settings, split)
+    fitted, refused = earned_over_time(prepare(to_fit, robot, regressor, settings, split))
     nominal = nominal_of(fit, regressor, fitted.evidences)
     report("search", 0.3)
     now = _explained(regressor, fitted, settings)
@@ -170,18 +172,18 @@ def diagnose(
         diagnosis = replace(
             diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes), audit=audited
         )
-    if audited is None and fit is not None and diagnosis.heldout is not None:
-        diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis.heldout, fit, to_fit, to_check, robot))
-    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes))
+    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if dependence is not None:
         judgement = judge(dependence, fitted, unseen, claims, problem, result.candidates)
         diagnosis = replace(
             diagnosis,
-            classes=judgement.claims,
+            classes=(*judgement.claims, *_over_time(refused)),
             class_model=judgement.model,
             offer=judgement.offer,
             notes=(*diagnosis.notes, *judgement.notes),
         )
+    if audited is None and fit is not None and diagnosis.heldout is not None:
+        diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)
@@ -198,11 +200,28 @@ def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
         return None
 
 
+def _over_time(refused: Sequence[Refused]) -> list[ClassClaim]:
+    """One claim for each joint of which something changes over the recording that has no name: the surest."""
+    found: dict[int, ClassClaim] = {}
+    for claim in filter(None, (item.claim for item in refused)):
+        found[claim.joint] = max(found.get(claim.joint, claim), claim, key=lambda item: item.significance)
+    return list(found.values())
+
+
 def _other_set_up(
-    left: HeldOut, fit: FitResult, fitted: Sequence[Recording], unseen: Sequence[Recording], robot: RobotModel
+    diagnosis: Diagnosis,
+    fit: FitResult,
+    fitted: Sequence[Recording],
+    unseen: Sequence[Recording],
+    robot: RobotModel,
 ) -> Audit | None:
-    """What in the set-up of the held-out recordings differs from the fitted ones, where the two disagree."""
-    if not unseen or not any(item.differs for item in left.misfits):
+    """What in the set-up of the held-out recordings differs from the fitted ones, where the two disagree.
+
+    A joint of which a class is said has that torque on both: where the two disagree there, no cause is asked for.
+    """
+    depends = {item.joint for item in diagnosis.classes}
+    misfits = () if diagnosis.heldout is None else diagnosis.heldout.misfits
+    if not unseen or not any(item.differs and item.joint not in depends for item in misfits):
         return None
     name = " and ".join(Path(item.source.path).name for item in fitted)
     found = _audited(unseen, robot, model_of_fit(fit, name))

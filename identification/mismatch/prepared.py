@@ -84,8 +84,18 @@ def prepare(
         values = fit_parameters(evidences)
     if values is not None:
         evidences = [with_parameters(evidence, regressor, values) for evidence in evidences]
-    changes = find_between_periods(evidences, EFFECTS)
+    return _prepared(evidences, find_between_periods(evidences, EFFECTS))
+
+
+def without_changes(prepared: Prepared, number: int, instead: Sequence[Change]) -> Prepared:
+    """The same with other changes in one evidence. instead: found in that evidence alone."""
+    kept = [change for change in prepared.changes if change.evidence != number]
+    found = [*kept, *(replace(change, evidence=number) for change in instead)]
+    return _prepared(prepared.evidences, sorted(found, key=lambda change: -change.gain))
+
+
+def _prepared(evidences: Sequence[Evidence], changes: Sequence[Change]) -> Prepared:
     torque = [evidence.torque.copy() for evidence in evidences]
     for change in changes:
         torque[change.evidence] -= change.contribution.mean(axis=0)
-    return Prepared(tuple(evidences), changes, tuple(torque))
+    return Prepared(tuple(evidences), tuple(changes), tuple(torque))

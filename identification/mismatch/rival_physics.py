@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.form import hats
-
 FloatArray = npt.NDArray[np.float64]
 
 POSITION_KNOTS = 20
@@ -54,3 +52,9 @@ def beside(basis: FloatArray, values: FloatArray) -> FloatArray:
     left = values - basis @ (basis.T @ values)
     kept = np.linalg.norm(left, axis=0) > LEFT_OF_SWALLOWED * np.linalg.norm(values, axis=0)
     return np.asarray(np.where(kept, left, 0.0), dtype=np.float64)
+
+
+def hats(values: FloatArray, number: int) -> FloatArray:
+    """(S, number) piecewise linear functions that sum to one; knots at quantiles, fewer where these coincide."""
+    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, number)))
+    return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1)

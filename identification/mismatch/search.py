@@ -84,7 +84,7 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     if not trial.complete:
         trial = _exchanged(nominal, trial, screen, library, settings)
     trial, library = _on_own_torque(nominal, trial, library, renewed, settings)
-    trial, scores = pruned(nominal, trial, library, settings)
+    trial, scores = pruned(nominal, trial, settings)
     trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
     return SearchResult(trial, scores, before, library, candidates)
 

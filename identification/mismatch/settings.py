@@ -28,10 +28,6 @@ class DiagnosisSettings:
     excess misfit energy on the joints of a finding that must be removed on the fitted and on the held-out recordings
     for a name to be given. contrast_to_background: how many times more misfit, in squares of the noise, an effect must
     remove on its joints than any other joint keeps unexplained, where something does stay.
-    share_of_form: share of what is explained on a joint that the exact form of the strongest effect may be wrong by; a
-    weaker one on the same joint must explain more, or, where nothing but noise is left, score off_form_score beside all
-    forms that the stronger ones may have: one question to one effect and no search, so that a chance of 10⁻⁵ will do.
-    share_missed: share of what several effects explain on a joint that must be lost, one by one, without each of them.
     largest_explanation: most effects that explain everything together by the noise alone; five smooth ones fitted a
     weak background down to the noise (seed 9021), so beyond three each must stand as beside a background.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
@@ -50,9 +46,6 @@ class DiagnosisSettings:
     share_removed: float = 0.7
     heldout_share_removed: float = 0.5
     contrast_to_background: float = 4.0
-    share_of_form: float = 0.03
-    off_form_score: float = 10.0
-    share_missed: float = 0.3
     largest_explanation: int = 3
     largest_findings: int = 5
     torque_bandwidth_hz: float = 60.0

@@ -15,7 +15,6 @@ from scipy.stats import chi2
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative, Baseline, Finding, Verdict
-from identification.mismatch.form import left_in_other_form
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, orthonormal, spread
@@ -132,23 +131,6 @@ def explains_enough(
     """
     share, most = share_removed(before, after, joints)
     return (most if complete else share) >= needed
-
-
-def has_its_form(
-    problem: Problem,
-    evidences: Sequence[Evidence],
-    joint: int,
-    rest: Residuals,
-    now: Residuals,
-    settings: DiagnosisSettings,
-) -> bool:
-    """Whether a member explains enough of what it and smooth functions of the state explain together on its joint.
-
-    rest, now: of the fitted recordings, without and with the member. problem: with all members fitted along.
-    """
-    explained = float(((rest.rows**2 - now.rows**2) / now.sensor_noise**2).sum())
-    left = left_in_other_form(problem, evidences, joint, 0.1 * settings.consistency_probability)
-    return left <= (1.0 - settings.share_removed) * (left + explained)
 
 
 def contrast(rest: Residuals, now: Residuals, joints: Sequence[int]) -> float:

@@ -299,12 +299,18 @@ def _state(inputs: Inputs, joint: int) -> Part:
     others = [other for other in range(inputs.motion.n) if other != joint]
     places = [inputs.position[:, joint], inputs.velocity[:, joint], *inputs.position[:, others].T]
     tables = [smooth_table(length, STATE_ORDER, ()) for length in (1.0, 1.0, *(2.0 for _ in others))]
-    single = [tabulated(table, place) for table, place in zip(tables, places, strict=True)]
-    values = [
-        np.prod([single[place][:, number] for place, number in enumerate(order)], axis=0)
-        for order in _leading(tuple(tuple(np.linalg.norm(table, axis=0).tolist()) for table in tables))
-    ]
-    return np.stack(values, axis=1), inputs.all_inside * inputs.inside("velocity")[:, joint]
+    single = [np.ascontiguousarray(tabulated(table, place).T) for table, place in zip(tables, places, strict=True)]
+    # Products that begin alike share their beginning.
+    known: dict[tuple[int, ...], FloatArray] = {(): np.ones(inputs.motion.samples)}
+
+    def product(order: tuple[int, ...]) -> FloatArray:
+        if order not in known:
+            known[order] = product(order[:-1]) * single[len(order) - 1][order[-1]]
+        return known[order]
+
+    orders = _leading(tuple(tuple(np.linalg.norm(table, axis=0).tolist()) for table in tables))
+    inside = inputs.all_inside * inputs.inside("velocity")[:, joint]
+    return np.stack([product(order) for order in orders], axis=1), inside
 
 
 @lru_cache(maxsize=16)
@@ -350,7 +356,7 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
 
 
 CLASSES: tuple[DependenceClass, ...] = (
-    DependenceClass("constant", "is constant", (_constant,), described=("torque_offset",)),
+    DependenceClass("constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift")),
     DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
@@ -404,7 +410,7 @@ class Basis:
             return cls(number, group, joint, np.zeros(1), 1.0)
         values = np.concatenate([part[0] for part in motions])
         centre = values.mean(axis=0)
-        square = float(np.mean(np.sum((values - centre) ** 2, axis=1)))
+        square = float((np.einsum("sm,sm->m", values, values) / len(values) - centre**2).sum())
         return cls(number, group, joint, centre, 1.0 / np.sqrt(square) if square > NOTHING else 0.0)
 
     def columns(self, inputs: Inputs) -> FloatArray:
@@ -414,4 +420,6 @@ class Basis:
     def scaled(self, part: Part) -> FloatArray:
         """(S, m) torque of each unit weight, from what the functions are on a motion."""
         values, inside = part
-        return (values - self.centre) * (self.scale * inside)[:, None]
+        result = values - self.centre
+        result *= (self.scale * inside)[:, None]
+        return result

@@ -217,6 +217,8 @@ def as_measured(noise: FloatArray, noise_rows: float, odds: float) -> FloatArray
     """Probability, by its size alone, that a band's noise is the measured one."""
     if noise_rows == 0.0:
         return np.zeros_like(noise)
+    if odds == 0.0:
+        return np.ones_like(noise)
     usual = np.exp(-0.5 * noise_rows * (np.log(noise) + 1.0 / noise - 1.0))
     return np.asarray(usual / (usual + odds))
 
@@ -225,8 +227,9 @@ def log_prior(noise: FloatArray, noise_rows: float, odds: float) -> float:
     """Log p(κ): a band's noise is the measured one, known as from so many rows, or else anything at those odds."""
     if noise_rows == 0.0:
         return 0.0
-    usual = np.exp(-0.5 * noise_rows * (np.log(noise) + 1.0 / noise - 1.0))
-    return float(np.sum(np.log(usual + odds) - np.log1p(odds)))
+    usual = -0.5 * noise_rows * (np.log(noise) + 1.0 / noise - 1.0)
+    other = np.log(odds) if odds > 0.0 else -np.inf
+    return float(np.sum(np.logaddexp(usual, other) - np.log1p(odds)))
 
 
 def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequence[int]) -> float:

@@ -7,7 +7,7 @@ name describes completely is no rival of it. Called by the claims.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,13 +44,15 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    kept: most nats that a rival which lost half of them to the name keeps. agree: chance that its coefficients differ
+    kept: most nats that a rival which lost half of them to the name keeps. beside: classes that the name's joints hold
+    once it is in, with their nats. agree: chance that its coefficients differ
     so much between fitted and held-out rows; 1 without any. earned: whether it stands.
     """
 
     odds: float
     rivals: tuple[str, ...]
     kept: float
+    beside: Mapping[str, float]
     agree: float
     earned: bool
 
@@ -102,9 +104,11 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     odds = whole.total() - rest.total() - cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
-    rivals, kept = [], 0.0
+    rivals, kept, beside = [], 0.0, dict[str, float]()
     for joint in name.joints:
         losses, left = _losses(rest, joint), _losses(whole, joint)
+        for number, loss in left.items():
+            beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
         for number, loss in losses.items():
             if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
                 continue
@@ -119,7 +123,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
         and kept <= max(settings.speak, odds)
         and agree >= settings.invariance
     )
-    return Standing(odds, tuple(dict.fromkeys(rivals)), kept, agree, earned)
+    return Standing(odds, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
 
 
 def _background(whole: Selection) -> float:
@@ -146,7 +150,7 @@ def _carried(rest: Selection, joint: int, number: int, whole: Selection, own: In
     rows = rest.rows.joints[joint]
     first = rows.columns
     torque = whole.rows.joints[joint].whitened[:, first + own] @ size
-    base = rows.whitened[:, first : first + rest.rows.prior.size - own.size]
+    base = np.delete(rows.whitened[:, first:-1], own, axis=1)
     columns = np.concatenate([rows.whitened[:, rest.columns(joint, state, places)], base], axis=1)
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
     plain = torque - base @ np.linalg.lstsq(base, torque, rcond=1e-9)[0]

@@ -74,11 +74,14 @@ class Rows:
 
     def of(self, parts: Sequence[int]) -> tuple[JointGram, ...]:
         """Gram matrices of some parts together."""
-        chosen = list(parts)
-        return tuple(
-            JointGram(gram[chosen].sum(axis=0), count[chosen].sum(axis=0), joint.group)
-            for gram, count, joint in zip(self.grams, self.count, self.joints, strict=True)
-        )
+        first, *rest = parts
+        result = []
+        for gram, count, joint in zip(self.grams, self.count, self.joints, strict=True):
+            total = gram[first] if not rest else gram[first] + gram[rest[0]]
+            for part in rest[1:]:
+                total += gram[part]
+            result.append(JointGram(total, count[list(parts)].sum(axis=0), joint.group))
+        return tuple(result)
 
     def with_torque(self, torque: Sequence[FloatArray], settings: ClaimSettings) -> Rows:
         """The same columns beside another torque, (R, n) Nm of each evidence."""
@@ -110,12 +113,19 @@ class Rows:
             square = ((columns * self.problem.weight[..., None]) ** 2).sum(axis=(0, 1))
             prior.append(np.maximum(square, 1e-300) / max(float(np.mean(square * size**2)), 1e-300))
         added = np.concatenate([columns for columns, _ in names], axis=2) * self.problem.weight[..., None]
-        joints = tuple(
-            replace(joint, whitened=np.concatenate([joint.whitened[:, :-1], own, joint.whitened[:, -1:]], axis=1))
-            for joint, own in zip(self.joints, added, strict=True)
-        )
-        grams = tuple(products(item.whitened, item.whitened, key, (parts, bands)) for item in joints)
-        return replace(self, joints=joints, grams=grams, prior=np.concatenate(prior))
+        joints, grams = [], []
+        for joint, gram, own in zip(self.joints, self.grams, added, strict=True):
+            whitened = np.concatenate([joint.whitened[:, :-1], own, joint.whitened[:, -1:]], axis=1)
+            size = gram.shape[2] - 1
+            new = np.arange(size, size + own.shape[1])
+            old = np.delete(np.arange(whitened.shape[1]), new)
+            grown = np.empty((*gram.shape[:2], whitened.shape[1], whitened.shape[1]))
+            grown[:, :, old[:, None], old] = gram
+            grown[..., new] = products(whitened, own, key, (parts, bands))
+            grown[:, :, new] = grown[..., new].swapaxes(2, 3)
+            joints.append(replace(joint, whitened=whitened))
+            grams.append(grown)
+        return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.concatenate(prior))
 
     def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
         """Only some groups of each joint, which fade to zero beyond the fitted ranges, as they will elsewhere.
@@ -228,13 +238,15 @@ def _joints(
 ) -> tuple[JointRows, ...]:
     """Columns of all classes on the joints that are asked, beside the base columns and the torque."""
     common: list[tuple[Basis, FloatArray]] = []
+    shared = [number for number, item in enumerate(CLASSES) if item.shared]
+    particular = [number for number, item in enumerate(CLASSES) if not item.shared]
     result = []
     for joint in range(problem.n):
         own = []
         if asked[joint]:
             if not common:
-                common = _built(evidences, inputs, joint, shared=True)
-            own = _built(evidences, inputs, joint, shared=False)
+                common = functions_of(evidences, inputs, joint, shared)
+            own = functions_of(evidences, inputs, joint, particular)
             own += [(replace(basis, joint=joint), rows) for basis, rows in common]
         whitened = [
             *(rows * problem.weight[joint][:, None] for _, rows in own),
@@ -247,26 +259,20 @@ def _joints(
     return tuple(result)
 
 
-def _built(
-    evidences: Sequence[Evidence], inputs: Sequence[Inputs], joint: int, *, shared: bool
+def functions_of(
+    evidences: Sequence[Evidence], inputs: Sequence[Inputs], joint: int, numbers: Sequence[int]
 ) -> list[tuple[Basis, FloatArray]]:
-    """The groups of a joint's own classes, or of those that all joints share, with their rows (R, m)."""
-    bases, columns = [], []
-    for number, item in enumerate(CLASSES):
-        for group, functions in enumerate(item.groups if item.shared == shared else ()):
+    """The groups of some classes of a joint, with their rows (R, m) Nm. numbers: of the classes in CLASSES."""
+    found = []
+    for number in numbers:
+        for group, functions in enumerate(CLASSES[number].groups):
             parts = [functions(each, joint) for each in inputs]
             basis = Basis.of(number, group, joint, parts)
             if basis.scale > 0.0:
-                bases.append(basis)
-                columns.append([basis.scaled(part) for part in parts])
-    if not bases:
-        return []
-    rows = [
-        evidence.project(np.concatenate([parts[place] for parts in columns], axis=1))
-        for place, evidence in enumerate(evidences)
-    ]
-    cuts = np.cumsum([basis.centre.size for basis in bases])[:-1]
-    return list(zip(bases, np.split(np.concatenate(rows), cuts, axis=1), strict=True))
+                # One group at a time: all of them together are too large for a processor's memory near by.
+                rows = [each.project(basis.scaled(part)) for each, part in zip(evidences, parts, strict=True)]
+                found.append((basis, np.concatenate(rows)))
+    return found
 
 
 def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:

@@ -105,7 +105,7 @@ class Selection:
 
     @property
     def _odds(self) -> float:
-        return float(np.exp(-self.settings.prior_cost))
+        return float(np.exp(-self.settings.prior_cost)) if self.settings.other_noise else 0.0
 
     def state(self, joint: int, groups: tuple[int, ...], hyper: Hyper) -> JointState:
         """A joint with some groups under given variances."""

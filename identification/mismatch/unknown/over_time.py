@@ -1,0 +1,227 @@
+"""Whether what changes from period to period has earned its name against the classes of its joints.
+
+The contrasts of a recording, weighted along the course of a change (Σ w_k z_k over the periods), are rows of the torque
+that changed. Beside the name stand the classes of dependence with the same course, by the same evidence as in the mean:
+a gain that drifts is no drift of the zero and no load that was taken off. Called by the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.between_periods import Change, find_between_periods
+from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.effects import EFFECTS
+from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.enveloped import EnvelopedEffect
+from identification.mismatch.effects.thermal_friction import ThermalFriction
+from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.prepared import Prepared, without_changes
+from identification.mismatch.problem import Problem
+from identification.mismatch.unknown.claims import ClassClaim
+from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.named import Named, standings
+from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+ASKED = (
+    "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",
+    "own_load_by_position", "path_memory",
+)  # fmt: skip
+"""Classes that a change over time may have: functions of the joint's own state."""
+KNOWN = 1e4
+"""Rows that the noise of the contrasts is worth: as good as known, as they are what it was measured on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A change that is not named: what it looked like, on which joint (from 1), which classes take its place.
+
+    rms_nm, interval_nm: of all that changes along its course on the joint, over the recording. nats: of the class.
+    """
+
+    effect: str
+    joint: int | None
+    rivals: tuple[str, ...]
+    rms_nm: float
+    interval_nm: tuple[float, float]
+    nats: float
+
+    @property
+    def sentence(self) -> str:
+        """For the notes."""
+        where = "" if self.joint is None else f" of joint {self.joint}"
+        return (
+            f"{self.effect.replace('_', ' ')}{where} describes part of a torque that changes over the recording and "
+            f"depends on {_words(self.rivals)}: it is not claimed"
+        )
+
+    @property
+    def claim(self) -> ClassClaim | None:
+        """What is said instead; None where it is on no joint in particular or no class stands clear."""
+        if self.joint is None or not self.rivals:
+            return None
+        low, high = self.interval_nm
+        sentence = (
+            f"Joint {self.joint}: a torque that changes over the recording and depends on {_words(self.rivals)}, "
+            f"{self.rms_nm:.2g} Nm RMS ({low:.2g} to {high:.2g})."
+        )
+        size = self.rms_nm, self.interval_nm
+        return ClassClaim("time", self.joint, *size, self.nats, np.zeros(0), (), (), sentence, None)
+
+
+def _words(classes: Sequence[str]) -> str:
+    return " and ".join(name.replace("_", " ") for name in classes) or "nothing that is known"
+
+
+def earned_over_time(prepared: Prepared, settings: ClaimSettings | None = None) -> tuple[Prepared, tuple[Refused, ...]]:
+    """The changes that are earned; what they leave is looked through again without the names that are not.
+
+    A joint whose torque changes as one class does has no other lasting change: neither a drift nor a warm-up is asked.
+    """
+    settings = settings if settings is not None else ClaimSettings()
+    refused: list[Refused] = []
+    for number, evidence in enumerate(prepared.evidences):
+        banned: set[tuple[str, Place]] = set()
+        asked = _Recording.of(evidence, settings) if any(item.evidence == number for item in prepared.changes) else None
+        while asked is not None:
+            own = [item for item in prepared.changes if item.evidence == number]
+            # A push acts in a moment: there is no function of the state that it could be.
+            lasting = [item for item in own if "start_s" not in item.estimate.shape]
+            failing = [found for found in (asked.refusal(item, own) for item in lasting) if found is not None]
+            if not failing:
+                break
+            refused += failing
+            for item in failing:
+                names = {item.effect} if item.joint is None else {TorqueSensorDrift.name, ThermalFriction.name}
+                banned.update((name, Place(joint=item.joint)) for name in names)
+            again = find_between_periods([evidence], EFFECTS, banned=frozenset(banned))
+            prepared = without_changes(prepared, number, again)
+    return prepared, tuple(refused)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Recording:
+    """The contrasts of one recording, and the functions of its joints (from 0) as far as they were asked for."""
+
+    contrasts: Contrasts
+    inputs: Inputs
+    settings: ClaimSettings
+    known: dict[int, list[tuple[Basis, FloatArray]]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, evidence: Evidence, settings: ClaimSettings) -> _Recording:
+        ranges = Ranges.of([evidence.motion])
+        known = replace(settings, noise_rows=KNOWN, other_noise=False)
+        return cls(Contrasts(evidence), Inputs(evidence.motion, ranges, 2.0 * settings.fade), known)
+
+    def functions(self, joint: int) -> list[tuple[Basis, FloatArray]]:
+        """Whitened columns (R, m) of each group of the classes that are asked."""
+        if joint not in self.known:
+            numbers = [number for number, item in enumerate(CLASSES) if item.name in ASKED]
+            found = functions_of([self.contrasts.evidence], [self.inputs], joint, numbers)
+            self.known[joint] = [
+                (basis, self.contrasts.whiten_repeated(rows[:, None], [joint])[:, 0]) for basis, rows in found
+            ]
+        return self.known[joint]
+
+    def refusal(self, change: Change, own: Sequence[Change]) -> Refused | None:
+        """Of one change beside all others of its recording, each free; None for one that is earned.
+
+        What changes along one course is one thing: a name that leaves a class on its course is a part of it.
+        """
+        contrasts, settings = self.contrasts, self.settings
+        course = _course(contrasts.evidence, change)
+        if course is None:
+            return None
+        names = [_named(contrasts, course, item) for item in (change, *(item for item in own if item is not change))]
+        rows = self.rows(np.tensordot(course, contrasts.z, axes=1), names[0].joints)
+        standing = standings(rows, [name for name in names if np.any(name.columns)], settings)[0]
+        beside = {name: loss for name, loss in standing.beside.items() if loss >= settings.speak}
+        if standing.earned and not beside:
+            return None
+        joint = change.estimate.place.joint
+        rms, interval = (0.0, (0.0, 0.0)) if joint is None else self.size(rows, joint - 1)
+        rivals = tuple(beside) or standing.rivals
+        return Refused(change.effect.name, joint, rivals, rms, interval, max(beside.values(), default=0.0))
+
+    def size(self, rows: Rows, joint: int) -> tuple[float, tuple[float, float]]:
+        """RMS in Nm over the recording of what changes along a course on a joint (from 0), and its 95 % interval."""
+        count = self.contrasts.periods * rows.samples[0]
+        noise = np.where(rows.problem.weight[joint] > 0.0, rows.problem.noise[joint], 0.0) ** 2
+        square = float(rows.problem.residual.reshape(rows.problem.n, -1)[joint] ** 2 @ noise)
+        excess = square - float(noise.sum())
+        spread = np.sqrt(2.0 * float(noise @ noise) + 4.0 * float(noise.max()) * max(excess, 0.0))
+        rms, low, high = (float(np.sqrt(max(excess + sign * 1.96 * spread, 0.0) / count)) for sign in (0.0, -1.0, 1.0))
+        return rms, (low, high)
+
+    def rows(self, whitened: FloatArray, joints: Sequence[int]) -> Rows:
+        """Rows (R, n) along one course, with the classes of some joints; base parameters do not change."""
+        evidence, weight = self.contrasts.evidence, self.contrasts.weight.T
+        n, size = weight.shape
+        noise = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), 1.0)
+        nothing, torque = np.zeros(size, dtype=np.int64), whitened.T.ravel()
+        problem = Problem(
+            n=n, weight=weight, noise=noise, freedom=evidence.noise_freedom.T, band=nothing, evidence=nothing,
+            frequency=evidence.frequency, torque=torque, nominal=np.zeros((n, size, 0)),
+            basis=np.zeros((n * size, 0)), residual=torque,
+        )  # fmt: skip
+        asked = np.isin(np.arange(n), list(joints))
+        parts = []
+        for joint in range(n):
+            own = self.functions(joint) if asked[joint] else []
+            group = np.repeat(np.arange(len(own)), [rows.shape[1] for _, rows in own]).astype(np.int64)
+            columns = np.concatenate([*(rows for _, rows in own), whitened[:, joint, None]], axis=1)
+            parts.append(JointRows(columns, tuple(basis for basis, _ in own), group))
+        band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency)
+        bands = len(BAND_EDGES_HZ) + 1
+        count = np.stack([np.bincount(band, weights=row > 0.0, minlength=bands) for row in weight])
+        return Rows(
+            problem=problem,
+            evidences=(evidence,),
+            fitted=self.inputs.ranges,
+            inputs=(self.inputs,),
+            joints=tuple(parts),
+            part=nothing,
+            band=band,
+            folds=1,
+            prior=np.zeros(0),
+            grams=tuple(products(item.whitened, item.whitened, band, (1, bands)) for item in parts),
+            count=count.reshape(n, 1, bands).astype(np.float64),
+            misfit=(np.where(weight > 0.0, whitened.T * noise, 0.0) ** 2).sum(axis=1) / evidence.samples,
+            asked=asked,
+            samples=(evidence.samples, 0),
+        )
+
+
+def _course(evidence: Evidence, change: Change) -> FloatArray | None:
+    """(K,) weights of the periods, mean zero and length one, that a change's envelope has."""
+    assert isinstance(change.effect, EnvelopedEffect)
+    weight = change.effect.envelope(evidence.motion, change.estimate.shape).mean(axis=1)
+    weight = weight - weight.mean()
+    length = float(np.linalg.norm(weight))
+    return weight / length if length > 1e-9 else None
+
+
+def _named(contrasts: Contrasts, course: FloatArray, change: Change) -> Named:
+    """A change's columns along a course, in Nm."""
+    assert isinstance(change.effect, EnvelopedEffect)
+    joints, rows = contrasts.rows(change.effect, change.estimate.place, change.estimate.shape)
+    white = np.tensordot(course, contrasts.whiten(rows, joints), axes=1)
+    used = np.flatnonzero(change.estimate.coefficients)
+    weight = contrasts.weight.T[list(joints)][..., None]
+    columns = np.zeros((contrasts.evidence.n, white.shape[0], used.size))
+    columns[list(joints)] = np.where(
+        weight > 0.0, white.transpose(1, 0, 2)[..., used] / np.where(weight > 0.0, weight, 1.0), 0.0
+    )
+    size = change.estimate.coefficients[used]
+    rms = np.sqrt(((columns @ size) ** 2).sum(axis=1))
+    shown = tuple(int(joint) for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0)))
+    return Named(change.effect.name, shown, columns, size, 0.0)

@@ -1,0 +1,73 @@
+"""Rows and products of the classes: what is put together piece by piece is what plain products give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.prepared import prepare
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.classes import CLASSES, STATE_ORDER
+from identification.mismatch.unknown.functions import smooth_table, tabulated
+from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.settings import ClaimSettings
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import on_joint, record
+
+
+@pytest.fixture(scope="module")
+def rows(iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters) -> Rows:
+    def kink(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return on_joint(4, np.maximum(q[:, 3] - np.median(q[:, 3]), 0.0))
+
+    roles = [
+        prepare(
+            [record(iiwa14, table3, kink, periods=4, motion=motion)], iiwa14, iiwa14_base, DiagnosisSettings(), None
+        )
+        for motion in (3, 9)
+    ]
+    return build_rows(roles[0], roles[1], ClaimSettings())
+
+
+def plain_products(rows: Rows, joint: int) -> np.ndarray:
+    """(parts, bands, M, M) of one joint, from its rows."""
+    whitened = rows.joints[joint].whitened
+    chosen = [
+        [whitened[(rows.part == part) & (rows.band == band)] for band in range(rows.count.shape[2])]
+        for part in range(rows.count.shape[1])
+    ]
+    return np.array([[block.T @ block for block in part] for part in chosen])
+
+
+def test_columns_that_are_added_have_the_products_of_all_columns(rows: Rows) -> None:
+    columns = np.random.default_rng(1).normal(size=(7, rows.problem.rows, 3))
+    grown = rows.with_columns([(columns[..., :2], np.ones(2)), (columns[..., 2:], np.ones(1))])
+    assert grown.joints[3].whitened.shape[1] == rows.joints[3].whitened.shape[1] + 3
+    truth = plain_products(grown, 3)
+    assert np.abs(grown.grams[3] - truth).max() < 1e-9 * np.abs(truth).max()
+
+
+def test_parts_together_have_the_sum_of_their_products(rows: Rows) -> None:
+    truth = plain_products(rows, 3)
+    for parts in ([0], [1], [0, 1]):
+        together = rows.of(parts)[3]
+        assert np.abs(together.gram - truth[parts].sum(axis=0)).max() < 1e-9 * np.abs(truth).max()
+
+
+def test_the_functions_of_the_state_are_products_of_functions_of_one_variable(rows: Rows) -> None:
+    inputs = rows.inputs[0]
+    (state,) = (item for item in CLASSES if item.name == "state")
+    values, _ = state.groups[0](inputs, 0)
+    own = tabulated(smooth_table(1.0, STATE_ORDER, ()), inputs.position[:, 0])[:, 0]
+    speed = tabulated(smooth_table(1.0, STATE_ORDER, ()), inputs.velocity[:, 0])[:, 0]
+    table = smooth_table(2.0, STATE_ORDER, ())
+    rest = [tabulated(table, inputs.position[:, joint])[:, :2] for joint in range(1, 7)]
+    # The largest one that is not the constant: one joint far off in its second function, all else in the first.
+    candidates = []
+    for far in range(6):
+        parts = [item[:, int(joint == far)] for joint, item in enumerate(rest)]
+        candidates.append(own * speed * np.prod(parts, axis=0))
+    distance = [np.abs(values - candidate[:, None]).max(axis=0).min() for candidate in candidates]
+    assert max(distance) < 1e-12
