@@ -17,8 +17,9 @@ from identification.mismatch.abstention import Check, Examination, Rows, admitte
 from identification.mismatch.aperiodic_evidence import weighted_by_result
 from identification.mismatch.between_periods import Change
 from identification.mismatch.earned import earned
-from identification.mismatch.effects.base import Estimate
+from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
+from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
@@ -144,37 +145,45 @@ def _repeatable(
     for index, member in enumerate(trial.members):
         coefficients = now.extension.coefficients[index]
         estimate = Estimate(member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std)
-        others = alternatives(problem, trial, index, screen, library, settings)
         rows = torque_of(member, coefficients, problem.n)
-        joints = joints_of(member, rows)
-        whitened = (rows * problem.weight).ravel()
-        visible = off(problem.basis, whitened)
         gain = _heldout_gain(settled(without(trial.members, index)), now)
-        phase = member.effect.phase(library.evidences[0].motion, member.place, member.shape)
-        curve, where = _place(problem, library.evidences[0], before, now, rows, visible, joints, result, phase)
-        found.append(
-            Finding(
-                effect=member.effect.name,
-                place=member.place,
-                parameters=member.effect.parameters(estimate),
-                coefficients=coefficients,
-                covariance=sure[index].covariance,
-                shape=member.shape,
-                absorbed_fraction=1.0 - float(visible @ visible) / max(float(whitened @ whitened), 1e-300),
-                score=scores[index],
-                significance=significance(scores[index], len(member.selection), len(result.candidates)),
-                sentence=_sentence(member.effect.sentence(estimate), others, gain.size > 0),
-                where=where,
-                heldout_gain_nm=gain,
-                confirmed=None if gain.size == 0 else bool(gain[joints].max() > 0.0),
-                alternatives=others,
-                separating_experiment=separating_experiment([member.effect.name, *(item.effect for item in others)])
-                if others or member.effect.name in ALSO_CALLED
-                else None,
-                share_removed=_clear_share(before.after, now.after, joints),
-                curve=curve,
+        parts = member.effect.parts(estimate)
+        others = alternatives(problem, trial, index, screen, library, settings) if len(parts) == 1 else ()
+        for part in parts:
+            parameters = member.effect.parameters(part)
+            own, joints = rows, joints_of(member, rows)
+            if len(parts) > 1:
+                if parameters[0].certainty < CERTAIN or (member.effect.one_sided and part.coefficients[0] < 0.0):
+                    continue
+                joints = [joint_index(part.place)]
+                own = np.where(np.isin(np.arange(problem.n), joints)[:, None], rows, 0.0)
+            whitened = (own * problem.weight).ravel()
+            visible = off(problem.basis, whitened)
+            phase = member.effect.phase(library.evidences[0].motion, part.place, member.shape)
+            curve, where = _place(problem, library.evidences[0], before, now, own, visible, joints, result, phase)
+            found.append(
+                Finding(
+                    effect=member.effect.name,
+                    place=part.place,
+                    parameters=parameters,
+                    coefficients=part.coefficients,
+                    covariance=part.covariance,
+                    shape=member.shape,
+                    absorbed_fraction=1.0 - float(visible @ visible) / max(float(whitened @ whitened), 1e-300),
+                    score=scores[index],
+                    significance=significance(scores[index], len(member.selection), len(result.candidates)),
+                    sentence=_sentence(member.effect.sentence(part), others, gain.size > 0),
+                    where=where,
+                    heldout_gain_nm=gain,
+                    confirmed=None if gain.size == 0 else bool(gain[joints].max() > 0.0),
+                    alternatives=others,
+                    separating_experiment=separating_experiment([member.effect.name, *(item.effect for item in others)])
+                    if others or member.effect.name in ALSO_CALLED
+                    else None,
+                    share_removed=_clear_share(before.after, now.after, joints),
+                    curve=curve,
+                )
             )
-        )
     return found
 
 

@@ -44,14 +44,16 @@ def _doubts(exam: Examination, trial: Trial) -> list[tuple[float, str]]:
     )
     found = []
     for member, coefficients, own in zip(trial.members, extension.coefficients, sure, strict=True):
-        size, *_ = member.effect.parameters(
-            Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
+        estimate = Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
+        # On every joint at once: the surest one speaks for all.
+        certainty, surest = max(
+            ((member.effect.parameters(part)[0].certainty, part) for part in member.effect.parts(estimate)),
+            key=lambda pair: pair[0],
         )
-        certainty = size.certainty
         rows = (torque_of(member, coefficients, exam.problem.n) * exam.problem.weight).ravel()
         left = off(exam.problem.basis, rows)
         why = ""
-        if member.effect.one_sided and coefficients[0] < 0.0:
+        if member.effect.one_sided and surest.coefficients[0] < 0.0:
             why = "would need a size below zero, which no machine has"
         elif left @ left < LEAST_SHOWN * (rows @ rows):
             why = "would hide in the base parameters but for a thousandth of its energy"

@@ -25,6 +25,7 @@ class AsymmetricViscousFriction(OwnJointEffect):
     units = ("Nm s/rad",)
     plausible = "0.02 to 0.2 Nm s/rad"
     look_alikes = ("torque_offset", "cable_spring")
+    everywhere = True
     separating_experiment = "Use a wider range of speeds in both directions; an offset does not grow with speed."
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

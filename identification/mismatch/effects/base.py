@@ -112,7 +112,8 @@ class Effect(ABC):
     (publication), units of the m coefficients, plausible (range of the leading parameter on an iiwa, with unit, words),
     look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
     one_sided: whether the first coefficient is positive on every real machine; what would need a negative one is then
-    something else, and the effect no candidate.
+    something else, and the effect no candidate. everywhere: whether it may be on every joint at once, as one hypothesis
+    (`Place()`).
     """
 
     name: ClassVar[str]
@@ -125,6 +126,7 @@ class Effect(ABC):
     look_alikes: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str]
     one_sided: ClassVar[bool] = False
+    everywhere: ClassVar[bool] = False
 
     @abstractmethod
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -143,6 +145,10 @@ class Effect(ABC):
         """Angle (S,) in rad, of which the torque is a function with period 2π; None for what does not repeat so."""
         del motion, place, shape
         return None
+
+    def parts(self, estimate: Estimate) -> Sequence[Estimate]:
+        """The estimate as it is described: one for each joint where the effect is asked of every joint at once."""
+        return (estimate,)
 
     @abstractmethod
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

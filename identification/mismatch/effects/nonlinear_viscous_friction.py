@@ -29,6 +29,7 @@ class NonlinearViscousFriction(OwnJointEffect):
     units = ("Nm",)
     plausible = "0.02 to 0.2 Nm at 1 rad/s"
     look_alikes = ("stribeck_friction", "presliding_hysteresis")
+    everywhere = True
     separating_experiment = "Drive up to the speed limit: curvature grows there, Stribeck friction does not."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import direction_of
-from identification.mismatch.effects.base import Columns, Effect, Place
+from identification.mismatch.effects.base import Columns, Effect, Estimate, Place
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -34,10 +35,34 @@ class OwnJointEffect(Effect):
         return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint] or not self.revolute_only)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """The joint's own row; None where the effect exerts no torque during this motion."""
+        """The joint's own row; None where the effect exerts no torque during this motion.
+
+        On every joint at once (no joint in the place): columns of joint 1, of joint 2, …, each in its own row.
+        """
+        if place.joint is None and self.everywhere:
+            own = [self.own_torque(motion, joint, shape) for joint in range(motion.n)]
+            size = own[0].shape[1]
+            together = np.zeros((motion.samples, motion.n, motion.n * size))
+            for joint, part in enumerate(own):
+                together[:, joint, joint * size : (joint + 1) * size] = part
+            return Columns(tuple(range(motion.n)), together) if together.any() else None
         joint = joint_index(place)
         values = self.own_torque(motion, joint, shape)
         return Columns((joint,), values[:, None, :]) if values.any() else None
+
+    def parts(self, estimate: Estimate) -> Sequence[Estimate]:
+        """One for each joint where the effect is on every joint."""
+        if estimate.place.joint is not None:
+            return (estimate,)
+        size = len(self.units)
+        blocks = [slice(first, first + size) for first in range(0, estimate.coefficients.size, size)]
+        return [
+            replace(
+                estimate, place=Place(joint=joint + 1), coefficients=estimate.coefficients[own],
+                covariance=estimate.covariance[own, own],
+            )
+            for joint, own in enumerate(blocks)
+        ]  # fmt: skip
 
     @abstractmethod
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

@@ -31,6 +31,7 @@ class StribeckFriction(OwnJointEffect):
     plausible = "A 0.05 to 0.4 Nm beside the link, v_s 0.02 to 0.1 rad/s"
     look_alikes = ("presliding_hysteresis", "nonlinear_viscous_friction")
     one_sided = True
+    everywhere = True
     separating_experiment = (
         "Drive the same path at two speeds: Stribeck friction follows the speed, pre-sliding follows the distance "
         "since the reversal. Slow constant-speed sweeps from 0.01 to 0.3 rad/s show the curve itself."

@@ -29,6 +29,7 @@ class TorqueOffset(OwnJointEffect):
     units = ("Nm",)
     plausible = "0.05 to 2 Nm (0.1 to 1 % of the sensor's full scale)"
     look_alikes = ("cable_spring", "asymmetric_viscous_friction", "position_dependent_torque")
+    everywhere = True
     separating_experiment = (
         "Turn the joint in one direction only, then in the other: a sensor offset stays, asymmetric friction changes "
         "sides."
