@@ -4,8 +4,7 @@ Called by all stages; the defaults are what `prove` scores. Nothing is computed 
 complete_score and provisional_score on 74 clean recordings and decoys of seeds 200 and 230 (but for a hum and a
 jittering clock the best of all candidates has a median of 4.4 and a largest of 9.0, fitted and held-out together; an
 exponential tail puts one in 200 beyond 14); background_score and contrast_to_background on seeds 5 to 19, 101 and 102
-(false names of 78 to 150, true ones from 113, the least true contrast 14); share_of_form on an outside resonance that
-drew a delay with 3.2 %. Others by design.
+(false names of 78 to 150, true ones from 113, the least true contrast 14). Others by design.
 """
 
 from __future__ import annotations
