@@ -27,7 +27,7 @@ from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.extension import extend
-from identification.mismatch.findings import Baseline, Diagnosis
+from identification.mismatch.findings import Baseline, Diagnosis, Verdict
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.library import Library
 from identification.mismatch.nominal import (
@@ -177,11 +177,12 @@ def diagnose(
         judgement = judge(dependence, fitted, unseen, claims, problem, result.candidates)
         diagnosis = replace(
             diagnosis,
-            classes=(*judgement.claims, *_over_time(refused)),
+            classes=judgement.claims,
             class_model=judgement.model,
             offer=judgement.offer,
             notes=(*diagnosis.notes, *judgement.notes),
         )
+        diagnosis = _with_changes(diagnosis, refused)
     if audited is None and fit is not None and diagnosis.heldout is not None:
         diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot))
     encoders = compare_encoders(recordings, heldout)
@@ -200,12 +201,21 @@ def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
         return None
 
 
-def _over_time(refused: Sequence[Refused]) -> list[ClassClaim]:
-    """One claim for each joint of which something changes over the recording that has no name: the surest."""
+def _with_changes(diagnosis: Diagnosis, refused: Sequence[Refused]) -> Diagnosis:
+    """With a class for each joint whose torque changes over the recording without a name: that is no mere noise."""
     found: dict[int, ClassClaim] = {}
     for claim in filter(None, (item.claim for item in refused)):
         found[claim.joint] = max(found.get(claim.joint, claim), claim, key=lambda item: item.significance)
-    return list(found.values())
+    if not found:
+        return diagnosis
+    verdict: Verdict = "partly_explained" if diagnosis.findings else "unexplained"
+    known = "" if diagnosis.verdict in ("no_mismatch", "explained") else f"{diagnosis.remaining} "
+    return replace(
+        diagnosis,
+        verdict=verdict,
+        classes=(*diagnosis.classes, *found.values()),
+        remaining=known + " ".join(claim.sentence for claim in found.values()),
+    )
 
 
 def _other_set_up(
