@@ -182,7 +182,7 @@ def diagnose(
             offer=judgement.offer,
             notes=(*diagnosis.notes, *judgement.notes),
         )
-        diagnosis = _with_changes(diagnosis, refused)
+        diagnosis = with_changes(diagnosis, refused)
     if audited is None and fit is not None and diagnosis.heldout is not None:
         diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot))
     encoders = compare_encoders(recordings, heldout)
@@ -201,7 +201,7 @@ def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
         return None
 
 
-def _with_changes(diagnosis: Diagnosis, refused: Sequence[Refused]) -> Diagnosis:
+def with_changes(diagnosis: Diagnosis, refused: Sequence[Refused]) -> Diagnosis:
     """With a class for each joint whose torque changes over the recording without a name: that is no mere noise."""
     found: dict[int, ClassClaim] = {}
     for claim in filter(None, (item.claim for item in refused)):

@@ -34,6 +34,8 @@ SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
 LEAST_STEP = 0.15
 """Share of the score asked for beside a background that a step must bring while noise is not reached."""
+MOST_OF_IT = 0.5
+"""Share of the excess misfit that the same physics on every joint must take on the grid to be refined."""
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
@@ -84,31 +86,34 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     if not trial.complete:
         trial = _exchanged(nominal, trial, screen, library, settings)
     trial, library = _on_own_torque(nominal, trial, library, renewed, settings)
-    trial = _on_every_joint(nominal, trial, library, settings)
+    trial = _on_every_joint(nominal, before, trial, library, settings)
     trial, scores = pruned(nominal, trial, settings)
     trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
     return SearchResult(trial, scores, before, library, candidates)
 
 
-def _on_every_joint(nominal: Problem, trial: Trial, library: Library, settings: DiagnosisSettings) -> Trial:
+def _on_every_joint(
+    nominal: Problem, before: Trial, trial: Trial, library: Library, settings: DiagnosisSettings
+) -> Trial:
     """The same physics on every joint as one member, where that leaves nothing but noise at less cost.
 
-    Asked where single members do not explain all, or where several have one name: seven offsets are one hypothesis.
+    Asked where most joints are wrong, and single members do not explain all or share a name. before: without members.
     """
     names = [member.effect.name for member in trial.members]
-    if trial.complete and len(set(names)) == len(names):
+    wrong = int((before.power.probability.min(axis=1) < settings.consistency_probability).sum())
+    if 2 * wrong <= nominal.n or (trial.complete and len(set(names)) == len(names)):
         return trial
     found = [trial] if trial.complete else []
     for effect in library.effects:
-        rows = (
-            [library.rows(effect, Place(), shape) for shape in library.grid(effect, Place())]
-            if effect.everywhere
-            else []
-        )
+        shapes = library.grid(effect, Place()) if effect.everywhere else ()
+        rows = [library.rows(effect, Place(), shape) for shape in shapes]
         members = [Member(item, tuple(range(item.coefficients))) for item in rows if item is not None]
         if not members:
             continue
-        every = refine(nominal, library, max(members, key=lambda member: score_of(nominal, member)))
+        every = max(members, key=lambda member: score_of(nominal, member))
+        if 2.0 * score_of(nominal, every) < MOST_OF_IT * (before.squares - nominal.torque.size):
+            continue
+        every = refine(nominal, library, every)
         others = [member for member in trial.members if member.effect is not effect]
         for beside in ([], others) if others else ([],):
             candidate = fitted(nominal, [every, *beside], settings, trial)

@@ -9,9 +9,11 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
+from identification.mismatch.diagnosis import with_changes
+from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.over_time import earned_over_time
+from identification.mismatch.unknown.over_time import Refused, earned_over_time
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
@@ -64,3 +66,14 @@ def test_a_change_is_named_where_it_is_that_and_not_where_a_class_changes(
     kept, refused = earned_over_time(found)
     assert [(item.effect.name, item.estimate.place.joint) for item in kept.changes] == ([(name, 4)] if name else [])
     assert bool(refused) == (name is None)
+
+
+def test_a_joint_that_changes_without_a_name_is_not_passed_as_one_without_mismatch(clean_diagnosis: Diagnosis) -> None:
+    assert clean_diagnosis.verdict == "no_mismatch"
+    gain = Refused("thermal_friction", 4, ("own_load",), 0.012, (0.008, 0.015), 21.0)
+    load = Refused("payload_change", None, ("own_load",), 0.0, (0.0, 0.0), 12.0)
+    diagnosis = with_changes(clean_diagnosis, [gain, load])
+    assert diagnosis.verdict == "unexplained"
+    assert [(item.name, item.joint) for item in diagnosis.classes] == [("time", 4)]
+    assert "Joint 4: a torque that changes over the recording and depends on own load" in diagnosis.remaining
+    assert with_changes(clean_diagnosis, [load]) is clean_diagnosis
