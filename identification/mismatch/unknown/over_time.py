@@ -95,13 +95,15 @@ def earned_over_time(prepared: Prepared, settings: ClaimSettings | None = None) 
             own = [item for item in prepared.changes if item.evidence == number]
             # A push acts in a moment: there is no function of the state that it could be.
             lasting = [item for item in own if "start_s" not in item.estimate.shape]
-            failing = [found for found in (asked.refusal(item, own) for item in lasting) if found is not None]
+            failing = [
+                (item.estimate.place, found) for item in lasting if (found := asked.refusal(item, own)) is not None
+            ]
             if not failing:
                 break
-            refused += failing
-            for item in failing:
-                names = {item.effect} if item.joint is None else {TorqueSensorDrift.name, ThermalFriction.name}
-                banned.update((name, Place(joint=item.joint)) for name in names)
+            for place, found in failing:
+                refused.append(found)
+                names = {found.effect} if place.joint is None else {TorqueSensorDrift.name, ThermalFriction.name}
+                banned.update((name, place) for name in names)
             again = find_between_periods([evidence], EFFECTS, banned=frozenset(banned))
             prepared = without_changes(prepared, number, again)
     return prepared, tuple(refused)
