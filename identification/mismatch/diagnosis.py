@@ -6,7 +6,7 @@ parts live in the modules beside this one; this one only joins them. Called by t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -138,7 +138,7 @@ def diagnose(
     now = _explained(regressor, fitted, settings)
     inactive = now.library.candidates()[1]
     now = _with_push(now, unseen_by, settings)
-    now = _with_drift(now, settings)
+    now = _with_drift(now, {item.joint for item in refused}, settings)
     regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
     report("held-out check", 0.8)
     unseen = unseen_by(regressor, problem, result.trial)
@@ -271,10 +271,10 @@ def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -
     return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial))
 
 
-def _with_drift(now: Explained, settings: DiagnosisSettings) -> Explained:
-    """With a drift from zero that mean and contrasts prove together."""
+def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisSettings) -> Explained:
+    """With a drift from zero that mean and contrasts prove together, but for joints (from 1) that change otherwise."""
     drift = find_drift_in_mean(now.problem, now.fitted.evidences, now.fitted.changes, now.result, settings)
-    if drift is None:
+    if drift is None or drift.estimate.place.joint in otherwise:
         return now
     renewed, fitted = now.fitted.renewal(now.regressor), now.fitted.with_change(drift)
     problem = fitted.problem()
