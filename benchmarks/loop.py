@@ -35,12 +35,11 @@ from numpy.typing import NDArray
 from benchmarks.compiled_client import compile_client, serve
 from fixtures.fake_robot.link import claim_real_time, sharpen_timers
 from fixtures.fake_robot.wire import COMMAND_IDENTIFIER, Datagrams
-from fri_client.answer_ahead import AnswerAhead
-from fri_client.channel import UdpChannel, open_channel
-from fri_client.codec import Codec
-from fri_client.handover import HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopSettings
+from fri_client.handover.ring import HandoverRing
+from fri_client.loop.answer_ahead import AnswerAhead
+from fri_client.loop.channel import UdpChannel, open_channel
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -52,8 +51,9 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionProgram
+from fri_client.motion.program import MotionProgram
 from fri_client.realtime import RealtimeSettings, realtime
+from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
 
 CONTENDERS = ("echo", "cpp", "protobuf", "codec", "plain", "loop")

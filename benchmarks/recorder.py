@@ -27,8 +27,7 @@ import psutil
 from daemon.api import RecorderJob, RunRequest
 from daemon.log import definitions
 from daemon.recorder import Recorder
-from fri_client.codec import Codec
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 from fri_client.messages import (
     CommandData,
     CommandMessage,
@@ -41,6 +40,7 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
+from fri_client.wire.codec import Codec
 
 NEEDED_PER_S = 1000.0
 SAMPLES_PER_FLUSH = 250

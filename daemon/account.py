@@ -22,7 +22,7 @@ from daemon.log.recover import RecoverReport
 from daemon.outcome import digests_of, lost_between, outcome_sentences, tidy
 from daemon.spare_folder import write_run_file
 from daemon.times import now_text
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 __all__ = ["account_for_folder", "leave_outcome"]
 

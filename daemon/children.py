@@ -12,7 +12,7 @@ from typing import IO
 import psutil
 
 from daemon.errors import ChildProcessFailedError
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 __all__ = ["Child", "child_environment"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from fri_client.handover import EventCode, HandoverRecord
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState
-from fri_client.motion_phase import MotionPhase
-from fri_client.refusal import refusal_sentence
+from fri_client.session.refusal import refusal_sentence
 
 __all__ = ["event_name", "event_sentence", "phase_name"]
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
 from fri_client.messages import FriVersion, MonitoringMessage
+from fri_client.wire.codec import Codec
 
 __all__ = ["VersionGuess", "guess_version"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from daemon.event_text import phase_name
 from daemon.log.cdr import DiagnosticStatus
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 __all__ = ["diagnostics_of"]
 

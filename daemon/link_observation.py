@@ -11,11 +11,11 @@ import time
 from dataclasses import dataclass, field
 
 from daemon.fri_guess import guess_version
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
+from fri_client.loop.pilot import monitoring_echo
 from fri_client.messages import COMMAND_IDENTIFIER, CommandMessage, FriVersion, MessageHeader, SessionState
-from fri_client.pilot import monitoring_echo
-from fri_client.session import Session
+from fri_client.session.session import Session
+from fri_client.wire.codec import Codec
 
 __all__ = ["LinkObservation", "Mirror", "observe_link"]
 

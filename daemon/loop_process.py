@@ -1,7 +1,7 @@
 """The process around the 1 kHz loop: `python -m daemon.loop_process --request FILE --ring-fd N`.
 
 Here: reading the request, binding the port, real-time settings, signals, and the report at the end. The loop itself
-is `fri_client.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
+is `fri_client.loop.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
 afterwards: with the supervisor and the recorder dead it stops the arm by ramp and writes its report.
 
 SIGTERM, SIGINT and SIGHUP ask for the stop ramp. Whatever happens, the ring is marked as finished, so the recorder
@@ -39,14 +39,14 @@ from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingIn
 from daemon.json_files import read_json
 from daemon.spare_folder import write_run_file
 from daemon.supervision import Supervision
-from fri_client.channel import UdpChannel
 from fri_client.errors import FriError
-from fri_client.handover import HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopResult, LoopSettings
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import HandoverRing
+from fri_client.loop.channel import UdpChannel
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionProgram
-from fri_client.motion_phase import MotionPhase
+from fri_client.motion.program import MotionProgram
 from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for

@@ -13,10 +13,10 @@ from pathlib import Path
 from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
 from daemon.errors import LogIOError
 from daemon.spare_folder import write_run_file
-from fri_client.codec import Codec
-from fri_client.handover import HandoverRing
-from fri_client.last_samples import read_last_samples
+from fri_client.handover.last_samples import read_last_samples
+from fri_client.handover.ring import HandoverRing
 from fri_client.messages import FriVersion
+from fri_client.wire.codec import Codec
 
 __all__ = [
     "digests_of",

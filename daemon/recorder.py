@@ -1,7 +1,7 @@
 """The recorder process: drains the ring, decodes, writes the log; `python -m daemon.recorder --request FILE ...`.
 
 Here: the loop from ring to file, gap counting, what to do when the disk refuses, when to end. Not here: MCAP (`log`),
-the ring (`fri_client.handover`), who starts it (`service`).
+the ring (`fri_client.handover.ring`), who starts it (`service`).
 
 Nothing is lost silently:
   - a slot of the ring is released only when its sample is with the operating system, so a recorder that is killed
@@ -50,11 +50,11 @@ from daemon.log.writer import LogWriter, has_non_finite
 from daemon.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from daemon.outcome import keep_last_samples, loop_report_without_loop
 from daemon.supervision import Supervision
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, FriVersion
-from fri_client.robot_counter import Order, RobotCounter
+from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.wire.codec import Codec
 
 __all__ = ["Recorder", "main"]
 

@@ -26,7 +26,7 @@ from daemon.log.recover import RecoverReport
 from daemon.log.stream import is_being_written
 from daemon.recorder import Recorder
 from daemon.spare_folder import spare_folder
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 __all__ = ["close_books_alone", "rescue_if_abandoned"]
 

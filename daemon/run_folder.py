@@ -17,7 +17,7 @@ from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log_inputs import DESCRIPTION_NAME
 from daemon.loop_process import bind
-from fri_client.channel import UdpChannel
+from fri_client.loop.channel import UdpChannel
 from identification.export import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 

@@ -12,10 +12,10 @@ import time
 from collections.abc import Callable
 
 from daemon.api import RunEvent, RunRequest
-from fri_client.handover import Disposition, HandoverRing
-from fri_client.loop_result import version_doubt
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, HandoverRing
+from fri_client.loop.result import version_doubt
 from fri_client.messages import FriVersion, SessionState
-from fri_client.motion_phase import MotionPhase
 
 __all__ = ["Observer", "RunNarrator", "unfailing"]
 

@@ -66,7 +66,7 @@ from daemon.service_states import Action, Event, State, transition
 from daemon.stop_handle import StopHandle
 from daemon.systemd_notify import SystemdNotifier
 from daemon.times import now_text
-from fri_client.handover import EventCode
+from fri_client.handover.ring import EventCode
 
 __all__ = ["Service"]
 

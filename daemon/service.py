@@ -71,7 +71,7 @@ from daemon.stop_handle import StopHandle
 from daemon.times import now_text
 from daemon.version_search import hear_version
 from daemon.worker_start import start_worker
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 __all__ = ["run_acquisition"]
 

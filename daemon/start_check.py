@@ -1,8 +1,8 @@
 """The check of the start ramp from where the arm really stands, between the robot's first position and the first
 command.
 
-Here: the supervisor's answer to the loop's question (`fri_client.start_gate`). The very motion that the loop will
-drive is driven here through its start ramp, command by command, and the path is held against the arm's own shape and
+Here: the supervisor's answer to the loop's question (`start_gate`). The very motion that the loop will drive is
+driven here through its start ramp, command by command, and the path is held against the arm's own shape and
 its surroundings, and so are the stops from it. Not here: the distances (`safety.collision`), the margins (`workspace`).
 """
 
@@ -15,12 +15,12 @@ from daemon.load_check import load_before_motion
 from daemon.loop_process import load_table, motion_of
 from daemon.torque_foresight import foresight_of_run
 from daemon.workspace import load_surroundings
-from fri_client.codec import Codec
 from fri_client.errors import FriError
-from fri_client.handover import Disposition, HandoverRing
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, HandoverRing
+from fri_client.handover.start_gate import StartGate, StartQuestion
 from fri_client.messages import FriVersion
-from fri_client.motion_phase import MotionPhase
-from fri_client.start_gate import StartGate, StartQuestion
+from fri_client.wire.codec import Codec
 from identification.errors import IdentificationError
 from safety.errors import SafetyError
 from safety.limits import limits_for

@@ -2,7 +2,7 @@
 
 Here: `StopHandle`, which the supervisor of a run attaches to its ring, and the signals that use it. The long-running
 service asks through it from its control thread while the run's own thread is busy; the foreground run from its signal
-handlers. What the loop does with the word is `fri_client.stop_watch`.
+handlers. What the loop does with the word is `fri_client.loop.stop_watch`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from types import FrameType
 
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 __all__ = ["StopHandle"]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 __all__ = ["Supervision"]
 

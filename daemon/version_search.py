@@ -13,7 +13,7 @@ from daemon.errors import ProtocolMismatchError, RobotUnreachableError
 from daemon.fri_guess import VersionGuess, guess_version
 from daemon.loop_process import bind
 from daemon.stop_handle import StopHandle
-from fri_client.channel import UdpChannel
+from fri_client.loop.channel import UdpChannel
 from fri_client.messages import FriVersion
 
 __all__ = ["hear_version"]

@@ -6,7 +6,6 @@ and `handover` are imported by their own names, so that a reader of recordings d
 
 from __future__ import annotations
 
-from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError, FriError
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
@@ -26,6 +25,7 @@ from fri_client.messages import (
     SessionState,
     TimeStamp,
 )
+from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 
 __all__ = [
     "COMMAND_IDENTIFIER",

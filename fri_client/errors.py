@@ -21,11 +21,11 @@
     │   └── MessageTooLong              more than the 1500 bytes the vendor's buffers hold
     ├── JsonFormError               65  a JSON object that is no message
     ├── RealRobot                    1  a robot that does not say that it is the fake one, where nobody was asked
-    ├── MotionError                 65  a table that cannot be driven as asked (in motion_table.py)
-    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover.py)
+    ├── MotionError                 65  a table that cannot be driven as asked (in motion/table.py)
+    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover/ring.py)
     └── SessionError                76  the exchange with the robot
         ├── RobotSilent             69  no monitoring message came
-        └── MotionEnded              1  a motion ended before its end; what was recorded is kept
+        └── MotionEnded              1  a motion ended before its end; what was recorded is kept (in loop/result.py)
             ├── MotionStopped               we stopped it: guard, operator, torque, a lost process, a full disk
             └── SessionDropped              the robot left the commanding states
 
@@ -35,10 +35,7 @@ may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-if TYPE_CHECKING:
-    from fri_client.last_samples import LastSamples
+from typing import ClassVar
 
 __all__ = [
     "BadFrame",
@@ -53,11 +50,8 @@ __all__ = [
     "MalformedVarint",
     "MessageTooLong",
     "MissingRequiredField",
-    "MotionEnded",
-    "MotionStopped",
     "RealRobot",
     "RobotSilent",
-    "SessionDropped",
     "SessionError",
     "TextTooLong",
     "TruncatedMessage",
@@ -278,42 +272,3 @@ class RobotSilent(SessionError):
         )
         self.address = address
         self.timeout_s = timeout_s
-
-
-class MotionEnded(SessionError):
-    """A motion ended before its end. reason: name of the event or drop; criterion: of the guard's, where it was one.
-
-    joint: from 1, None where it concerns none; value and limit as the reason has them; tick: the fresh message at which
-    it happened, from 1; last_samples: the two seconds before.
-    """
-
-    exit_code: ClassVar[int] = 1
-
-    def __init__(
-        self,
-        sentence: str,
-        *,
-        reason: str,
-        criterion: str = "",
-        joint: int | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        tick: int | None = None,
-        last_samples: LastSamples | None = None,
-    ) -> None:
-        super().__init__(sentence)
-        self.reason = reason
-        self.criterion = criterion
-        self.joint = joint
-        self.value = value
-        self.limit = limit
-        self.tick = tick
-        self.last_samples = last_samples
-
-
-class MotionStopped(MotionEnded):
-    """The motion was stopped from this side: guard, operator, torque, lost process, full disk, internal error."""
-
-
-class SessionDropped(MotionEnded):
-    """The robot left the commanding states."""

@@ -52,6 +52,7 @@ __all__ = [
     "SessionState",
     "TimeStamp",
     "Transformation",
+    "name_of",
 ]
 
 MONITORING_IDENTIFIER = 0x245142
@@ -92,6 +93,16 @@ class FriVersion(StrEnum):
     def is_framed(self) -> bool:
         """True where a datagram carries a length and a CRC-32 around the payload (2.7)."""
         return self is FriVersion.V2_7
+
+
+def name_of(kind: type[IntEnum], value: float | None) -> str:
+    """The name of an enumeration's value, the bare number where it has none."""
+    if value is None:
+        return "not reported"
+    try:
+        return kind(int(value)).name
+    except ValueError:
+        return f"{kind.__name__} {int(value)}"
 
 
 class SessionState(IntEnum):

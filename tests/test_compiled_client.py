@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from benchmarks.compiled_client import compile_client, serve
-from fri_client.channel import open_channel
-from fri_client.codec import Codec
+from fri_client.loop.channel import open_channel
 from fri_client.messages import FriVersion
+from fri_client.wire.codec import Codec
 
 VECTORS: dict[str, Any] = json.loads((Path(__file__).parent / "data" / "fri_vectors.json").read_text())["versions"]
 

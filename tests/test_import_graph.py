@@ -59,6 +59,24 @@ def test_arrows_run_down_only(package: str) -> None:
     assert not wrong
 
 
+ROOMS = {"fri_client": ("wire", "handover", "session", "motion", "loop")}
+"""From the bottom up: a room imports from those before it alone, also inside functions and under TYPE_CHECKING."""
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_rooms_import_from_below_only(package: str) -> None:
+    rooms = ROOMS[package]
+    folders = {folder.name for folder in (REPOSITORY / package).iterdir() if (folder / "__init__.py").is_file()}
+    assert folders == set(rooms)
+    for file in (REPOSITORY / package).rglob("*.py"):
+        place = file.relative_to(REPOSITORY / package).parts[0]
+        allowed = rooms[: rooms.index(place) + 1] if place in rooms else rooms if place == "__init__.py" else ()
+        for name in modules_imported_by(file):
+            parts = name.split(".")
+            if parts[0] == package and len(parts) > 1 and parts[1] in rooms:
+                assert parts[1] in allowed, f"{file.relative_to(REPOSITORY)} imports {name}"
+
+
 def test_the_simulator_shares_no_code_with_the_estimator() -> None:
     for package, other in (("fixtures", "identification"), ("identification", "fixtures")):
         assert not [arrow for arrow in project_arrows(package) if arrow[1].split(".")[0] == other]

@@ -12,8 +12,8 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.output import data
-from fri_client.json_form import decode_line, encode_line
 from fri_client.messages import FriVersion
+from fri_client.wire.json_form import decode_line, encode_line
 
 fri_app = typer.Typer(help="FRI datagrams: bytes to fields and back.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(fri_app, name="fri")

@@ -20,9 +20,9 @@ from daemon.api import RunRequest
 from daemon.event_text import phase_name
 from daemon.live.frame import FRAME_S, LiveFrame, Seven, encode_frame
 from daemon.runtime_folder import live_endpoint
-from fri_client.handover import Disposition, HandoverRecord, HandoverRing
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, ConnectionQuality, MonitoringMessage, SessionState
-from fri_client.motion_phase import MotionPhase
 
 __all__ = ["LiveBroadcast"]
 

@@ -25,7 +25,7 @@ from daemon.log.cdr import command_index, event_index, state_counters
 from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
-from fri_client.robot_counter import Order, RobotCounter
+from fri_client.session.robot_counter import Order, RobotCounter
 
 __all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from daemon.api import RecorderJob, RunRequest
-from fri_client.codec import Codec
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode, HandoverRing
 from fri_client.messages import (
     CommandData,
     CommandMessage,
@@ -22,7 +22,7 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion_phase import MotionPhase
+from fri_client.wire.codec import Codec
 
 SAMPLES_PER_PERIOD = 100
 

@@ -17,8 +17,8 @@ import pytest
 
 from daemon.doctor import examine
 from daemon.link_observation import Mirror
-from fri_client.codec import Codec
 from fri_client.messages import ConnectionInfo, FriVersion, MonitoringMessage, SessionState
+from fri_client.wire.codec import Codec
 
 from .producer import Producer
 

@@ -34,7 +34,7 @@ from daemon.live.watcher import Watcher
 from daemon.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from daemon.torque_foresight import torque_foresight
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 from safety.limits import limits_for
 
 from .producer import Producer, make_job, make_request

@@ -32,7 +32,7 @@ from daemon.live.plot import LivePoint
 from daemon.live.server import layouts_folder
 from daemon.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
 

@@ -41,7 +41,6 @@ from daemon.log.cdr import (
 )
 from daemon.log.stream import DiskReserve, PatientFile, is_being_written
 from daemon.log.writer import Attachment, LogWriter
-from fri_client.codec import Codec
 from fri_client.errors import FriError
 from fri_client.messages import (
     CommandData,
@@ -56,6 +55,7 @@ from fri_client.messages import (
     TimeStamp,
     Transformation,
 )
+from fri_client.wire.codec import Codec
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LABELS = SampleLabels(1_700_000_000_123_456_789, 1_700_000_000_123_556_789, 42, 3, 5, 777, True, False, False, False)

@@ -18,10 +18,10 @@ import pytest
 
 from daemon.api import LoopReport, RunRequest
 from daemon.json_files import read_json, write_json
-from fri_client.codec import Codec
-from fri_client.handover import EventCode, HandoverRecord, HandoverRing
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion
-from fri_client.motion_phase import MotionPhase
+from fri_client.wire.codec import Codec
 
 ROWS = 500
 

@@ -39,7 +39,7 @@ from daemon.log.parts import recover
 from daemon.log.stream import PatientFile
 from daemon.recorder import Recorder, main
 from daemon.supervision import Supervision
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
 

@@ -22,7 +22,7 @@ from rosbags.highlevel import AnyReader
 from daemon.errors import BadLogError, LogIOError, MissingInputError
 from daemon.log.recover import merge_logs, recover_log
 from daemon.recorder import Recorder
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
 

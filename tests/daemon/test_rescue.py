@@ -21,7 +21,7 @@ from daemon.log.stream import PatientFile, is_being_written
 from daemon.recorder import Recorder
 from daemon.rescue import rescue_if_abandoned
 from daemon.spare_folder import find_run_file, spare_folder, write_run_file
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 from .producer import Producer, make_job, make_request
 from .test_recorder import WATCHDOG_S, read_states, start_process, wait_until

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from daemon.api import RunEvent
 from daemon.run_narrator import RunNarrator
-from fri_client.handover import HandoverRing
-from fri_client.handover_record import LoopStatus
-from fri_client.motion_phase import MotionPhase
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.record import LoopStatus
+from fri_client.handover.ring import HandoverRing
 
 from .producer import make_request
 

@@ -22,10 +22,10 @@ from daemon.commissioning import admit
 from daemon.errors import ConfigurationError, LadderError
 from daemon.service import run_acquisition
 from daemon.start_check import StartCheck
-from fri_client.codec import Codec
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
+from fri_client.handover.start_gate import SAME_POSITION_RAD, StartRefused
 from fri_client.messages import FriVersion
-from fri_client.start_gate import SAME_POSITION_RAD, StartRefused
+from fri_client.wire.codec import Codec
 from safety.collision import Plane, Workspace, workspace_clearances
 from safety.geometry import load_geometry
 from safety.limits import limits_for

@@ -8,7 +8,7 @@ import threading
 import time
 
 from daemon.stop_handle import StopHandle
-from fri_client.handover import EventCode, HandoverRing
+from fri_client.handover.ring import EventCode, HandoverRing
 
 
 def test_a_stop_asked_for_before_there_is_a_ring_stands_in_it_from_the_first_moment() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from daemon.supervision import Supervision
-from fri_client.handover import HandoverRing
+from fri_client.handover.ring import HandoverRing
 
 
 @pytest.fixture

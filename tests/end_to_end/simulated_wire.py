@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fixtures.fake_robot.server import FakeRobot
-from fri_client.channel import Address
+from fri_client.loop.channel import Address
 from tests.end_to_end.wire_proxy import Direction
 
 __all__ = ["SimulatedWire"]

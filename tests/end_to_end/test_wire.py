@@ -17,11 +17,11 @@ import pytest
 from fixtures.fake_robot.rules import SessionRules
 from fixtures.fake_robot.server import FakeRobot, Options
 from fixtures.physics.settings import PhysicsSettings
-from fri_client.handover import HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopResult, LoopSettings
+from fri_client.handover.ring import HandoverRing
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionProgram
+from fri_client.motion.program import MotionProgram
 from safety.limits import IIWA14_R820
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.fault_check import REST_RAD_S

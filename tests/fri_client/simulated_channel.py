@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-from fri_client.channel import Address
+from fri_client.loop.channel import Address
 
 ROBOT: Address = ("robot", 30200)
 STRANGER: Address = ("stranger", 4711)

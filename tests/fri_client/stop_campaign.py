@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fri_client.handover import EventCode
-from fri_client.motion import MotionProgram, StopReason
-from fri_client.motion_phase import MotionPhase
-from fri_client.motion_table import MotionError
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode
+from fri_client.motion.program import MotionProgram, StopReason
+from fri_client.motion.table import MotionError
 from safety.errors import RampError
 from safety.guard import GuardVerdict
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits

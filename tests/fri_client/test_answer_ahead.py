@@ -24,12 +24,12 @@ from hypothesis.stateful import (
 )
 from msgspec.structs import replace
 
-from fri_client.answer_ahead import AnswerAhead
-from fri_client.channel import Address
-from fri_client.codec import Codec
-from fri_client.handover import EventCode, HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopSettings
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode, HandoverRing
+from fri_client.loop.answer_ahead import AnswerAhead
+from fri_client.loop.channel import Address
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -41,8 +41,8 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionProgram
-from fri_client.motion_phase import MotionPhase
+from fri_client.motion.program import MotionProgram
+from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
 from tests.fri_client.simulated_channel import ROBOT, STRANGER, SimulatedChannel, SimulatedClock
 

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import (
     CodecError,
     FieldNotInVersion,
@@ -48,6 +47,7 @@ from fri_client.messages import (
     TimeStamp,
     Transformation,
 )
+from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 
 CODECS = {version: Codec(version) for version in FriVersion}
 HEADER = bytes.fromhex("0a0b08c2a2910110840718c203")

@@ -18,7 +18,6 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from fri_client.codec import Codec
 from fri_client.errors import (
     CodecError,
     InvalidFieldNumber,
@@ -30,6 +29,7 @@ from fri_client.errors import (
     WrongWireType,
 )
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
+from fri_client.wire.codec import Codec
 
 VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
 SEED = 20240117

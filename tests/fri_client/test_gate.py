@@ -14,8 +14,8 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from fixtures.judge import Judge
-from fri_client.gate import CommandGate, Pace
-from fri_client.robot_clock import Moment, RobotClock
+from fri_client.loop.gate import CommandGate, Pace
+from fri_client.session.robot_clock import Moment, RobotClock
 from safety.guard import CommandGuard, Judged
 from safety.limits import IIWA14_R820
 from tests.fri_client.simulated_channel import ROBOT, SimulatedChannel, SimulatedClock

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from fri_client.codec import Codec
 from fri_client.errors import (
     CodecError,
     InvalidFieldNumber,
@@ -27,6 +26,7 @@ from fri_client.errors import (
     WrongWireType,
 )
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
+from fri_client.wire.codec import Codec
 
 VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
 GOLDEN = [

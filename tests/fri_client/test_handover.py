@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fri_client.handover import (
+from fri_client.handover.ring import (
     COMMAND_CAPACITY,
     MONITORING_CAPACITY,
     SLOT_BYTES,
@@ -137,7 +137,7 @@ def test_the_ring_behaves_like_a_bounded_queue(slots: int, operations: list[tupl
 _PRODUCER = textwrap.dedent(
     """
     import sys, time
-    from fri_client.handover import HandoverRing
+    from fri_client.handover.ring import HandoverRing
     ring = HandoverRing.attach(int(sys.argv[1]))
     for number in range(int(sys.argv[2])):
         body = number.to_bytes(4, "little") * (1 + number % 300)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fri_client.json_form import decode_line, encode_line
+from fri_client.wire.json_form import decode_line, encode_line
 
 VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
 CASES = [

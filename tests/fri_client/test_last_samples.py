@@ -6,11 +6,9 @@ import json
 
 import pytest
 
-from fri_client.codec import Codec
-from fri_client.errors import MotionStopped, SessionDropped
-from fri_client.handover import Disposition, EventCode, HandoverRing
-from fri_client.last_samples import read_last_samples
-from fri_client.loop_result import LoopResult
+from fri_client.handover.last_samples import read_last_samples
+from fri_client.handover.ring import Disposition, EventCode, HandoverRing
+from fri_client.loop.result import LoopResult, MotionStopped, SessionDropped
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -20,6 +18,7 @@ from fri_client.messages import (
     MonitorData,
     MonitoringMessage,
 )
+from fri_client.wire.codec import Codec
 
 MS = 1_000_000
 

@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from fri_client.codec import Codec
-from fri_client.layout import LayoutBook
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     FriVersion,
@@ -21,7 +19,9 @@ from fri_client.messages import (
     TimeStamp,
     Transformation,
 )
-from fri_client.reader import GroupReader
+from fri_client.wire.codec import Codec
+from fri_client.wire.layout import LayoutBook
+from fri_client.wire.reader import GroupReader
 
 VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
 

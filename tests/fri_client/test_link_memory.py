@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fri_client.link_memory import LinkMemory
+from fri_client.session.link_memory import LinkMemory
 
 MS = 1_000_000
 

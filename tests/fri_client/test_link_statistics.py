@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fri_client.link_statistics import Arrival, Histogram, LinkStatistics
+from fri_client.loop.link_statistics import Arrival, Histogram, LinkStatistics
 
 MS = 1_000_000
 

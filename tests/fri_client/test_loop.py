@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from fri_client.channel import open_channel
-from fri_client.codec import Codec
-from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopResult, LoopSettings
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.loop.channel import open_channel
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     CommandMessage,
@@ -36,8 +36,8 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionProgram
-from fri_client.motion_phase import MotionPhase
+from fri_client.motion.program import MotionProgram
+from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
 
 REST = (0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05)
@@ -600,7 +600,7 @@ def test_a_robot_on_loopback_that_does_not_say_its_time_is_simulated_is_never_ma
 ) -> None:
     """A cabinet relayed to loopback was dropped in motion: the loop slept 300 ms in a tick for the recorder."""
     waits: list[int] = []
-    monkeypatch.setattr("fri_client.stop_watch.RecorderPatience.wait", lambda _: waits.append(1))
+    monkeypatch.setattr("fri_client.loop.stop_watch.RecorderPatience.wait", lambda _: waits.append(1))
     with running() as (client, robot):
         for _ in range(5):
             robot.counter += 1

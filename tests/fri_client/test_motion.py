@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fri_client.handover import EventCode
-from fri_client.motion import MotionError, MotionProgram, StopReason, command_stride
-from fri_client.motion_phase import MotionPhase
-from fri_client.standstill import STANDSTILL_SPREAD_RAD, Standstill
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode
+from fri_client.motion.program import MotionError, MotionProgram, StopReason, command_stride
+from fri_client.motion.standstill import STANDSTILL_SPREAD_RAD, Standstill
 from safety.errors import RampError
 from safety.limits import IIWA14_R820
 

@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fixtures.judge import Judge
-from fri_client.codec import Codec
-from fri_client.handover import HandoverRing
-from fri_client.ipo_watch import STILL_MESSAGES, IpoWatch
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopSettings
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import HandoverRing
+from fri_client.loop.ipo_watch import STILL_MESSAGES, IpoWatch
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     CommandMessage,
@@ -33,8 +33,8 @@ from fri_client.messages import (
     MonitoringMessage,
     RobotInfo,
 )
-from fri_client.motion import MotionProgram
-from fri_client.motion_phase import MotionPhase
+from fri_client.motion.program import MotionProgram
+from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
 from tests.fri_client.simulated_channel import ROBOT, SimulatedChannel, SimulatedClock
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from fri_client.handover import EventCode
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode
 from fri_client.messages import FriVersion
-from fri_client.motion import MotionProgram, StopReason
-from fri_client.motion_phase import MotionPhase
-from fri_client.re_entry import re_entry_steps
+from fri_client.motion.program import MotionProgram, StopReason
+from fri_client.motion.re_entry import re_entry_steps
 from safety.limits import IIWA14_R820
 from tests.fri_client.test_answer_ahead import PERIOD_NS, Bench
 from tests.fri_client.test_motion import OPERATOR, Drive, program, sine_table

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fri_client.messages import MONITORING_IDENTIFIER, MessageHeader, MonitorData, MonitoringMessage, TimeStamp
-from fri_client.robot_clock import RobotClock
+from fri_client.session.robot_clock import RobotClock
 
 MS = 1_000_000
 START = 7_000 * MS

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fri_client.handover import Disposition
+from fri_client.handover.ring import Disposition
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -19,10 +19,10 @@ from fri_client.messages import (
     MonitoringMessage,
     RobotInfo,
 )
-from fri_client.refusal import Refusal, refusal_sentence
-from fri_client.robot_counter import COUNTER_WINDOW, RESTART_RUN
-from fri_client.session import Session
-from fri_client.session_drop import DropReason
+from fri_client.session.refusal import Refusal, refusal_sentence
+from fri_client.session.robot_counter import COUNTER_WINDOW, RESTART_RUN
+from fri_client.session.session import Session
+from fri_client.session.session_drop import DropReason
 
 IDLE, WAIT, READY, COMMANDING_WAIT, ACTIVE = range(5)
 FRESH, DUPLICATE, STALE, REFUSED = (

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fri_client.handover import EventCode
-from fri_client.motion import StopReason
-from fri_client.motion_phase import MotionPhase
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode
+from fri_client.motion.program import StopReason
 from safety.guard import GuardVerdict
 from tests.fri_client.stop_campaign import REASONS, run_campaign
 from tests.fri_client.test_motion import Drive, program, sine_table

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 
 from fixtures.judge import Judge, Judgement
-from fri_client.channel import Address
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.handover import EventCode, HandoverRing
-from fri_client.loop import FriLoop
-from fri_client.loop_result import LoopResult, LoopSettings
+from fri_client.handover.ring import EventCode, HandoverRing
+from fri_client.loop.channel import Address
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -34,7 +33,8 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.motion import MotionProgram
+from fri_client.motion.program import MotionProgram
+from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
 
 ROBOT: Address = ("192.170.10.2", 30200)

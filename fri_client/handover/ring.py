@@ -1,7 +1,7 @@
 """The ring in memory between the 1 kHz loop and whoever writes its samples to disk.
 
 Here live the layout of the ring (a header page and fixed slots in an anonymous memory file), its single producer
-and its single consumer; what a record says stands in `handover_record`. Files, formats and processes live
+and its single consumer; what a record says stands in `record`. Files, formats and processes live
 elsewhere: the supervisor creates the ring and hands its file descriptor to the loop (producer) and to the recorder
 (consumer).
 
@@ -39,8 +39,8 @@ import struct
 import time
 
 from fri_client.errors import FriError
-from fri_client.handover_record import Disposition, EventCode, HandoverRecord, LoopStatus
-from fri_client.start_gate import StartGate
+from fri_client.handover.record import Disposition, EventCode, HandoverRecord, LoopStatus
+from fri_client.handover.start_gate import StartGate
 
 __all__ = [
     "COMMAND_CAPACITY",

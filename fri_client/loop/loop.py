@@ -19,16 +19,18 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from fri_client.answer_ahead import AnswerAhead
-from fri_client.channel import Address, Channel
-from fri_client.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from fri_client.errors import CodecError
-from fri_client.gate import CommandGate
-from fri_client.handover import Disposition, EventCode, HandoverRing
-from fri_client.journal import Journal
-from fri_client.last_samples import read_last_samples
-from fri_client.link_statistics import LinkStatistics
-from fri_client.loop_result import LoopResult, LoopSettings, Outcome, explain, version_doubt, version_sentence
+from fri_client.handover.last_samples import read_last_samples
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, EventCode, HandoverRing
+from fri_client.loop.answer_ahead import AnswerAhead
+from fri_client.loop.channel import Address, Channel
+from fri_client.loop.gate import CommandGate
+from fri_client.loop.journal import Journal
+from fri_client.loop.link_statistics import LinkStatistics
+from fri_client.loop.pilot import Answer, Pilot
+from fri_client.loop.result import LoopResult, LoopSettings, Outcome, explain, version_doubt, version_sentence
+from fri_client.loop.stop_watch import ENDED_BY_SOMEBODY, RecorderPatience, StopWatch
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     CommandMessage,
@@ -37,12 +39,10 @@ from fri_client.messages import (
     MonitoringMessage,
     SessionState,
 )
-from fri_client.motion import MotionProgram, StopReason
-from fri_client.motion_phase import MotionPhase
-from fri_client.pilot import Answer, Pilot
-from fri_client.robot_clock import Moment
-from fri_client.session import Session
-from fri_client.stop_watch import ENDED_BY_SOMEBODY, RecorderPatience, StopWatch
+from fri_client.motion.program import MotionProgram, StopReason
+from fri_client.session.robot_clock import Moment
+from fri_client.session.session import Session
+from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 from safety.guard import Judged
 
 __all__ = ["FriLoop"]

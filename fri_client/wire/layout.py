@@ -19,8 +19,8 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 from fri_client.messages import JOINT_COUNT, FriVersion
-from fri_client.schema import Field, Kind, Rule, rows_of
-from fri_client.wire import FIXED64, LENGTH_DELIMITED, VARINT, varint
+from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, varint
+from fri_client.wire.schema import Field, Kind, Rule, rows_of
 
 __all__ = ["Layout", "LayoutBook", "Sketch", "sketch_group"]
 

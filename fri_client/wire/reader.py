@@ -21,8 +21,8 @@ from typing import Any
 
 from fri_client.errors import MissingRequiredField, TextTooLong, TruncatedMessage, WrongValueCount, WrongWireType
 from fri_client.messages import JOINT_COUNT, FriVersion
-from fri_client.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
-from fri_client.wire import FIXED64, LENGTH_DELIMITED, VARINT, read_length, read_tag, read_varint, skip_field
+from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, read_length, read_tag, read_varint, skip_field
+from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
 
 __all__ = ["GroupReader"]
 

@@ -17,10 +17,10 @@ import math
 from functools import lru_cache
 from typing import Any, NoReturn
 
-from fri_client.codec import Codec
 from fri_client.errors import FriError, JsonFormError, MissingRequiredField
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
-from fri_client.schema import Field, Kind, Rule, group_name, rows_of
+from fri_client.wire.codec import Codec
+from fri_client.wire.schema import Field, Kind, Rule, group_name, rows_of
 
 __all__ = ["decode_line", "encode_line", "fields_of", "message_from_fields"]
 

@@ -25,16 +25,7 @@ from dataclasses import dataclass
 from math import isfinite
 from sys import float_info
 
-from fri_client.handover import Disposition
-from fri_client.message_checks import (
-    NamedArrays,
-    changed,
-    command_period,
-    is_good,
-    joint_not_driven,
-    positions,
-    torques,
-)
+from fri_client.handover.ring import Disposition
 from fri_client.messages import (
     JOINT_COUNT,
     ClientCommandMode,
@@ -47,11 +38,21 @@ from fri_client.messages import (
     RobotInfo,
     SafetyState,
     SessionState,
+    name_of,
 )
-from fri_client.refusal import Refusal
-from fri_client.robot_clock import Moment, RobotClock
-from fri_client.robot_counter import Order, RobotCounter
-from fri_client.session_drop import DropReason, SessionDrop, name_of
+from fri_client.session.message_checks import (
+    NamedArrays,
+    changed,
+    command_period,
+    is_good,
+    joint_not_driven,
+    positions,
+    torques,
+)
+from fri_client.session.refusal import Refusal
+from fri_client.session.robot_clock import Moment, RobotClock
+from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.session.session_drop import DropReason, SessionDrop
 
 __all__ = ["DropReason", "Session", "SessionCounts", "SessionDrop"]
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fri_client.re_entry import re_entry_steps
+from fri_client.motion.re_entry import re_entry_steps
 from safety.path_stop import PathStops
 from safety.ramps import Ramp
 

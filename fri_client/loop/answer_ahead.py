@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from operator import le
 
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.frame import unframed
-from fri_client.glance import Glance
 from fri_client.messages import MonitoringMessage, SessionState
-from fri_client.motion import Foreseen, MotionProgram
-from fri_client.session import Session
-from fri_client.wire import varint
+from fri_client.motion.program import Foreseen, MotionProgram
+from fri_client.session.session import Session
+from fri_client.wire.codec import Codec
+from fri_client.wire.frame import unframed
+from fri_client.wire.glance import Glance
+from fri_client.wire.primitives import varint
 
 __all__ = ["AnswerAhead"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import signal
 import time
 
-from fri_client.handover import EventCode, HandoverRing
-from fri_client.motion import StopReason
+from fri_client.handover.ring import EventCode, HandoverRing
+from fri_client.motion.program import StopReason
 
 __all__ = ["ENDED_BY_SOMEBODY", "RecorderPatience", "StopWatch"]
 

@@ -7,16 +7,27 @@ the result into its report.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
-from fri_client.codec import Codec
-from fri_client.errors import CodecError, MotionEnded, MotionStopped, SessionDropped
-from fri_client.last_samples import LastSamples
+from fri_client.errors import CodecError, SessionError
+from fri_client.handover.last_samples import LastSamples
 from fri_client.messages import FriVersion, SessionState
-from fri_client.motion import MotionProgram, StopKind
-from fri_client.session import Session
+from fri_client.motion.program import MotionProgram, StopKind
+from fri_client.session.session import Session
+from fri_client.wire.codec import Codec
 
-__all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain", "version_doubt", "version_sentence"]
+__all__ = [
+    "LoopResult",
+    "LoopSettings",
+    "MotionEnded",
+    "MotionStopped",
+    "Outcome",
+    "PhaseTicks",
+    "SessionDropped",
+    "explain",
+    "version_doubt",
+    "version_sentence",
+]
 
 Outcome = Literal[
     "completed",
@@ -29,6 +40,45 @@ Outcome = Literal[
     "fault",
 ]
 """How a run of the loop ended."""
+
+
+class MotionEnded(SessionError):
+    """A motion ended before its end. reason: name of the event or drop; criterion: of the guard's, where it was one.
+
+    joint: from 1, None where it concerns none; value and limit as the reason has them; tick: the fresh message at which
+    it happened, from 1; last_samples: the two seconds before.
+    """
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        sentence: str,
+        *,
+        reason: str,
+        criterion: str = "",
+        joint: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        tick: int | None = None,
+        last_samples: LastSamples | None = None,
+    ) -> None:
+        super().__init__(sentence)
+        self.reason = reason
+        self.criterion = criterion
+        self.joint = joint
+        self.value = value
+        self.limit = limit
+        self.tick = tick
+        self.last_samples = last_samples
+
+
+class MotionStopped(MotionEnded):
+    """The motion was stopped from this side: guard, operator, torque, lost process, full disk, internal error."""
+
+
+class SessionDropped(MotionEnded):
+    """The robot left the commanding states."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The motion of one acquisition as a state machine that is driven by ticks and knows neither sockets nor clocks.
 
 Here: the order of the phases, the label of each sample, a stop from any tick, and when the arm counts as standing
-still. Not here: which stop it is (`motion_stop`), the shape of ramps and stops and the judgement of commands
+still. Not here: which stop it is (`stop`), the shape of ramps and stops and the judgement of commands
 (`safety`), the session (`session`), who calls (`loop`).
 
     WAITING -> START_RAMP -> LEAD_IN -> EXCITATION x periods -> STOP_RAMP -> HOLD -> DONE
@@ -24,14 +24,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fri_client.handover import EventCode
-from fri_client.motion_path import MotionPath
-from fri_client.motion_phase import MotionPhase
-from fri_client.motion_stop import MotionStop
-from fri_client.motion_table import MotionError, checked_table, command_stride, state_of_row
-from fri_client.re_entry import ReEntry, plan_braking, plan_re_entry, re_entry_steps
-from fri_client.standstill import Standstill
-from fri_client.stop_reason import StopKind, StopReason, too_much_torque
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import EventCode
+from fri_client.motion.path import MotionPath
+from fri_client.motion.re_entry import ReEntry, plan_braking, plan_re_entry, re_entry_steps
+from fri_client.motion.standstill import Standstill
+from fri_client.motion.stop import MotionStop
+from fri_client.motion.stop_reason import StopKind, StopReason, too_much_torque
+from fri_client.motion.table import MotionError, checked_table, command_stride, state_of_row
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
 from safety.path_stop import PathStop, PathStops

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from fri_client.codec import Codec
 from fri_client.errors import CodecError
-from fri_client.handover import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import ConnectionInfo, IpoData, MonitorData
-from fri_client.motion_phase import MotionPhase
+from fri_client.wire.codec import Codec
 
 __all__ = ["AFTERWARDS_S", "LAST_SAMPLES_S", "LastSamples", "read_last_samples"]
 

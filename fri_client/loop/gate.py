@@ -27,9 +27,9 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
-from fri_client.channel import Address, Channel
-from fri_client.re_entry import BRIDGED_S
-from fri_client.robot_clock import EARLY_NS, Moment, RobotClock
+from fri_client.loop.channel import Address, Channel
+from fri_client.motion.re_entry import BRIDGED_S
+from fri_client.session.robot_clock import EARLY_NS, Moment, RobotClock
 from safety.guard import CommandGuard, Judged
 
 __all__ = ["CommandGate", "Pace"]

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import struct
 
-from fri_client.layout import Sketch, sketch_group
 from fri_client.messages import FriVersion, MonitoringMessage
-from fri_client.schema import Field
+from fri_client.wire.layout import Sketch, sketch_group
+from fri_client.wire.schema import Field
 
 __all__ = ["Glance"]
 

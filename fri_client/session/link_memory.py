@@ -10,8 +10,7 @@ from array import array
 from collections import deque
 from dataclasses import dataclass
 
-from fri_client.messages import ConnectionQuality
-from fri_client.session_drop import name_of
+from fri_client.messages import ConnectionQuality, name_of
 
 __all__ = ["LinkMemory", "RecentLink"]
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 from fri_client.messages import (
     ClientCommandMode,
@@ -17,12 +16,11 @@ from fri_client.messages import (
     OperationMode,
     SafetyState,
     SessionState,
+    name_of,
 )
+from fri_client.session.link_memory import RecentLink
 
-if TYPE_CHECKING:
-    from fri_client.link_memory import RecentLink
-
-__all__ = ["DropReason", "SessionDrop", "name_of"]
+__all__ = ["DropReason", "SessionDrop"]
 
 
 class DropReason(IntEnum):
@@ -101,13 +99,3 @@ class SessionDrop:
         tail = f" ({tail})" if tail else ""
         when = f"at cycle {self.cycle}, {self.motion_s:.2f} s into the motion"
         return f"Session dropped {when}: {what}{tail}; no command follows by itself."
-
-
-def name_of(kind: type[IntEnum], value: float | None) -> str:
-    """The name of an enumeration's value, the bare number where it has none."""
-    if value is None:
-        return "not reported"
-    try:
-        return kind(int(value)).name
-    except ValueError:
-        return f"{kind.__name__} {int(value)}"

@@ -25,14 +25,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from fri_client.errors import FriError, RealRobot
-from fri_client.gate import CommandGate, Pace
-from fri_client.ipo_watch import STILL_RAD, IpoWatch
-from fri_client.loop_result import LoopSettings
-from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState
-from fri_client.motion import Foreseen, MotionProgram
-from fri_client.session import Session
-from fri_client.session_drop import name_of
-from fri_client.start_gate import StartGate
+from fri_client.handover.start_gate import StartGate
+from fri_client.loop.gate import CommandGate, Pace
+from fri_client.loop.ipo_watch import STILL_RAD, IpoWatch
+from fri_client.loop.result import LoopSettings
+from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState, name_of
+from fri_client.motion.program import Foreseen, MotionProgram
+from fri_client.session.session import Session
 from safety.errors import SafetyError
 from safety.guard import Judged
 

@@ -16,9 +16,6 @@ from typing import cast
 from msgspec.structs import replace
 
 from fri_client.errors import InvalidFieldValue, MessageTooLong, WrongMessageIdentifier, WrongValueCount
-from fri_client.frame import FRAME_BYTES, framed, unframed
-from fri_client.glance import Glance
-from fri_client.layout import LayoutBook
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     JOINT_COUNT,
@@ -33,9 +30,12 @@ from fri_client.messages import (
     RobotInfo,
     TimeStamp,
 )
-from fri_client.reader import GroupReader
-from fri_client.wire import varint
-from fri_client.writer import GroupWriter, joint_values
+from fri_client.wire.frame import FRAME_BYTES, framed, unframed
+from fri_client.wire.glance import Glance
+from fri_client.wire.layout import LayoutBook
+from fri_client.wire.primitives import varint
+from fri_client.wire.reader import GroupReader
+from fri_client.wire.writer import GroupWriter, joint_values
 
 __all__ = ["MAXIMUM_DATAGRAM_BYTES", "Codec"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from fri_client.handover import EventCode
+from fri_client.handover.ring import EventCode
 from safety.guard import GuardVerdict
 
 __all__ = ["StopKind", "StopReason", "too_much_torque"]

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from fri_client.handover import EventCode
-from fri_client.stop_reason import StopKind, StopReason
+from fri_client.handover.ring import EventCode
+from fri_client.motion.stop_reason import StopKind, StopReason
 from safety.errors import RampError
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fri_client.handover import Disposition, EventCode, HandoverRing
-from fri_client.link_memory import LinkMemory
-from fri_client.link_statistics import LinkStatistics
-from fri_client.loop_result import PhaseTicks
-from fri_client.motion import MotionProgram, StopKind
-from fri_client.motion_phase import MotionPhase
-from fri_client.session import DropReason, Session
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, EventCode, HandoverRing
+from fri_client.loop.link_statistics import LinkStatistics
+from fri_client.loop.result import PhaseTicks
+from fri_client.motion.program import MotionProgram, StopKind
+from fri_client.session.link_memory import LinkMemory
+from fri_client.session.session import DropReason, Session
 
 __all__ = ["Journal"]
 

@@ -1,0 +1,1 @@
+"""The 1 kHz loop: receive, decide, pass the gate, answer, hand over."""
