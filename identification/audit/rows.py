@@ -26,7 +26,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 WIDEST_HZ = 8.0
 SAMPLES_PER_CUTOFF_PERIOD = 20.0
-MOST_ROWS = 4000
+MOST_ROWS = 1500
 BLOCK_S = 2.0
 FEWEST_BLOCKS = 16
 """Parts of one motion differ in posture and direction: blocks taken in turns see all of it."""
