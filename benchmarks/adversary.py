@@ -48,11 +48,13 @@ def main() -> None:
     worst: dict[str, np.ndarray] = {}
     played: Counter[str] = Counter()
     endings: Counter[str] = Counter()
-    violations = []
+    violations, faults = [], []
     with multiprocessing.Pool(arguments.jobs) as pool:
         seeds = range(first, first + arguments.sequences)
         for seed, kinds, shares, count, sentence, ended in pool.imap_unordered(_one, seeds, chunksize=8):
             endings[ended] += 1
+            if ended == "fault":
+                faults.append(f"seed {seed}: an internal error")
             for kind in (*kinds, "any"):
                 played[kind] += 1
                 worst[kind] = np.maximum(worst.get(kind, np.zeros(3)), shares)
@@ -63,7 +65,7 @@ def main() -> None:
     for kind in sorted(worst):
         print(f"{kind:<18}{played[kind]:>8}" + "".join(f"{share:9.2f}" for share in worst[kind]))
     print(f"{len(violations)} sequences with a command beyond the limits")
-    print("\n".join(violations))
+    print("\n".join([*violations, *faults]))
 
 
 if __name__ == "__main__":

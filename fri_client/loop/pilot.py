@@ -142,7 +142,7 @@ class Pilot:
             return self._after_drop(measured, ipo.joint_position, pace)
         if not session.begun:
             self._ipo.observe(ipo.joint_position, (session.send_period_ms or 0) * 1e-3 * (session.gap + 1))
-            begins = not self._settings.monitor_only
+            begins = self.motion.waits and not self._settings.monitor_only
             if not (begins and self._begin(message, measured, ipo.joint_position, may_move=usable)):
                 return self._mirror(ipo.joint_position, pace)
         elif pace == Pace.STANDS:

@@ -135,6 +135,11 @@ class MotionProgram:
         return bool(self._last)
 
     @property
+    def waits(self) -> bool:
+        """True until it is begun or stopped."""
+        return self.phase == _WAITING
+
+    @property
     def moving(self) -> bool:
         """True while the commands move the arm."""
         return _START_RAMP <= self.phase <= _STOP_RAMP

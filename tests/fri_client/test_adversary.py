@@ -204,3 +204,17 @@ def test_late_messages_are_not_taken_for_the_next_cycle_after_forgeries_had_told
     forged = Move("forged", 1, 9, 0.7683168294733308, "waiting")
     jitter = Move("jitter", 43, 26, 1.1495464015071497, "receive")
     assert_inside(play(Setting(10, 1, FriVersion.V1_15, duration_ms=1190), (jitter, forged)))
+
+
+def test_a_stop_in_the_tick_of_the_message_that_would_begin_the_motion_is_a_stop() -> None:
+    """It was an internal error, "a motion begins once", with the exit code of one; found by 10 000 sequences."""
+    moves = (
+        Move("stall", 1, 1, 34.543006938165576, "waiting"),
+        Move("duplicate", 6, 7, 0.0, "waiting"),
+        Move("forged", 205, 9, 0.8917101582311744, "waiting"),
+        Move("stop", 7, 1, 0.0, "waiting"),
+    )
+    outcome = play(Setting(5, 1, FriVersion.V2_7, duration_ms=1165), moves)
+    assert_inside(outcome)
+    assert outcome.result is not None
+    assert (outcome.result.outcome, outcome.result.reason) == ("stopped", "OPERATOR_STOP")
