@@ -51,7 +51,9 @@ WIRE_HEAD = """\
 
 A proxy between fake robot and client spoils {count} runs, in both directions, seeded; the robot keeps its clock (5 ms a
 message). Columns as in [faults.md](faults.md). In no cell did the robot refuse a command. A tolerant robot goes on with
-a fifth of the answers; the others have the rules of [fake-robot.md](fake-robot.md). Output of
+a fifth of the answers; the others have the rules of [fake-robot.md](fake-robot.md). Where answers are lost on the way,
+the robot's next step is the sum of all that it did not get: the client counts what went out, and does not see that loss
+in time. That is why a tolerant robot may see more than 100 % when a fifth is lost. Output of
 
     python -m benchmarks.faults --wire --out docs/faults-wire.md
 
