@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,12 @@ from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model, read_model, write_model
 from identification.recording_fit import fit_recordings
-from identification.recordings.reader import read_recording, robot_of
+from identification.recordings.reader import Inputs, inputs_of, read_recording
 from identification.recordings.recording import Recording
 from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel, load_robot
-from identification.robots.installation import ON_THE_FLOOR, Installation
+from identification.robots.installation import ON_THE_FLOOR
+from identification.validation import validate_model
 
 __all__ = [
     "Answer",
@@ -144,11 +145,10 @@ class Validation(_Printed):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Answer(_Printed):
-    """A diagnosis. result: all that it says (`identification.mismatch.findings`)."""
+    """A diagnosis. result: all that it says (`identification.mismatch.findings`). fitted: what it was made of."""
 
     result: Diagnosis
-    recordings: tuple[Recording, ...] = field(default=())
-    robot: RobotModel | None = None
+    fitted: Inputs
 
     @property
     def verdict(self) -> str:
@@ -179,8 +179,7 @@ class Answer(_Printed):
 
     def save_model(self, path: str | Path) -> Path:
         """Write the model with what was found in it. Raises OSError."""
-        assert self.robot is not None
-        return write_model(extended_model(self.result, self.recordings, self.robot), path)
+        return write_model(extended_model(self.result, self.fitted.recordings, self.fitted.robot), path)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -210,8 +209,8 @@ def fit(*recordings: Source, robot: str | Path | None = None, **settings: Any) -
     robot: iiwa14, iiwa7, a URDF or an MDH table, over what the recordings name. settings: fields of `FitSettings`, such
     as split="first:0.6". Raises RecordingError, RobotError and EstimationError; each says what to do.
     """
-    read, arm = _read(recordings, robot)
-    return Fit(fit_recordings(read, arm, FitSettings(**settings)))
+    inputs = _read(recordings, robot)
+    return Fit(fit_recordings(inputs.recordings, inputs.robot, FitSettings(**settings)))
 
 
 def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation:
@@ -222,12 +221,8 @@ def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation
     if isinstance(model, (str, Path)):
         model = read_model(model)
     if isinstance(model, Fit):
-        from identification.validation import validate_model
-
-        read, _ = _read(recordings, None, model.result.robot)
-        return Validation(validate_model(model.result, read))
-    read, _ = _read(recordings, None, model.load_robot())
-    return Validation(validate_with_effects(model, read))
+        return Validation(validate_model(model.result, _read(recordings, None, model.result.robot).recordings))
+    return Validation(validate_with_effects(model, _read(recordings, None, model.load_robot()).recordings))
 
 
 def diagnose(
@@ -246,10 +241,12 @@ def diagnose(
     if isinstance(given, Path) and given.suffix == ".json":
         given = read_model(given)
     of_model = given.load_robot() if isinstance(given, Model) and robot is None else None
-    read, arm = _read((*recordings, *heldout), robot, of_model)
-    fitted, unseen = read[: len(recordings)], read[len(recordings) :]
-    found = diagnose_recordings(fitted, arm, heldout=unseen, settings=DiagnosisSettings(**settings), model=given)
-    return Answer(found, tuple(fitted), arm)
+    inputs = _read((*recordings, *heldout), robot, of_model)
+    fitted, unseen = inputs.recordings[: len(recordings)], inputs.recordings[len(recordings) :]
+    found = diagnose_recordings(
+        fitted, inputs.robot, heldout=unseen, settings=DiagnosisSettings(**settings), model=given
+    )
+    return Answer(found, Inputs(fitted, inputs.robot))
 
 
 def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings: Any) -> Excitation:
@@ -264,15 +261,10 @@ def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings
     return Excitation(search_excitation(arm, limits_of_robot(arm), wanted, nominal=nominal_parameters(arm, None)))
 
 
-def _read(
-    sources: Sequence[Source], robot: str | Path | None, of_model: RobotModel | None = None
-) -> tuple[list[Recording], RobotModel]:
-    """The recordings and their robot: the one given, else the model's, else the one that the recordings name."""
+def _read(sources: Sequence[Source], robot: str | Path | None, of_model: RobotModel | None = None) -> Inputs:
+    """The recordings and their robot: the one given, else the model's, else the one that all recordings name."""
     read = [
         item if isinstance(item, Recording) else read_recording(item, robot=robot, model_robot=of_model)
         for item in sources
     ]
-    if of_model is not None:
-        return read, of_model
-    stand: Installation = read[0].installation if read else ON_THE_FLOOR
-    return read, load_robot(robot or robot_of(read), stand)
+    return inputs_of(read, robot=robot, model_robot=of_model)

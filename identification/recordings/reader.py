@@ -22,7 +22,16 @@ from identification.robots import Installation, RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from identification.robots.same_arm import difference_of_arms
 
-__all__ = ["READERS", "Inputs", "file_digest", "read_inputs", "read_recording", "recording_file", "robot_of"]
+__all__ = [
+    "READERS",
+    "Inputs",
+    "file_digest",
+    "inputs_of",
+    "read_inputs",
+    "read_recording",
+    "recording_file",
+    "robot_of",
+]
 
 Tables = list[RawTable] | Recording
 READERS: dict[str, Callable[[Path], Tables]] = {
@@ -64,6 +73,17 @@ def read_inputs(
         read_recording(file, robot=robot, installation=installation, joints=joints, model_robot=model_robot)
         for file in files
     ]
+    return inputs_of(recordings, robot=robot, installation=installation, model_robot=model_robot)
+
+
+def inputs_of(
+    recordings: Sequence[Recording],
+    *,
+    robot: str | Path | None = None,
+    installation: Installation | None = None,
+    model_robot: RobotModel | None = None,
+) -> Inputs:
+    """Recordings that were read already, with their robot; arguments and errors as of `read_inputs`."""
     if robot is None and model_robot is not None:
         arm = model_robot
     else:

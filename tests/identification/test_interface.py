@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import identification as ident
-from identification.errors import RecordingNotFoundError
+from identification.errors import RecordingError, RecordingNotFoundError
+from identification.robots import Installation
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NOTEBOOK = REPOSITORY / "docs" / "notebooks" / "recording-to-table.ipynb"
@@ -81,6 +83,15 @@ def test_bad_input_is_the_same_sentence_as_at_the_command_line(tmp_path: Path) -
         ident.fit(tmp_path / "none.npz")
     with pytest.raises(AttributeError, match="no attribute 'fits'"):
         _ = ident.fits  # type: ignore[attr-defined]
+
+
+def test_recordings_of_arms_that_stood_otherwise_are_not_mixed_unsaid() -> None:
+    """The stand of the first one was taken for all."""
+    folder = REPOSITORY / "fixtures" / "recordings"
+    on_the_floor = ident.read_recording(folder / "tx40_excitation.npz")
+    on_the_wall = replace(on_the_floor, installation=Installation.parse(mount="wall") or on_the_floor.installation)
+    with pytest.raises(RecordingError, match=r"gravity|installation|mounted|stand"):
+        ident.fit(on_the_floor, on_the_wall)
 
 
 def test_nothing_is_loaded_before_it_is_asked_for() -> None:
