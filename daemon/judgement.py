@@ -45,7 +45,8 @@ def judge_recording(recording: Path) -> dict[str, Any]:
 
 def judged(outcome: RunOutcome) -> RunOutcome:
     """The account of a run with the judgement of its recording: peaks of what went out, as the robot had it in its own
-    cycles, and a sentence where a command was beyond a limit. Unchanged where no sample was recorded.
+    cycles; where a command was beyond a limit a sentence, and exit code 1 in place of 0. Unchanged where no sample was
+    recorded.
     """
     if not outcome.samples or not outcome.recordings:
         return outcome
@@ -60,7 +61,8 @@ def judged(outcome: RunOutcome) -> RunOutcome:
             peak_command_jerk=tuple(peaks["jerk_rad_s3"]),
         )
     sentences = (*outcome.sentences, *judgement_remarks(judgement))
-    return msgspec.structs.replace(outcome, loop=loop, judgement=judgement, sentences=sentences)
+    exit_code = outcome.exit_code or int(judgement.get("passed") is False)
+    return msgspec.structs.replace(outcome, loop=loop, judgement=judgement, sentences=sentences, exit_code=exit_code)
 
 
 def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:

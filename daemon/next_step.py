@@ -26,6 +26,11 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
             f"Next: find the cause in the first sentence ({folder}/last_samples.json has the seconds around it); a new "
             "run begins from where the arm stands."
         )
+    if outcome.judgement.get("passed") is False:
+        return (
+            f"Next: `iiwa-ident judge {recording}` lists the commands beyond a limit; nothing should move before "
+            "you know why."
+        )
     if outcome.exit_code:
         return f"Next: `iiwa-ident recover {folder}` says what of the recording is missing."
     if request is not None and needs_ladder(request) and request.amplitude < 1.0:

@@ -1,0 +1,39 @@
+"""Claims about a run whose recording the judge has seen. Truth: logs of straight lines, far below and above a limit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from daemon.api import RunOutcome
+from daemon.judgement import judged
+from tests.fixtures.test_judge_log import line, write_log
+
+
+def outcome_of(recording: Path, exit_code: int) -> RunOutcome:
+    return RunOutcome(
+        run_id="one", outcome="completed", exit_code=exit_code, sentences=("All periods were driven.",),
+        out_dir=str(recording.parent), recordings=(str(recording),), samples=400,
+    )  # fmt: skip
+
+
+# A2 of the iiwa 14 may turn at 1.48 rad/s; 0.2 is far below, 1.6 beyond.
+@pytest.mark.parametrize(
+    ("speed", "before", "after", "said"), [(0.2, 0, 0, 0), (1.6, 0, 1, 1), (1.6, 130, 130, 1), (1.6, 69, 69, 1)]
+)
+def test_a_command_beyond_a_limit_is_no_good_end_of_a_run(
+    tmp_path: Path, speed: float, before: int, after: int, said: int
+) -> None:
+    told = judged(outcome_of(write_log(tmp_path / "recording.mcap", line(400, speed)), before))
+    assert told.judgement["passed"] is (not said)
+    assert told.exit_code == after
+    assert len(told.sentences) == 1 + said
+
+
+def test_a_recording_that_cannot_be_judged_is_said_and_changes_no_exit_code(tmp_path: Path) -> None:
+    broken = tmp_path / "recording.mcap"
+    broken.write_bytes(b"no log")
+    told = judged(outcome_of(broken, 0))
+    assert told.exit_code == 0
+    assert "could not be judged" in told.sentences[-1]
