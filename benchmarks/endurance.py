@@ -22,7 +22,7 @@ from typing import Any
 
 import psutil
 
-MODULES = {"loop": "daemon.loop_process", "recorder": "daemon.recorder", "supervisor": "run"}
+MODULES = {"loop": "daemon.run.loop_process", "recorder": "daemon.run.recorder", "supervisor": "run"}
 SAMPLE_S = 5.0
 ALLOWED_GROWTH_MB = 5.0
 RUN = [sys.executable, "-c", "from daemon.cli import main; main()", "run"]

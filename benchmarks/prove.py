@@ -15,7 +15,7 @@ import os
 import numpy as np
 
 from daemon.cli.prove import show_proof
-from daemon.prove import Source, prove
+from daemon.proof.prove import Source, prove
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ import psutil
 
 from daemon.api import RecorderJob, RunRequest
 from daemon.log import definitions
-from daemon.recorder import Recorder
+from daemon.run.recorder import Recorder
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import (
     CommandData,

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daemon.demonstration import record
-from daemon.preparation import is_safe_motion, prepare_motion
+from daemon.motion.preparation import is_safe_motion, prepare_motion
+from daemon.run.demonstration import record
 from identification.excitation import iiwa_limits
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
 from identification.recording_fit import FitResult, FitSettings, fit_recordings

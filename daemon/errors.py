@@ -20,6 +20,20 @@ from __future__ import annotations
 
 import math
 
+EXIT_INTERNAL = 70
+EXIT_INPUT_OUTPUT = 74
+EXIT_MISSING_INPUT = 66
+
+
+def exit_code_of(error: BaseException) -> int:
+    """The contract's exit code of an error: its own `exit_code`, or the nearest one for errors of the system."""
+    code = getattr(error, "exit_code", None)
+    if isinstance(code, int):
+        return code
+    if isinstance(error, FileNotFoundError):
+        return EXIT_MISSING_INPUT
+    return EXIT_INPUT_OUTPUT if isinstance(error, OSError) else EXIT_INTERNAL
+
 
 def sentence_of(error: Exception) -> str:
     """What an error says to an operator; one of the operating system names its file and gives no number."""

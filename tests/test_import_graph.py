@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,10 @@ def test_arrows_run_down_only(package: str) -> None:
     assert not wrong
 
 
-ROOMS = {"fri_client": ("wire", "handover", "session", "motion", "loop")}
+ROOMS = {
+    "fri_client": ("wire", "handover", "session", "motion", "loop"),
+    "daemon": ("motion", "log", "live", "doctor", "jobs", "run", "queue", "proof", "cli"),
+}
 """From the bottom up: a room imports from those before it alone, also inside functions and under TYPE_CHECKING."""
 
 
@@ -75,6 +79,20 @@ def test_rooms_import_from_below_only(package: str) -> None:
             parts = name.split(".")
             if parts[0] == package and len(parts) > 1 and parts[1] in rooms:
                 assert parts[1] in allowed, f"{file.relative_to(REPOSITORY)} imports {name}"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_modules_need_each_other(package: str) -> None:
+    """No circle of any length, also none hidden by an import inside a function or under TYPE_CHECKING."""
+    module_of = {
+        ".".join(file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__"): file
+        for file in (REPOSITORY / package).rglob("*.py")
+    }
+    needs = {
+        module: {name for name in modules_imported_by(file) if name in module_of and not module.startswith(f"{name}.")}
+        for module, file in module_of.items()
+    }
+    TopologicalSorter(needs).prepare()
 
 
 def test_the_simulator_shares_no_code_with_the_estimator() -> None:

@@ -17,8 +17,8 @@ from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
-    from daemon.preparation import PreparedMotion
-    from daemon.tool import Tool
+    from daemon.motion.preparation import PreparedMotion
+    from daemon.motion.tool import Tool
     from safety.collision import Clearance
 
 TrajectoryArgument = Annotated[
@@ -148,7 +148,7 @@ def check(
 
     Example: iiwa-ident check excitation.json --workspace cell.yaml --picture path.png
     """
-    from daemon.preparation import prepare_motion
+    from daemon.motion.preparation import prepare_motion
 
     carried = tool_from(tool)
     motion = prepare_motion(
@@ -156,7 +156,7 @@ def check(
         installation=installation_of(gravity, mount, None),
     )  # fmt: skip
     if picture is not None:
-        from daemon.picture import draw_motion
+        from daemon.motion.picture import draw_motion
 
         draw_motion(motion, picture)
         message(f"The picture is in {picture}.")
@@ -177,7 +177,7 @@ def tool_from(text: str | None) -> Tool | None:
     Raises a usage error for words that describe no tool, ConfigurationError for a file.
     """
     from daemon.errors import ConfigurationError
-    from daemon.tool import Tool, read_tool
+    from daemon.motion.tool import Tool, read_tool
 
     try:
         return None if text is None else read_tool(text) or Tool()
@@ -211,9 +211,9 @@ def recover(
 
     Example: iiwa-ident recover runs/first
     """
-    from daemon.account import account_for_folder
     from daemon.cli.worker_view import settle_fit
     from daemon.log.parts import recover as recover_recording
+    from daemon.run.account import account_for_folder
 
     report = recover_recording(log)
     outcome = account_for_folder(log, report) if log.is_dir() else None

@@ -17,11 +17,8 @@ from typer.main import get_group
 
 from daemon.cli.catalogue import COMMANDS, GROUPS
 from daemon.cli.output import complaint, data, prepare_streams, set_verbosity
-from daemon.errors import sentence_of
+from daemon.errors import EXIT_INTERNAL, exit_code_of, sentence_of
 
-EXIT_INTERNAL = 70
-EXIT_INPUT_OUTPUT = 74
-EXIT_MISSING_INPUT = 66
 EXIT_INTERRUPTED = 130
 
 
@@ -84,16 +81,6 @@ def _flags_first(arguments: list[str]) -> list[str]:
     end = arguments.index("--") if "--" in arguments else len(arguments)
     flags = [a for a in arguments[:end] if a in _GLOBAL_FLAGS]
     return flags + [a for i, a in enumerate(arguments) if i >= end or a not in _GLOBAL_FLAGS]
-
-
-def exit_code_of(error: BaseException) -> int:
-    """The contract's exit code of an error: its own `exit_code`, or the nearest one for errors of the system."""
-    code = getattr(error, "exit_code", None)
-    if isinstance(code, int):
-        return code
-    if isinstance(error, FileNotFoundError):
-        return EXIT_MISSING_INPUT
-    return EXIT_INPUT_OUTPUT if isinstance(error, OSError) else EXIT_INTERNAL
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from daemon.api import RunOutcome
-    from daemon.preparation import PreparedMotion
+    from daemon.motion.preparation import PreparedMotion
     from identification.fitting.rms import RmsTable
 
 PERIODS_UNUSED = 4
@@ -59,9 +59,9 @@ def demo(
 
 def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[str, Any]:
     """The demo's steps, told on stdout as they happen, and what came of them as plain JSON types."""
-    from daemon import demonstration
     from daemon.cli.worker_view import wait_for_worker
-    from daemon.preparation import prepare_motion
+    from daemon.motion.preparation import prepare_motion
+    from daemon.run import demonstration
     from identification.excitation import validation_trajectory
 
     motion = prepare_motion(None)
@@ -216,7 +216,7 @@ def rms_tables(out: Path, folders: dict[str, str]) -> dict[str, RmsTable]:
 
 def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
     """Write a shipped trajectory into the demo's folder and prepare it as any user's file."""
-    from daemon.preparation import prepare_motion
+    from daemon.motion.preparation import prepare_motion
 
     out.mkdir(parents=True, exist_ok=True)
     file = out / "unused-trajectory.json"

@@ -96,8 +96,8 @@ def design(
     """
     import numpy as np
 
-    from daemon.room import room_of, safe_in
-    from daemon.workspace import load_surroundings
+    from daemon.motion.clearance import room_of, safe_in
+    from daemon.motion.workspace import load_surroundings
     from identification.base_parameters import BaseRegressor
     from identification.excitation import default_trajectory, limits_of_robot
     from identification.excitation.design import design_excitation

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from daemon.batch import Task
 from daemon.cli.app import app
 from daemon.cli.inputs import (
     AUTO,
@@ -29,9 +28,10 @@ from daemon.cli.inputs import (
 )
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
+from daemon.jobs.batch import Task
 
 if TYPE_CHECKING:
-    from daemon.batch import BatchItem
+    from daemon.jobs.batch import BatchItem
     from identification.mismatch.effects.base import Parameter
     from identification.mismatch.findings import Diagnosis, Finding
     from identification.robots import RobotModel
@@ -91,7 +91,7 @@ def diagnose(
     Exit code 0 whatever the verdict; the verdict is the result, on the first line and in diagnosis.json.
     Example: iiwa-ident diagnose runs/first/recording.mcap --heldout runs/second/recording.mcap --out diagnosis
     """
-    from daemon.diagnosis import diagnose_recordings, write_model_back
+    from daemon.jobs.diagnosis import diagnose_recordings, write_model_back
     from identification.mismatch.settings import DiagnosisSettings
     from identification.recordings.reader import recording_file
 
@@ -265,8 +265,8 @@ def batch(
     On a cluster the files have to lie at the same path on every machine.
     Example: iiwa-ident batch diagnose runs/*/recording.mcap --out batch
     """
-    from daemon.batch import executor_of, run_batch
-    from daemon.batch_summary import write_summary
+    from daemon.jobs.batch import executor_of, run_batch
+    from daemon.jobs.batch_summary import write_summary
 
     with progress_shown(lines=False) as show, executor_of(scheduler, jobs) as executor:
         done = count(1)

@@ -16,7 +16,7 @@ from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RobotOption, load_inp
 from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
-    from daemon.host_checks import DoctorCheck
+    from daemon.doctor.host_checks import DoctorCheck
     from identification.mismatch.set_up import SetUpCheck
 
 
@@ -54,8 +54,8 @@ def doctor(
     """
     from daemon.api import AUTO_VERSION
     from daemon.config import DaemonConfig, load_config, parse_version
-    from daemon.doctor import examine
-    from daemon.link_observation import Mirror
+    from daemon.doctor.doctor import examine
+    from daemon.doctor.link_observation import Mirror
     from fri_client.messages import FriVersion
 
     if logs:

@@ -14,10 +14,10 @@ from rich.table import Table
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
-from daemon.prove import ProvenCase, Source, page_name, select_cases
-from daemon.prove import prove as run_proof
-from daemon.prove_score import CaseScore
-from daemon.prove_table import Rate, confusion, family_rows, negatives, wrong_answers
+from daemon.proof.prove import ProvenCase, Source, page_name, select_cases
+from daemon.proof.prove import prove as run_proof
+from daemon.proof.score import CaseScore
+from daemon.proof.table import Rate, confusion, family_rows, negatives, wrong_answers
 
 FORMAT = "iiwa-ident/proof/1"
 WORLDS = ("library", "alien", "hybrid")
@@ -105,7 +105,7 @@ def _run(
 
 def _result(source: Source, only: str | None, proven: list[ProvenCase]) -> dict[str, Any]:
     """The proof of one world as JSON."""
-    from daemon.prove_page import aims_of, figures_of
+    from daemon.proof.page import aims_of, figures_of
 
     scores = [case.score for case in proven]
     figures = figures_of(source.world, scores)
@@ -132,7 +132,7 @@ def _result(source: Source, only: str | None, proven: list[ProvenCase]) -> dict[
 
 def _write_pages(source: Source, proven: list[ProvenCase], out: Path, result: dict[str, Any]) -> None:
     """The proof's own page beside those of the cases, and its JSON."""
-    from daemon.prove_page import proof_page
+    from daemon.proof.page import proof_page
     from identification.report.page import render
 
     names = {case.index: page_name(case.index) for case in proven}
@@ -157,7 +157,7 @@ def _show(source: Source, proven: list[ProvenCase], out: Path | None) -> None:
 
 def show_proof(world: str, scores: list[CaseScore]) -> None:
     """The tables of one world's cases, and what was to be reached, on stdout."""
-    from daemon.prove_page import figures_of, proof_tables
+    from daemon.proof.page import figures_of, proof_tables
 
     for table in proof_tables(world, scores, figures_of(world, scores)):
         shown = Table(*table.head)

@@ -29,8 +29,8 @@ from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from daemon.preparation import PreparedMotion
-    from daemon.tool import Tool
+    from daemon.motion.preparation import PreparedMotion
+    from daemon.motion.tool import Tool
     from identification.robots import Installation
 
 
@@ -143,12 +143,12 @@ def run(
     """
     from daemon.cli.worker_view import wait_for_worker
     from daemon.config import DaemonConfig, load_config
-    from daemon.next_step import next_step
-    from daemon.preparation import new_run_id, write_monitor_request, write_run_request
-    from daemon.run_folder import make_room
-    from daemon.service import run_acquisition
-    from daemon.tool import read_tool
-    from daemon.workspace import load_surroundings
+    from daemon.motion.preparation import new_run_id, write_monitor_request, write_run_request
+    from daemon.motion.tool import read_tool
+    from daemon.motion.workspace import load_surroundings
+    from daemon.run.folder import make_room
+    from daemon.run.next_step import next_step
+    from daemon.run.service import run_acquisition
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
 
@@ -244,7 +244,7 @@ def _checked_motion(
 
     named_by: the configuration that names the robot, where no option does: then the trajectory has to be for it.
     """
-    from daemon.preparation import prepare_motion
+    from daemon.motion.preparation import prepare_motion
 
     motion = prepare_motion(
         source, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=tool,
@@ -262,8 +262,8 @@ def _checked_motion(
 
 def _admit(motion: PreparedMotion, settings: dict[str, Any]) -> None:
     """Whether it is this amplitude's turn is said before anybody is asked, and before a folder is made."""
-    from daemon.commissioning import admit
-    from daemon.preparation import write_run_request
+    from daemon.motion.preparation import write_run_request
+    from daemon.run.commissioning import admit
 
     with tempfile.TemporaryDirectory() as scratch:
         admit(write_run_request(motion, Path(scratch), **settings))

@@ -17,7 +17,8 @@ from daemon.cli.app import app
 from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.config import DaemonConfig, load_config
-from daemon.control_api import (
+from daemon.errors import DaemonError, LogIOError, MissingInputError
+from daemon.queue.control_api import (
     CancelJob,
     Cancelled,
     ControlReply,
@@ -36,7 +37,6 @@ from daemon.control_api import (
     SubmitRun,
     Submitted,
 )
-from daemon.errors import DaemonError, LogIOError, MissingInputError
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).")]
 EndpointOption = Annotated[
@@ -76,7 +76,7 @@ class Connection:
 
     def ask(self, request: ControlRequest, kind: type[Reply]) -> Reply:
         """The service's answer. Raises ServiceUnreachableError (69), RefusedRequestError."""
-        from daemon.control_socket import ask
+        from daemon.queue.control_socket import ask
 
         reply = ask(self._endpoint, request, key_file=self._key, server_key_file=self._server_key)
         if not isinstance(reply, kind):
@@ -100,7 +100,7 @@ def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
 
     Example: iiwa-ident daemon --config lab.yaml
     """
-    from daemon.server import Service
+    from daemon.queue.server import Service
 
     if arm is not None and config is None:
         raise typer.BadParameter(ARM_WITHOUT_FILE)
@@ -324,7 +324,7 @@ def keys(
 
     Example: iiwa-ident keys --out keys --client office
     """
-    from daemon.keys import create_keys
+    from daemon.queue.keys import create_keys
 
     made = create_keys(out, client)
     if json_file is not None:

@@ -10,8 +10,8 @@ import psutil
 from daemon.api import WorkerJob, WorkerStatus
 from daemon.cli.output import message
 from daemon.cli.progress import progress_shown
+from daemon.jobs.worker_start import JOB_NAME, note_end
 from daemon.json_files import read_json
-from daemon.worker_start import JOB_NAME, note_end
 
 _POLL_S = 0.2
 

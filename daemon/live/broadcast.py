@@ -17,7 +17,7 @@ import numpy as np
 import zmq
 
 from daemon.api import RunRequest
-from daemon.event_text import phase_name
+from daemon.live.event_text import phase_name
 from daemon.live.frame import FRAME_S, LiveFrame, Seven, encode_frame
 from daemon.runtime_folder import live_endpoint
 from fri_client.handover.motion_phase import MotionPhase

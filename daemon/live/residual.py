@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.live.frame import LiveFrame
-from daemon.torque_foresight import TorqueForesight
+from daemon.motion.torque_foresight import TorqueForesight
 
 __all__ = ["LiveResidual", "Modelled", "PeriodNoise", "noise_sentence", "velocity_and_acceleration"]
 

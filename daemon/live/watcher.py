@@ -16,7 +16,7 @@ from daemon.json_files import read_json
 from daemon.live.frame import LiveFrame
 from daemon.live.residual import LiveResidual, Modelled, noise_sentence
 from daemon.live.screen import Screen
-from daemon.torque_foresight import foresight_of_run
+from daemon.motion.torque_foresight import foresight_of_run
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import psutil
 
-from daemon.control_api import ControlReply, ControlRequest, GetJobs, GetStatus, JobsReply, JobView, StatusReply
-from daemon.control_socket import ServiceUnreachableError, ask
+from daemon.queue.control_api import ControlReply, ControlRequest, GetJobs, GetStatus, JobsReply, JobView, StatusReply
+from daemon.queue.control_socket import ServiceUnreachableError, ask
 from daemon.runtime_folder import default_endpoint
 from identification.excitation import FourierTrajectory, default_trajectory
 

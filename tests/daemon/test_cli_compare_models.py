@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.cli.app import main
-from daemon.diagnosis import write_model_back
+from daemon.jobs.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
 from identification.audit.difference import Difference, Number
 from identification.base_parameters import BaseRegressor

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from daemon.api import RunRequest
-from daemon.batch import BatchItem, executor_of, folder_names, run_batch
-from daemon.batch_summary import write_summary
 from daemon.cli.app import main
 from daemon.cli.diagnosis import finding_lines
 from daemon.errors import ConfigurationError
+from daemon.jobs.batch import BatchItem, executor_of, folder_names, run_batch
+from daemon.jobs.batch_summary import write_summary
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
@@ -267,7 +267,7 @@ def test_split_and_low_pass_reach_a_diagnosis_without_periods_and_no_other(
         asked.append(settings)
         raise ConfigurationError("enough")
 
-    monkeypatch.setattr("daemon.diagnosis.diagnose_recordings", stop_here)
+    monkeypatch.setattr("daemon.jobs.diagnosis.diagnose_recordings", stop_here)
     options = ("--split", "first:0.6", "--low-pass-hz", "12")
     assert run("diagnose", str(tmp_path / "plain.npz"), *options) == ConfigurationError.exit_code
     assert asked == [DiagnosisSettings(split="first:0.6", low_pass_hz=12.0)]
@@ -285,7 +285,7 @@ def test_run_hands_the_wish_for_a_diagnosis_to_the_acquisition(
         asked.append(request)
         raise ConfigurationError("enough")
 
-    monkeypatch.setattr("daemon.service.run_acquisition", stop_here)
+    monkeypatch.setattr("daemon.run.service.run_acquisition", stop_here)
     words = ("run", "--out", str(tmp_path / "run"), "--heldout", str(logs[1]))
     assert run(*words, "--diagnose") == ConfigurationError.exit_code
     assert (asked[0].diagnose, asked[0].heldout) == (True, (str(logs[1]),))

@@ -22,8 +22,8 @@ from daemon.cli.progress import progress_shown
 from daemon.cli.run_view import run_shown
 from daemon.cli.service import show_jobs
 from daemon.cli.terminal import wrapped
-from daemon.control_api import JobView
 from daemon.errors import sentence_of
+from daemon.queue.control_api import JobView
 
 SENTENCE = (
     "   - Joint 4 shows torque ripple of 0.517 ± 0.004 Nm that repeats 160.0 times per turn; see "

@@ -70,7 +70,10 @@ def test_the_fake_robot_is_one_of_the_family_and_its_help_loads_no_simulator() -
 @pytest.mark.parametrize(
     ("modules", "unneeded"),
     [
-        ("daemon.preparation, daemon.service", "scipy.optimize scipy.stats scipy.signal matplotlib mujoco jinja2"),
+        (
+            "daemon.motion.preparation, daemon.run.service",
+            "scipy.optimize scipy.stats scipy.signal matplotlib mujoco jinja2",
+        ),
         ("identification.recording_fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
     ],
 )

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.api import RunOutcome, RunRequest
-from daemon.commissioning import RUNGS, admit, highest_allowed, is_first_rung, ladder_file, remember, tags
 from daemon.errors import LadderError, TooFastForT1Error
+from daemon.run.commissioning import RUNGS, admit, highest_allowed, is_first_rung, ladder_file, remember, tags
 
 from .producer import make_request
 

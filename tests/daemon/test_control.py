@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from daemon.control import ControlInbox
+from daemon.run.control import ControlInbox
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-HOLDER = "from daemon.control import ControlInbox\nwith ControlInbox():\n print('up', flush=True)\n input()"
+HOLDER = "from daemon.run.control import ControlInbox\nwith ControlInbox():\n print('up', flush=True)\n input()"
 
 
 def test_what_a_killed_run_left_goes_at_the_next_start_and_what_lives_stays(

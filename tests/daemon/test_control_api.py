@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.control_api import (
+from daemon.queue.control_api import (
     MAXIMUM_REQUEST_BYTES,
     CancelJob,
     ControlRequest,

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 import zmq
 
-from daemon.control_api import MAXIMUM_REQUEST_BYTES, ErrorReply, Ping, Pong, RefusedRequestError, decode_request
-from daemon.control_socket import ControlSocket, ServerKeys, ServiceUnreachableError, ask, check_endpoint
 from daemon.errors import ConfigurationError, DaemonError, MissingInputError
-from daemon.keys import create_keys
+from daemon.queue.control_api import MAXIMUM_REQUEST_BYTES, ErrorReply, Ping, Pong, RefusedRequestError, decode_request
+from daemon.queue.control_socket import ControlSocket, ServerKeys, ServiceUnreachableError, ask, check_endpoint
+from daemon.queue.keys import create_keys
 
 PONG = Pong(pid=7, software_version="test")
 

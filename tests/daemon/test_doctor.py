@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from daemon.cli import main
-from daemon.doctor import DoctorCheck, DoctorReport, check_address, check_interfaces, examine, port_holder
-from daemon.fri_guess import guess_version
-from daemon.link_checks import check_link
-from daemon.link_observation import LinkObservation
+from daemon.doctor.doctor import DoctorCheck, DoctorReport, check_address, check_interfaces, examine, port_holder
+from daemon.doctor.fri_guess import guess_version
+from daemon.doctor.link_checks import check_link
+from daemon.doctor.link_observation import LinkObservation
 from fri_client.messages import FriVersion
 
 from .producer import Producer

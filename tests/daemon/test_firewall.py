@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daemon.firewall import accepts_port, check_packet_filter, judge_rules
+from daemon.doctor.firewall import accepts_port, check_packet_filter, judge_rules
 
 NFT_OPEN = """table ip nat {
 	chain POSTROUTING {

@@ -20,7 +20,7 @@ import pytest
 
 from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
-from daemon.service import run_acquisition
+from daemon.run.service import run_acquisition
 
 from .test_service import (
     REPOSITORY,
@@ -39,7 +39,7 @@ from pathlib import Path
 import psutil
 from daemon.api import RunRequest
 from daemon.json_files import read_json, write_json
-from daemon.service import run_acquisition
+from daemon.run.service import run_acquisition
 
 request = read_json(sys.argv[1], RunRequest)
 held = []

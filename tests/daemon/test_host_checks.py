@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.host_checks import check_clock, check_disk, measure_disk
+from daemon.doctor.host_checks import check_clock, check_disk, measure_disk
 
 
 def test_the_disk_is_measured_by_writing_and_nothing_is_left(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_a_clock_that_jumps_is_told(step: float) -> None:
 
 def test_a_clock_that_runs_on_is_no_warning_unless_nobody_keeps_it(monkeypatch: pytest.MonkeyPatch) -> None:
     for kept, status in ((True, "ok"), (False, "warning")):
-        monkeypatch.setattr("daemon.host_checks._clock_is_kept", lambda kept=kept: kept)
+        monkeypatch.setattr("daemon.doctor.host_checks._clock_is_kept", lambda kept=kept: kept)
         for check in (check_clock(0.0002, 3.0), check_clock(None, 0.0)):
             assert check.status == status
             assert bool(check.remedy) == (not kept)

@@ -13,12 +13,12 @@ import pytest
 
 from daemon.api import RunOutcome
 from daemon.config import DaemonConfig
-from daemon.control_api import JobPhase, RefusedRequestError, SubmitRun
-from daemon.job_preparation import Verdict
-from daemon.job_queue import JobQueue
-from daemon.job_store import MAXIMUM_KEPT, MAXIMUM_WAITING
-from daemon.job_work import FitEnded, RunEnded
 from daemon.json_files import write_json
+from daemon.queue.control_api import JobPhase, RefusedRequestError, SubmitRun
+from daemon.queue.job_preparation import Verdict
+from daemon.queue.job_queue import JobQueue
+from daemon.queue.job_store import MAXIMUM_KEPT, MAXIMUM_WAITING
+from daemon.queue.job_work import FitEnded, RunEnded
 
 SAFE = Verdict(safe=True, sentence="Safe.")
 

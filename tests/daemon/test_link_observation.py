@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from daemon.doctor import examine
-from daemon.link_observation import Mirror
+from daemon.doctor.doctor import examine
+from daemon.doctor.link_observation import Mirror
 from fri_client.messages import ConnectionInfo, FriVersion, MonitoringMessage, SessionState
 from fri_client.wire.codec import Codec
 

@@ -31,9 +31,9 @@ from daemon.live.residual import LiveResidual, PeriodNoise, noise_sentence
 from daemon.live.screen import Screen, bar, drawn, remaining_s
 from daemon.live.subscription import LiveSubscription, served_ports
 from daemon.live.watcher import Watcher
-from daemon.recorder import Recorder
+from daemon.motion.torque_foresight import torque_foresight
+from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
-from daemon.torque_foresight import torque_foresight
 from fri_client.handover.ring import HandoverRing
 from safety.limits import limits_for
 

@@ -30,7 +30,7 @@ from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.plot import LivePoint
 from daemon.live.server import layouts_folder
-from daemon.recorder import Recorder
+from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from fri_client.handover.ring import EventCode, HandoverRing
 

@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from daemon.load_check import check_load_at_rest, load_before_motion, load_remark
+from daemon.doctor.load_check import check_load_at_rest, load_before_motion, load_remark
 from daemon.log.cdr import SampleLabels
 from daemon.log.writer import LogWriter
-from daemon.tool import read_tool
-from daemon.torque_foresight import torque_foresight
+from daemon.motion.tool import read_tool
+from daemon.motion.torque_foresight import torque_foresight
 from fri_client.messages import ConnectionInfo, MessageHeader, MonitorData, MonitoringMessage
 from identification.excitation import default_trajectory
 from identification.robots import load_robot

@@ -59,7 +59,7 @@ def request_in(folder: Path, table: np.ndarray | None = None, **changes: Any) ->
 @contextmanager
 def loop_process(folder: Path) -> Iterator[tuple[subprocess.Popen[str], HandoverRing]]:
     ring = HandoverRing.create(16384)
-    command = [sys.executable, "-m", "daemon.loop_process", "--request", str(folder / "request.json")]
+    command = [sys.executable, "-m", "daemon.run.loop_process", "--request", str(folder / "request.json")]
     process = subprocess.Popen(
         [*command, "--ring-fd", str(ring.fd)], pass_fds=[ring.fd], stderr=subprocess.PIPE, text=True
     )
@@ -239,7 +239,7 @@ def test_a_request_that_is_missing_or_garbled_has_its_code(tmp_path: Path) -> No
 
 
 def test_a_descriptor_that_is_no_ring_is_refused(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "daemon.loop_process", "--request", "x", "--ring-fd", "987"]
+    command = [sys.executable, "-m", "daemon.run.loop_process", "--request", "x", "--ring-fd", "987"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 70
     assert "descriptor 987" in done.stderr

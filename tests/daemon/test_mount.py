@@ -17,9 +17,9 @@ from daemon.api import RecorderJob
 from daemon.cli.app import main
 from daemon.config import load_config
 from daemon.errors import ConfigurationError
-from daemon.log_inputs import metadata_of
-from daemon.preparation import prepare_motion, write_run_request
-from daemon.torque_foresight import stand_of_model, torque_foresight
+from daemon.motion.preparation import prepare_motion, write_run_request
+from daemon.motion.torque_foresight import stand_of_model, torque_foresight
+from daemon.run.log_inputs import metadata_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.excitation.nominal import nominal_parameters
@@ -110,7 +110,7 @@ def test_run_check_and_design_take_the_mount_and_refuse_what_is_none(
         asked.append(robot.installation)
         raise ConfigurationError("That will do.")
 
-    monkeypatch.setattr("daemon.preparation.prepare_motion", prepared)
+    monkeypatch.setattr("daemon.motion.preparation.prepare_motion", prepared)
     monkeypatch.setattr("identification.excitation.design.design_excitation", designed)
     lab = tmp_path / "lab.yaml"
     lab.write_text("run: {gravity_m_s2: [9.81, 0, 0]}\n")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from daemon.api import LoopReport, RunOutcome, WorkerStatus
-from daemon.next_step import next_step
-from daemon.preparation import prepare_motion
-from daemon.tip_speed import T1_SPEED_M_S
+from daemon.motion.preparation import prepare_motion
+from daemon.motion.tip_speed import T1_SPEED_M_S
+from daemon.run.next_step import next_step
 
 from .producer import make_request
 

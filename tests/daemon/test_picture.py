@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from daemon.errors import ConfigurationError, LogIOError
-from daemon.picture import draw_motion
-from daemon.preparation import PreparedMotion, prepare_motion, start_row_of
+from daemon.motion.picture import draw_motion
+from daemon.motion.preparation import PreparedMotion, prepare_motion, start_row_of
 from safety.geometry import load_geometry
 from safety.limits import limits_for
 from safety.preflight import start_path

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon import prove as proof
 from daemon.errors import ProofProcessError, SealBrokenError
-from daemon.prove_page import proof_page
-from daemon.prove_score import CaseScore, score_case
-from daemon.prove_table import Rate, confusion, negatives, summary, targets, visibility_for, wrong_answers
+from daemon.proof import prove as proof
+from daemon.proof.page import proof_page
+from daemon.proof.score import CaseScore, score_case
+from daemon.proof.table import Rate, confusion, negatives, summary, targets, visibility_for, wrong_answers
 from fixtures.cases.plan import plan_of
 from identification.report.page import render
 

@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 import daemon.cli.prove  # noqa: F401 - registers the command
 from daemon.cli.app import app
-from daemon.prove import Source
-from daemon.prove_classes import class_answer, excess_removed
-from daemon.prove_page import aims_of, figures_of, proof_tables
-from daemon.prove_score import CaseScore, score_case
+from daemon.proof.classes import class_answer, excess_removed
+from daemon.proof.page import aims_of, figures_of, proof_tables
+from daemon.proof.prove import Source
+from daemon.proof.score import CaseScore, score_case
 
 ALIEN = {
     "effect": "alien", "family": "gms", "joint": 4, "link": None, "other_joint": None, "visible_joints": [4],

@@ -37,8 +37,8 @@ from daemon.errors import LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.log.stream import PatientFile
-from daemon.recorder import Recorder, main
-from daemon.supervision import Supervision
+from daemon.run.recorder import Recorder, main
+from daemon.run.supervision import Supervision
 from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
@@ -206,7 +206,7 @@ def test_diagnostics_come_about_once_a_second_and_say_whether_anything_was_lost(
     now = itertools.count()
     recorder = Recorder(make_job(tmp_path), HandoverRing.attach(ring.fd), [].append)
     begin = time.monotonic()
-    monkeypatch.setattr("daemon.recorder.time.monotonic", lambda: begin + next(now) * 0.01)
+    monkeypatch.setattr("daemon.run.recorder.time.monotonic", lambda: begin + next(now) * 0.01)
     producer = Producer(ring)
     for _ in range(1000):
         producer.push(1)
@@ -226,7 +226,7 @@ def start_process(job: Any, ring: HandoverRing) -> subprocess.Popen[bytes]:
     file = Path(job.path).with_suffix(".job.json")
     write_json(file, job)
     return subprocess.Popen(
-        [sys.executable, "-m", "daemon.recorder", "--request", str(file), "--ring-fd", str(ring.fd)],
+        [sys.executable, "-m", "daemon.run.recorder", "--request", str(file), "--ring-fd", str(ring.fd)],
         pass_fds=(ring.fd,),
         cwd=REPOSITORY,
         stderr=subprocess.PIPE,
@@ -321,8 +321,8 @@ class FullDisk:
 def test_a_disk_that_stays_full_is_reported_and_the_ring_keeps_the_rest(
     tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.recorder.DISK_PATIENCE_S", 0.2)
-    monkeypatch.setattr("daemon.recorder.RETRY_S", 0.01)
+    monkeypatch.setattr("daemon.run.recorder.DISK_PATIENCE_S", 0.2)
+    monkeypatch.setattr("daemon.run.recorder.RETRY_S", 0.01)
     Producer(ring).push(300)
     said: list[ControlMessage] = []
     recorder = Recorder(make_job(tmp_path), HandoverRing.attach(ring.fd), said.append)
@@ -348,7 +348,7 @@ def test_a_disk_without_room_for_the_reserve_is_said_before_anything_moves(tmp_p
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536));"
-        "from daemon.recorder import main; sys.exit(main(sys.argv[1:]))"
+        "from daemon.run.recorder import main; sys.exit(main(sys.argv[1:]))"
     )
     process = subprocess.run(
         [sys.executable, "-c", code, "--request", str(file), "--ring-fd", str(ring.fd)],
@@ -374,7 +374,7 @@ def test_a_really_full_file_system_ends_in_a_whole_file_thanks_to_the_reserve(tm
     file = tmp_path / "job.json"
     write_json(file, msgspec.structs.replace(job, path=str(small / "recording.mcap")))
     code = (
-        "import sys; from pathlib import Path; from daemon import recorder; small = Path(sys.argv.pop(1))\n"
+        "import sys; from pathlib import Path; from daemon.run import recorder; small = Path(sys.argv.pop(1))\n"
         "begin = recorder.Recorder.run\n"
         "def run(self):\n"
         "    with open(small / 'other', 'wb', buffering=0) as stream:\n"
@@ -438,7 +438,7 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Loop and supervisor were killed together: the ring was never marked as finished."""
-    monkeypatch.setattr("daemon.recorder.ORPHAN_PATIENCE_S", 0.1)
+    monkeypatch.setattr("daemon.run.recorder.ORPHAN_PATIENCE_S", 0.1)
     monkeypatch.setattr(Supervision, "is_orphan", True)
     Producer(ring).push(250)
     write_json(tmp_path / "recorder0.json", make_job(tmp_path))

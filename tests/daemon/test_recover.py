@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from daemon.errors import BadLogError, LogIOError, MissingInputError
 from daemon.log.recover import merge_logs, recover_log
-from daemon.recorder import Recorder
+from daemon.run.recorder import Recorder
 from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from daemon.account import leave_outcome
 from daemon.api import LoopReport, RunOutcome
 from daemon.errors import LogIOError
 from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile, is_being_written
-from daemon.recorder import Recorder
-from daemon.rescue import rescue_if_abandoned
-from daemon.spare_folder import find_run_file, spare_folder, write_run_file
+from daemon.run.account import leave_outcome
+from daemon.run.recorder import Recorder
+from daemon.run.rescue import rescue_if_abandoned
+from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover.ring import HandoverRing
 
 from .producer import Producer, make_job, make_request
@@ -83,7 +83,7 @@ def test_a_living_recorder_is_waited_for_and_an_empty_ring_needs_nothing(
             alive.close()
         return looks[-1]
 
-    monkeypatch.setattr("daemon.rescue.is_being_written", look)
+    monkeypatch.setattr("daemon.run.rescue.is_being_written", look)
     assert rescue_if_abandoned(make_request(tmp_path), ring) is None
     assert looks == [True, True, True, False]
     assert not list(tmp_path.glob("recording.part*"))
@@ -157,7 +157,7 @@ def test_what_stands_in_no_file_is_counted_as_lost(tmp_path: Path, ring: Handove
 def test_a_recorder_that_is_stopped_for_ever_is_ended_and_its_samples_are_written(
     tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.rescue.RECORDER_PATIENCE_S", 0.2)
+    monkeypatch.setattr("daemon.run.rescue.RECORDER_PATIENCE_S", 0.2)
     producer = Producer(ring)
     recorder = start_process(make_job(tmp_path), ring)
     try:

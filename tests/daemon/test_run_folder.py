@@ -12,7 +12,7 @@ from daemon.cli import main
 from daemon.errors import ConfigurationError
 from daemon.json_files import write_json
 from daemon.log.cdr import JOINT_NAMES
-from daemon.run_folder import make_room, prepare_folder
+from daemon.run.folder import make_room, prepare_folder
 
 from .producer import make_request
 

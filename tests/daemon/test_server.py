@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daemon.api import RunEvent
-from daemon.control_api import (
+from daemon.queue.control_api import (
     CancelJob,
     Ping,
     Pong,
@@ -35,8 +35,8 @@ from daemon.control_api import (
     decode_reply,
     encode,
 )
-from daemon.control_socket import ServiceUnreachableError, ask
-from daemon.service import run_acquisition
+from daemon.queue.control_socket import ServiceUnreachableError, ask
+from daemon.run.service import run_acquisition
 from daemon.stop_handle import StopHandle
 from tests.daemon.service_process import (
     ServiceProcess,

@@ -26,7 +26,6 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from daemon.account import account_for_folder
 from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.errors import (
     ConfigurationError,
@@ -37,13 +36,14 @@ from daemon.errors import (
 )
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
-from daemon.service import run_acquisition
+from daemon.run.account import account_for_folder
+from daemon.run.service import run_acquisition
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_SAMPLES = 1000
 RUN_CODE = (
     "import sys; from daemon.api import RunRequest; from daemon.json_files import read_json;"
-    "from daemon.service import run_acquisition;"
+    "from daemon.run.service import run_acquisition;"
     "outcome = run_acquisition(read_json(sys.argv[1], RunRequest),"
     " observe=lambda event: print(event.kind, event.sentence, flush=True));"
     "sys.exit(outcome.exit_code)"
@@ -160,7 +160,7 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
     assert outcome.samples_in_periods == 3 * PERIOD_SAMPLES
     assert events[0].kind == "starting"
     assert events[-1].kind == "finished"
-    # A supervisor that is held up may miss one; that it tells each one it sees is a claim of test_run_narrator.
+    # A supervisor that is held up may miss one; that it tells each one it sees is a claim of test_narrator.
     told = [event.period for event in events if event.kind == "progress" and event.period >= 0]
     assert told == sorted(told)
     assert set(told) <= {0, 1, 2}
@@ -190,7 +190,7 @@ def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
 
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period >= 1 and not killed:
-            recorder = child_of(psutil.Process(), "daemon.recorder")
+            recorder = child_of(psutil.Process(), "daemon.run.recorder")
             killed.append(recorder.pid)
             recorder.send_signal(signal.SIGKILL)
 
@@ -211,12 +211,12 @@ def test_a_recorder_killed_in_the_motion_costs_no_sample_and_stops_the_arm(
 def test_a_recorder_stopped_for_ever_costs_no_sample(
     robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.service.STOPPED_S", 0.3)
+    monkeypatch.setattr("daemon.run.service.STOPPED_S", 0.3)
     stopped: list[psutil.Process] = []
 
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period >= 1 and not stopped:
-            stopped.append(child_of(psutil.Process(), "daemon.recorder"))
+            stopped.append(child_of(psutil.Process(), "daemon.run.recorder"))
             stopped[0].suspend()
 
     outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=600, ring_slots=2048), observe=observe)
@@ -234,12 +234,12 @@ def test_a_recorder_stopped_for_ever_costs_no_sample(
 def test_a_loop_stopped_for_ever_is_ended_and_the_books_are_closed(
     robot: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.service.STOPPED_S", 0.3)
+    monkeypatch.setattr("daemon.run.service.STOPPED_S", 0.3)
     held: list[psutil.Process] = []
 
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period >= 1 and not held:
-            held.append(child_of(psutil.Process(), "daemon.loop_process"))
+            held.append(child_of(psutil.Process(), "daemon.run.loop_process"))
             held[0].suspend()
 
     outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=600), observe=observe)
@@ -290,7 +290,7 @@ def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tu
 
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period >= 1 and not killed:
-            killed.append(child_of(psutil.Process(), "daemon.loop_process"))
+            killed.append(child_of(psutil.Process(), "daemon.run.loop_process"))
             killed[0].send_signal(signal.SIGKILL)
 
     outcome = run_acquisition(gentle_request(tmp_path, robot[0], periods=60), observe=observe)
@@ -384,8 +384,8 @@ def test_supervisor_and_recorder_killed_at_once_cost_no_sample_and_the_arm_comes
     process = start_run(gentle_request(tmp_path, robot[0], periods=600, supervisor_timeout_s=4.0))
     read_until_period(process, 2)
     supervisor = psutil.Process(process.pid)
-    loop = child_of(supervisor, "daemon.loop_process")
-    kill_together([supervisor, child_of(supervisor, "daemon.recorder")])
+    loop = child_of(supervisor, "daemon.run.loop_process")
+    kill_together([supervisor, child_of(supervisor, "daemon.run.recorder")])
     process.communicate(timeout=WATCHDOG_S)
     wait_gone([loop])
     report = json.loads((tmp_path / "run" / "loop_report.json").read_text())

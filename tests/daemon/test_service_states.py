@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.service_states import TRANSITIONS, Action, Event, State, transition
+from daemon.queue.service_states import TRANSITIONS, Action, Event, State, transition
 
 EVENTS = ["RUN_READY", "PREPARED", "REFUSED", "COMPLETED", "FAILED", "STOP", "TERMINATE"]
 FLAG, HOLD, BREAK, FIT = "SET_STOP_FLAG", "HOLD_WAITING", "BREAK_OFF_PREPARATION", "QUEUE_FIT"

@@ -18,10 +18,10 @@ import pytest
 from mcap.reader import make_reader
 
 from daemon.api import RunRequest
-from daemon.commissioning import admit
 from daemon.errors import ConfigurationError, LadderError
-from daemon.service import run_acquisition
-from daemon.start_check import StartCheck
+from daemon.run.commissioning import admit
+from daemon.run.service import run_acquisition
+from daemon.run.start_check import StartCheck
 from fri_client.handover.ring import HandoverRing
 from fri_client.handover.start_gate import SAME_POSITION_RAD, StartRefused
 from fri_client.messages import FriVersion

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.supervision import Supervision
+from daemon.run.supervision import Supervision
 from fri_client.handover.ring import HandoverRing
 
 
@@ -30,7 +30,7 @@ def test_a_supervisor_that_beats_again_is_not_gone(ring: HandoverRing) -> None:
 
 
 def test_a_supervisor_that_is_held_for_ever_has_ended(ring: HandoverRing, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.supervision.PATIENCE_S", 0.1)
+    monkeypatch.setattr("daemon.run.supervision.PATIENCE_S", 0.1)
     ring.beat(1)
     assert Supervision(ring).has_ended()
 

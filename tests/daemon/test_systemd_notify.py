@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.systemd_notify import SystemdNotifier
+from daemon.queue.systemd_notify import SystemdNotifier
 
 UNIT = Path(__file__).resolve().parents[2] / "packaging" / "iiwa-ident.service"
 

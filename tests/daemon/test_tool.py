@@ -15,10 +15,10 @@ import pytest
 
 from daemon.cli.acquisition import tool_from
 from daemon.errors import ConfigurationError, MissingInputError
-from daemon.preparation import prepare_motion, write_run_request
-from daemon.tool import Tool, read_tool
-from daemon.torque_foresight import torque_foresight
-from daemon.workspace import WorkspaceFile, load_surroundings
+from daemon.motion.preparation import prepare_motion, write_run_request
+from daemon.motion.tool import Tool, read_tool
+from daemon.motion.torque_foresight import torque_foresight
+from daemon.motion.workspace import WorkspaceFile, load_surroundings
 from identification.export import kinematic_urdf
 from identification.robots import load_robot
 

@@ -11,8 +11,8 @@ import pinocchio
 import pytest
 
 from daemon.cli import main
-from daemon.preparation import TABLE_RATE_HZ, prepare_motion
-from daemon.torque_foresight import torque_foresight
+from daemon.motion.preparation import TABLE_RATE_HZ, prepare_motion
+from daemon.motion.torque_foresight import torque_foresight
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.excitation import default_trajectory

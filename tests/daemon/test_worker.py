@@ -20,9 +20,9 @@ import pytest
 
 from daemon.api import WorkerJob, WorkerStatus
 from daemon.cli.worker_view import settle_fit, wait_for_worker
+from daemon.jobs.worker import StatusFile, main, run_job
+from daemon.jobs.worker_start import JOB_NAME, launch
 from daemon.json_files import read_json, write_json
-from daemon.worker import StatusFile, main, run_job
-from daemon.worker_start import JOB_NAME, launch
 from fixtures.physics import iiwa14_table_three
 from identification.estimators.physical import PhysicalParameters
 from identification.robots import load_robot
@@ -59,7 +59,7 @@ def test_a_worker_survives_the_kill_of_its_parent_and_of_its_parents_group(tmp_p
     code = (
         "import sys, time; from pathlib import Path; from daemon.api import WorkerJob;"
         "from daemon.json_files import read_json;"
-        "from daemon.worker_start import launch; job = read_json(sys.argv[1], WorkerJob);"
+        "from daemon.jobs.worker_start import launch; job = read_json(sys.argv[1], WorkerJob);"
         "print(launch(job, Path(sys.argv[2])), flush=True); time.sleep(600)"
     )
     parent = subprocess.Popen(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.errors import ConfigurationError, MissingInputError
-from daemon.workspace import load_surroundings
+from daemon.motion.workspace import load_surroundings
 from safety.collision import workspace_clearances
 
 WHOLE = """

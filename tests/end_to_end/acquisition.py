@@ -11,7 +11,7 @@ import sys
 from daemon.api import RunEvent, RunRequest
 from daemon.errors import DaemonError
 from daemon.json_files import read_json
-from daemon.service import run_acquisition
+from daemon.run.service import run_acquisition
 
 
 def main() -> int:

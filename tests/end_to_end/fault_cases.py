@@ -24,8 +24,13 @@ LONG_SILENCE = {"receive_timeout_s": 10.0}
 PACED: dict[str, Any] = {
     "robot": ("--send-period-ms", "5"),
     "session": {
-        "lockstep_cycle_s": 0.005, "announces_lockstep": False, "lockstep_timeout_s": 0.3,
-        "quality_window_s": 1.0, "quality_fair": 0.3, "quality_good": 0.4, "quality_excellent": 0.9,
+        "lockstep_cycle_s": 0.005,
+        "announces_lockstep": False,
+        "lockstep_timeout_s": 0.3,
+        "quality_window_s": 1.0,
+        "quality_fair": 0.3,
+        "quality_good": 0.4,
+        "quality_excellent": 0.9,
         "missed_commands_tolerated": 100,
     },
     "clock": True,

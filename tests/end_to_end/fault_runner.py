@@ -41,7 +41,7 @@ LEAD_IN_S = 0.3
 REST_RAD_S = 1e-6
 WATCHDOG_S = 600.0
 """For a process that does not end; nothing is judged by it."""
-MODULES = {"recorder": "daemon.recorder", "loop": "daemon.loop_process", "worker": "daemon.worker"}
+MODULES = {"recorder": "daemon.run.recorder", "loop": "daemon.run.loop_process", "worker": "daemon.jobs.worker"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,8 +288,10 @@ def _at_moments(
                 _inject(steps.pop(0), family, timers)
     while not is_over.wait(0.2):
         states = {each: _state(each) for each in list(family.values())}
-        if states and all(state in (psutil.STATUS_STOPPED, "gone") for state in states.values()) and not any(
-            timer.is_alive() for timer in timers
+        if (
+            states
+            and all(state in (psutil.STATUS_STOPPED, "gone") for state in states.values())
+            and not any(timer.is_alive() for timer in timers)
         ):
             for each in states:
                 with contextlib.suppress(psutil.NoSuchProcess):

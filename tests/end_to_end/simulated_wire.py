@@ -28,7 +28,6 @@ WATCHDOG_S = 600.0
 """Of real time, for a hang; nothing else is measured in it."""
 
 
-
 @dataclass
 class SimulatedWire:
     """The loop's channel and clock; `link` is the robot's end."""

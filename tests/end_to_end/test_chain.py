@@ -150,7 +150,7 @@ def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Pat
             if "excitation" in line:
                 break
         children = psutil.Process(process.pid).children(recursive=True)
-        recorder = next(child for child in children if "daemon.recorder" in " ".join(child.cmdline()))
+        recorder = next(child for child in children if "daemon.run.recorder" in " ".join(child.cmdline()))
         recorder.kill()
         process.stdout.read()
         assert process.wait(90) == 1

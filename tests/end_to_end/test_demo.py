@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from daemon.cli.demonstration import fresh_folder, is_right, judgement
-from daemon.demonstration import fake_robot, free_udp_port, opened_effect
 from daemon.errors import SealBrokenError
+from daemon.run.demonstration import fake_robot, free_udp_port, opened_effect
 
 
 def test_the_fake_robot_publishes_the_hash_of_what_its_summary_opens(tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_a_label_that_was_changed_afterwards_is_noticed(tmp_path: Path) -> None:
 
 def test_no_module_on_the_clients_side_knows_how_effects_are_drawn() -> None:
     code = (
-        "import sys, daemon.cli.demonstration, daemon.demonstration, daemon.worker, daemon.diagnosis;"
+        "import sys, daemon.cli.demonstration, daemon.run.demonstration, daemon.jobs.worker, daemon.jobs.diagnosis;"
         "print([name for name in sys.modules if name.startswith('fixtures')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

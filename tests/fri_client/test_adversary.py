@@ -102,9 +102,7 @@ def test_messages_that_arrive_unevenly(period: int, multiplier: int, value: floa
 ])  # fmt: skip
 @pytest.mark.parametrize("ipo_speed", [0.07, 0.4])
 @pytest.mark.parametrize("send_period_ms", [1, 5, 10])
-def test_a_set_point_that_moves_is_not_followed_into_a_jump(
-    move: Move, send_period_ms: int, ipo_speed: float
-) -> None:
+def test_a_set_point_that_moves_is_not_followed_into_a_jump(move: Move, send_period_ms: int, ipo_speed: float) -> None:
     """One message that stated another period made the guard forget where the arm was: 2 188 % of a velocity limit.
     A message lost before a motion: jerk 813 %.
     """

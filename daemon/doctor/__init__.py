@@ -1,0 +1,1 @@
+"""What is asked of host, link and robot before a run."""

@@ -1,0 +1,1 @@
+"""What is done with recordings, apart from any robot: the detached worker, a diagnosis, a batch."""

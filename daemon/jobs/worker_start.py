@@ -1,0 +1,92 @@
+"""Starting a fit as a process of its own, which nobody needs to wait for and which outlives whoever started it."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import RunOutcome, WorkerJob, WorkerStatus
+from daemon.children import child_environment
+from daemon.errors import DaemonError, LogIOError
+from daemon.json_files import read_json, write_json
+from daemon.times import now_text
+
+__all__ = ["JOB_NAME", "launch", "note_end", "start_worker"]
+
+JOB_NAME = "worker_job.json"
+"""The WorkerJob in the folder of its run."""
+
+
+def start_worker(outcome: RunOutcome) -> RunOutcome:
+    """Start the fit of a finished run; the outcome with the worker's pid and status file. Raises LogIOError."""
+    assert outcome.request is not None
+    folder = Path(outcome.out_dir)
+    job = WorkerJob(
+        job_id=outcome.run_id,
+        recordings=outcome.recordings,
+        robot=outcome.request.urdf_file or outcome.request.robot,
+        model_file=str(folder / "model.json"),
+        status_file=str(folder / "worker_status.json"),
+        pipeline=outcome.request.fit_pipeline,
+        diagnosis_folder=str(folder / "diagnosis") if outcome.request.diagnose else None,
+        heldout=outcome.request.heldout,
+    )
+    pid = launch(job, folder / JOB_NAME)
+    return msgspec.structs.replace(outcome, worker_pid=pid, worker_status_file=job.status_file)
+
+
+def launch(job: WorkerJob, job_file: Path) -> int:
+    """Start `python -m daemon.jobs.worker` for the job, detached from this process and its terminal; its pid.
+
+    Raises LogIOError when job file or first status cannot be written.
+    """
+    log = job_file.with_name("worker.log")
+    try:
+        write_json(job_file, job)
+        waiting = WorkerStatus(job_id=job.job_id, phase="queued", sentence="The fit was started.")
+        write_json(job.status_file, waiting)
+        with log.open("ab") as stream:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "daemon.jobs.worker", "--job", str(job_file)],
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream,
+                start_new_session=True,
+                close_fds=True,
+                env=child_environment(),
+            )
+    except OSError as error:
+        raise LogIOError(str(job_file), error) from error
+    # Reaped when it ends while we live, so that a process that is gone also looks gone.
+    threading.Thread(target=lambda: note_end(job, process.wait()), name="worker reaper", daemon=True).start()
+    return process.pid
+
+
+def note_end(job: WorkerJob, return_code: int | None) -> WorkerStatus:
+    """Status of a fit whose process is gone; one that could not say so itself, because it was killed, is "failed" now.
+
+    return_code: None where nobody knows it. Raises MissingInputError or ConfigurationError where there is no status.
+    """
+    status = read_json(job.status_file, WorkerStatus)
+    if status.phase in ("done", "failed"):
+        return status
+    killed = return_code is None or return_code < 0
+    how = f"was killed by signal {-return_code}" if return_code and return_code < 0 else "ended without a result"
+    status = msgspec.structs.replace(
+        status,
+        phase="failed",
+        sentence=(
+            f"The fit's process {how} while {status.phase}; the recording is untouched. Repeat the fit with "
+            f"`iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}`; worker.log has its last words."
+        ),
+        updated_at=now_text(),
+        exit_code=1 if killed else DaemonError.exit_code,
+    )
+    with contextlib.suppress(OSError):
+        write_json(job.status_file, status)
+    return status

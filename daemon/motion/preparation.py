@@ -1,0 +1,204 @@
+"""From a trajectory file to a run request: load, scale, tabulate, check. The step before anything moves.
+
+Called by the commands `check`, `run` and `demo`; nothing here talks to a robot.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.api import RunRequest
+from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
+from daemon.motion.tool import Tool
+from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
+from daemon.motion.workspace import Surroundings, WorkspaceFile, load_surroundings
+from identification.excitation import Trajectory, default_trajectory, load_trajectory
+from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
+from safety.limits import limits_for
+from safety.preflight import preflight
+from safety.preflight_report import PreflightReport
+
+TABLE_RATE_HZ = 1000.0
+LEAD_IN_S = 1.0
+"""Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedMotion:
+    """A motion ready to be run or refused.
+
+    table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
+    surroundings: what it was held against, the tool among them; workspace_file: where they are described, None: a floor
+    alone. lead_in_s: end of the period that is driven before the first recorded one, s.
+    foresight: what its torque was foreseen with, None: nothing is known of the arm, and no torque was checked.
+    installation: how the arm stands.
+    """
+
+    name: str
+    robot: str
+    trajectory: Trajectory
+    amplitude: float
+    table: NDArray[np.float64]
+    preflight: PreflightReport
+    surroundings: Surroundings
+    workspace_file: Path | None
+    foresight: TorqueForesight | None
+    lead_in_s: float = LEAD_IN_S
+    installation: Installation = ON_THE_FLOOR
+
+    def speed_sentence(self) -> str:
+        """How fast the end of the tool goes along the motion, and whether T1 lets it."""
+        fastest = tip_speed(self.surroundings.geometry, self.table, 1.0 / TABLE_RATE_HZ)
+        verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
+        return f"The end-effector reaches {fastest:.2f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
+
+    def foresight_sentence(self) -> str:
+        """Plain words on what the check of torque stands on, and on what it does not know."""
+        if self.foresight is None:
+            return f"No torque was checked: nothing is known of the masses of {self.robot}; give a model with --model."
+        tool = "The tool is counted in" if self.foresight.has_tool else "No tool is counted in but what the model has"
+        return (
+            f"Torque along the motion is foreseen with {self.foresight.source}. {tool}; start ramp and stops are not "
+            "foreseen."
+        )
+
+
+def prepare_motion(
+    source: Path | None,
+    *,
+    robot: str | None = None,
+    amplitude: float = 1.0,
+    workspace: Path | None = None,
+    model: Path | None = None,
+    tool: Tool | None = None,
+    lead_in_s: float = LEAD_IN_S,
+    installation: Installation | None = None,
+) -> PreparedMotion:
+    """Load a trajectory (None: the shipped excitation), scale it by `amplitude` in (0, 1] and check its 1 kHz table.
+
+    robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
+    at the mounting face. model: a model.json to foresee the torque with, None: what is taken to be known of the arm.
+    tool: what it says stands before what the workspace file says of the tool; an empty one: nothing is on the flange.
+    installation: how the arm stands, None: as the model says, else on a floor.
+    Raises TrajectoryError or ModelFileError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
+    workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
+    """
+    trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
+    arm = robot or trajectory.robot or "iiwa14"
+    table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
+    surroundings = load_surroundings(arm, workspace, tool)
+    stand = installation or (ON_THE_FLOOR if model is None else stand_of_model(model))
+    foresight = torque_foresight(arm, model, surroundings.tool, stand)
+    report = check_table(table, arm, surroundings, foresight, lead_in_s)
+    name = f"shipped excitation of {arm}" if source is None else str(source)
+    return PreparedMotion(
+        name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight, lead_in_s, stand
+    )
+
+
+def check_table(
+    table: NDArray[np.float64],
+    robot: str,
+    surroundings: Surroundings | None = None,
+    foresight: TorqueForesight | None = None,
+    lead_in_s: float = LEAD_IN_S,
+) -> PreflightReport:
+    """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace.
+
+    surroundings: None for a floor at the mounting face. foresight: for torque, None leaves that out.
+    """
+    around = surroundings or load_surroundings(robot)
+    # A table of another number of joints is the preflight's to refuse.
+    fits = foresight is not None and table.shape[1:] == (foresight.regressor.robot.n,)
+    torque = foresight.along(table, 1.0 / TABLE_RATE_HZ) if foresight is not None and fits else None
+    return preflight(
+        table,
+        1.0 / TABLE_RATE_HZ,
+        limits_for(robot),
+        periodic=True,
+        geometry=around.geometry,
+        workspace=around.workspace,
+        self_collision_margin_m=around.margins.self_collision_m,
+        workspace_margin_m=around.margins.workspace_m,
+        start_row=start_row_of(table, lead_in_s),
+        torque=torque,
+    )
+
+
+def start_row_of(table: NDArray[np.float64], lead_in_s: float) -> int:
+    """Row of a table (N, 7) at 1 kHz where the start ramp hands over to it: the lead-in ends with the period."""
+    return (len(table) - round(lead_in_s * TABLE_RATE_HZ)) % len(table)
+
+
+def is_safe_motion(trajectory: Trajectory) -> bool:
+    """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
+    table = trajectory.table(TABLE_RATE_HZ)
+    return check_table(table, trajectory.robot, foresight=torque_foresight(trajectory.robot)).safe
+
+
+def new_run_id() -> str:
+    """An identifier that sorts by time: 20261121T103000Z."""
+    return datetime.now(UTC).strftime("%Y%m%dT%H%M%S") + f"{datetime.now(UTC).microsecond // 1000:03d}Z"
+
+
+def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
+    """Write table, trajectory, workspace and preflight into the run's folder; the request that points to them.
+
+    settings: further fields of RunRequest. Raises OSError when the folder cannot be written, ConfigurationError for a
+    setting out of range.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    table_file = out_dir / "table.npy"
+    trajectory_file = out_dir / "trajectory.json"
+    np.save(table_file, motion.table)
+    trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
+    (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
+    settings |= _noted_stand(motion.surroundings, motion.installation, out_dir)
+    return RunRequest(
+        run_id=settings.pop("run_id", None) or new_run_id(),
+        robot=motion.robot,
+        table_file=str(table_file.resolve()),
+        trajectory_file=str(trajectory_file.resolve()),
+        out_dir=str(out_dir.resolve()),
+        table_period_s=1.0 / TABLE_RATE_HZ,
+        lead_in_s=motion.lead_in_s,
+        amplitude=motion.amplitude,
+        **settings,
+    )
+
+
+def write_monitor_request(
+    robot: str, surroundings: Surroundings, installation: Installation, out_dir: Path, **settings: Any
+) -> RunRequest:
+    """The request of a run that commands nothing: what the arm carries and how it stands, but no motion.
+
+    settings: further fields of RunRequest. Raises as `write_run_request`.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    settings |= _noted_stand(surroundings, installation, out_dir)
+    settings |= {"fit": False, "amplitude": 1.0, "periods": 1}
+    return RunRequest(
+        robot=robot, table_file="", trajectory_file="", out_dir=str(out_dir.resolve()), monitor_only=True, **settings
+    )
+
+
+def _noted_stand(surroundings: Surroundings, installation: Installation, out_dir: Path) -> dict[str, Any]:
+    """Fields of a request: tool, surroundings and stand of the arm, with the file that describes them."""
+    noted: dict[str, Any] = {"tool": surroundings.tool.describe()}
+    if surroundings.entry != WorkspaceFile():
+        # With the tool as it was taken: what is looked at before the start ramp is what was looked at here.
+        workspace_file = out_dir / "workspace.yaml"
+        workspace_file.write_bytes(msgspec.yaml.encode(surroundings.entry))
+        noted["workspace_file"] = str(workspace_file.resolve())
+    if installation != ON_THE_FLOOR:
+        noted["gravity_m_s2"] = installation.gravity
+    return noted

@@ -1,0 +1,169 @@
+"""The workspace file: what surrounds the arm and what it carries, as the operator wrote it down.
+
+Here: the YAML structure, its checks, and its form for the preflight. Not here: distances (`safety.collision`), the
+reading of YAML itself (`config`). `check` and `run` read it, and the supervisor before the start ramp.
+
+    floor_height_m: -0.75          # height of the floor in the base frame (z = 0: mounting face); null: no floor
+    walls:
+      - {name: fence, normal: [1, 0, 0], offset_m: -0.8}      # the arm stays where normal . x >= offset
+    boxes:
+      - {name: camera post, center_m: [0.7, 0.4, 0.9], size_m: [0.1, 0.1, 1.8], yaw_rad: 0.0}
+    tool: {length_m: 0.2, radius_m: 0.05, mass_kg: 2.5, center_of_mass_m: [0, 0, 0.06]}     # see `tool`
+    margins: {self_collision_m: 0.02, workspace_m: 0.02}
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from daemon.config import read_settings
+from daemon.errors import ConfigurationError
+from daemon.motion.tool import Tool, check_tool
+from safety.collision import ForbiddenBox, Plane, Workspace
+from safety.errors import GeometryError
+from safety.geometry import RobotGeometry, load_geometry
+from safety.limits import JointLimits
+from safety.preflight_distance import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, Distances
+
+__all__ = ["Surroundings", "WorkspaceFile", "load_surroundings"]
+
+
+class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all sections: immutable, unknown keys refused."""
+
+
+class WallEntry(_Section, frozen=True, kw_only=True):
+    """The arm stays where normal . x >= offset_m; a normal of any length is brought to length 1 first."""
+
+    name: str
+    normal: tuple[float, float, float]
+    offset_m: float
+
+
+class BoxEntry(_Section, frozen=True, kw_only=True):
+    """A box the arm must not enter: centre and full edges in the base frame, turned by yaw_rad about z."""
+
+    name: str
+    center_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    yaw_rad: float = 0.0
+
+
+class Margins(_Section, frozen=True, kw_only=True):
+    """Distances that are kept, m."""
+
+    self_collision_m: float = SELF_COLLISION_MARGIN_M
+    workspace_m: float = WORKSPACE_MARGIN_M
+
+
+class WorkspaceFile(_Section, frozen=True, kw_only=True):
+    """The whole file; what is left out is not there, except a floor at the mounting face."""
+
+    floor_height_m: float | None = 0.0
+    walls: tuple[WallEntry, ...] = ()
+    boxes: tuple[BoxEntry, ...] = ()
+    tool: Tool | None = None
+    margins: Margins = Margins()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What a path is held against. entry: the file with the tool as it is taken. digest: SHA-256 of its content,
+    whatever its layout and whatever the tool is called.
+    """
+
+    geometry: RobotGeometry
+    workspace: Workspace
+    entry: WorkspaceFile
+    digest: str
+
+    @property
+    def margins(self) -> Margins:
+        """Distances that are kept, m."""
+        return self.entry.margins
+
+    @property
+    def tool(self) -> Tool:
+        """What is known of the tool."""
+        return self.entry.tool or Tool()
+
+    def distances(self, limits: JointLimits) -> Distances:
+        """What the preflight measures with."""
+        margins = self.margins
+        return Distances(self.geometry, self.workspace, limits, margins.self_collision_m, margins.workspace_m)
+
+
+def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | None = None) -> Surroundings:
+    """Shape of a built-in arm with its tool, and its surroundings; without a file a floor at the mounting face.
+
+    tool: what it says stands before what the file says of the tool; an empty one takes that away. Raises
+    MissingInputError (66), ConfigurationError (78) naming file and field, GeometryError for an unknown robot.
+    """
+    geometry = load_geometry(robot)
+    entry = WorkspaceFile() if file is None else read_settings(file, WorkspaceFile, "workspace")
+    if entry.floor_height_m is not None and not math.isfinite(entry.floor_height_m):
+        raise ConfigurationError(f"{entry.floor_height_m} is no height.", file=str(file), field="floor_height_m")
+    for name, margin in msgspec.structs.asdict(entry.margins).items():
+        if not 0.0 <= margin < math.inf:
+            raise ConfigurationError(f"{margin} m is no distance to keep.", file=str(file), field=f"margins.{name}")
+    if entry.tool is not None:
+        check_tool(entry.tool, str(file), "tool.")
+    if tool is not None:
+        entry = msgspec.structs.replace(entry, tool=None if tool == Tool() else tool.over(entry.tool))
+    names = ["floor"]
+    walls = []
+    for place, wall in enumerate(entry.walls):
+        with _naming(file, f"walls[{place}]"):
+            _new_name(wall.name, names)
+            walls.append(_plane(wall))
+    boxes = []
+    for place, box in enumerate(entry.boxes):
+        with _naming(file, f"boxes[{place}]"):
+            _new_name(box.name, names)
+            boxes.append(ForbiddenBox(box.name, box.center_m, box.size_m, box.yaw_rad))
+    if entry.tool is not None and entry.tool.length_m is not None:
+        with _naming(file, "tool"):
+            geometry = geometry.with_tool(entry.tool.length_m, entry.tool.radius_m or 0.0)
+    return Surroundings(
+        geometry,
+        Workspace(entry.floor_height_m, tuple(walls), tuple(boxes)),
+        entry,
+        _digest(entry),
+    )
+
+
+def _digest(entry: WorkspaceFile) -> str:
+    nameless = None if entry.tool is None else msgspec.structs.replace(entry.tool, name="")
+    if nameless == Tool():
+        nameless = None
+    return hashlib.sha256(msgspec.json.encode(msgspec.structs.replace(entry, tool=nameless))).hexdigest()
+
+
+@contextlib.contextmanager
+def _naming(file: str | Path | None, field: str) -> Iterator[None]:
+    """A shape that cannot be becomes a mistake in the file, with its place."""
+    try:
+        yield
+    except GeometryError as error:
+        raise ConfigurationError(str(error), file=str(file), field=field) from error
+
+
+def _new_name(name: str, names: list[str]) -> None:
+    if not name or name in names:
+        raise GeometryError(f"The name {name!r} is empty or taken; reports need to tell walls and boxes apart.")
+    names.append(name)
+
+
+def _plane(wall: WallEntry) -> Plane:
+    length = math.hypot(*wall.normal)
+    if not 0.0 < length < math.inf:
+        raise GeometryError(f"The normal of the wall {wall.name!r} has to point somewhere, not {wall.normal}.")
+    x, y, z = (component / length for component in wall.normal)
+    return Plane(wall.name, (x, y, z), wall.offset_m)

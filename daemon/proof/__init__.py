@@ -1,0 +1,1 @@
+"""The proof of the diagnosis: sealed cases drawn, diagnosed without their labels, scored."""

@@ -1,0 +1,357 @@
+"""Sums up the scores of concealed cases: rates with bounds, λ at which names come right, confusion, targets met or not.
+
+Pure: scores in, tables out. Called by ``daemon.cli.prove`` and the benchmark; what a score means is in ``prove_score``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from daemon.proof.score import CaseScore, EffectScore
+
+__all__ = [
+    "Rate",
+    "Target",
+    "confusion",
+    "family_rows",
+    "negatives",
+    "summary",
+    "targets",
+    "visibility_for",
+    "wrong_answers",
+]
+
+ORACLE_VISIBLE = 24.0
+STRONG = 100.0
+VERY_STRONG = 1000.0
+WORTH_A_LOOK = 60.0
+NOTHING_HIDDEN = ("negative", "decoy", "background")
+UNNAMED = ("outside", "structural", "alien", "hybrid")
+"""Groups whose effects need not have a name."""
+LIBRARY_FORMS = ("library", "first_order_lag")
+NO_NAME = "no name"
+SINGLES_FOR_A_CURVE = 40
+"""Fewer give no λ at which 90 % are named that could be held against a target."""
+CASES_WITHOUT_LAPSE = 10.0
+"""Strong cases, all named, that the estimate of a lapse rate starts from."""
+NARROW_MOTIONS = ("single",)
+"""Motions of one joint, on which many effects are the same torque: counted apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """hits of count."""
+
+    hits: int
+    count: int
+
+    @property
+    def share(self) -> float:
+        """Share of hits, nan of nothing."""
+        return self.hits / self.count if self.count else math.nan
+
+    @property
+    def upper_bound(self) -> float:
+        """One-sided 95 % upper bound of the true share (Clopper and Pearson 1934)."""
+        from scipy.special import betaincinv
+
+        return 1.0 if self.hits >= self.count else float(betaincinv(self.hits + 1, self.count - self.hits, 0.95))
+
+    def __str__(self) -> str:
+        return f"{self.hits}/{self.count} ({100 * self.share:.1f} %)" if self.count else "-"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One line of what was to be reached. met: None where the run has no case to judge it by."""
+
+    text: str
+    wanted: str
+    reached: str
+    met: bool | None
+
+
+def rate(values: Iterable[bool]) -> Rate:
+    """How many are true."""
+    listed = list(values)
+    return Rate(sum(listed), len(listed))
+
+
+def _singles(scores: Sequence[CaseScore], group: str = "single") -> list[tuple[CaseScore, EffectScore]]:
+    chosen = [score for score in scores if score.group == group and score.excitation not in NARROW_MOTIONS]
+    return [(score, score.effects[0]) for score in chosen]
+
+
+def visibility_for(pairs: Sequence[tuple[float, bool]], share: float) -> float | None:
+    """λ at which `share` of the effects are named, from (λ, named) by logistic regression on log λ with lapses.
+
+    A curve that ends at one would take a miss at λ 10⁴ for a flat slope and put the λ of 90 % far too high; so it ends
+    at 1 - lapse, estimated along. None where all or none are named, where names do not become more frequent with λ, or
+    where `share` of them is not reached within the λ there are.
+    """
+    seen = [(math.log(visibility), named) for visibility, named in pairs if visibility > 0.0]
+    if len({named for _, named in seen}) < 2:
+        return None
+    x, y = (np.array(column, dtype=float) for column in zip(*seen, strict=True))
+
+    def cost(curve: Any) -> float:
+        z = curve[0] + curve[1] * (x - 4.0)
+        log_end = -float(np.logaddexp(0.0, -curve[2]))
+        log_named = log_end - np.logaddexp(0.0, -z)
+        likelihood = np.sum(np.where(y > 0.0, log_named, np.log1p(-np.exp(np.minimum(log_named, -1e-12)))))
+        # Weak priors: the slope of perfectly separated cases stays finite, and few cases show no lapse.
+        return float(-likelihood + 0.005 * curve[1] ** 2 - CASES_WITHOUT_LAPSE * log_end + 1e-3 * curve[2] ** 2)
+
+    from scipy.optimize import minimize
+
+    fits = [minimize(cost, np.array([start, 2.0, 3.0]), method="Nelder-Mead") for start in (-2.0, 0.0, 2.0)]
+    offset, slope, end = min(fits, key=lambda fit: float(fit.fun)).x
+    reached = share * (1.0 + math.exp(-end))
+    if slope <= 0.0 or reached >= 1.0:
+        return None
+    found = 4.0 + (math.log(reached / (1.0 - reached)) - offset) / slope
+    return math.exp(found) if found <= x.max() else None
+
+
+def family_rows(scores: Sequence[CaseScore]) -> list[dict[str, Any]]:
+    """Per family of the singles: rates at λ ≥ 100, by form, and the λ of 50 and 90 %, all without background.
+
+    named_background: at λ ≥ 100 beside an unknown model error, however small the effect's share of the misfit.
+    """
+    rows = []
+    pairs = _singles(scores)
+    beside = [(s, e) for s, e in _singles(scores, "single_background") if e.visibility >= STRONG]
+    for family in sorted({effect.family for _, effect in (*pairs, *beside)}):
+        own = [(score, effect) for score, effect in pairs if effect.family == family]
+        strong = [(score, effect) for score, effect in own if effect.visibility >= STRONG]
+        background = rate(effect.named for _, effect in beside if effect.family == family)
+        rows.append(
+            {"family": family, "cases": len(own), **_rates(strong), "named_background": background, **_curve(own)}
+        )
+    strong = [(score, effect) for score, effect in pairs if effect.visibility >= STRONG]
+    background = rate(effect.named for _, effect in beside)
+    rows.append(
+        {"family": "all", "cases": len(pairs), **_rates(strong), "named_background": background, **_curve(pairs)}
+    )
+    return rows
+
+
+def _rates(strong: Sequence[tuple[CaseScore, EffectScore]]) -> dict[str, Rate]:
+    perturbed = [(score, effect) for score, effect in strong if effect.form not in LIBRARY_FORMS]
+    return {
+        "detected": rate(score.detected for score, _ in strong),
+        "joint": rate(effect.placed or effect.in_set for score, effect in strong if score.claimed or score.failed),
+        "named": rate(effect.named for _, effect in strong),
+        "in_set": rate(effect.in_set for _, effect in strong),
+        "named_textbook": rate(effect.named for _, effect in strong if effect.form in LIBRARY_FORMS),
+        "named_perturbed": rate(effect.named for _, effect in perturbed),
+    }
+
+
+def _curve(pairs: Sequence[tuple[CaseScore, EffectScore]]) -> dict[str, float | None]:
+    points = [(effect.visibility, effect.named) for _, effect in pairs]
+    return {"lambda50": visibility_for(points, 0.5), "lambda90": visibility_for(points, 0.9)}
+
+
+def negatives(scores: Sequence[CaseScore]) -> dict[str, Rate]:
+    """False names where nothing is hidden, by group or kind of decoy, without the common lag, which has a name."""
+    rows: dict[str, list[bool]] = {}
+    for score in scores:
+        if score.group in NOTHING_HIDDEN and score.kind != "common_lag":
+            key = f"decoy: {score.kind}" if score.group == "decoy" else score.group
+            rows.setdefault(key, []).append(_is_wrongly_named(score))
+    return {key: rate(rows[key]) for key in sorted(rows)}
+
+
+def _is_wrongly_named(score: CaseScore) -> bool:
+    """Also a case that could not be diagnosed: an error is no proof of silence."""
+    return score.extras > 0 or score.failed is not None
+
+
+def confusion(scores: Sequence[CaseScore]) -> dict[str, Counter[str]]:
+    """Per family of the oracle-visible singles: what its first finding was called; 'right' with structural equals."""
+    table: dict[str, Counter[str]] = {}
+    for score, effect in _singles(scores):
+        if effect.visibility >= ORACLE_VISIBLE:
+            called = "right" if effect.named else (score.claimed[0] if score.claimed else NO_NAME)
+            table.setdefault(effect.family, Counter())[called] += 1
+    return dict(sorted(table.items()))
+
+
+def _both(scores: Sequence[CaseScore], group: str) -> Rate:
+    """Cases of several effects, all of them oracle-visible beside the others: all named."""
+    chosen = [score for score in scores if score.group == group]
+    visible = [s for s in chosen if all(effect.partial_visibility >= ORACLE_VISIBLE for effect in s.effects)]
+    return rate(all(effect.named for effect in score.effects) for score in visible)
+
+
+def _percentile(values: Sequence[float], percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else math.nan
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
+
+
+def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    """Every figure of the proof that is not per family."""
+    singles = [effect for _, effect in _singles(scores)]
+    strong = [effect for effect in singles if effect.visibility >= STRONG]
+    errors = [e.amplitude_error for e in singles if e.amplitude_error is not None and e.visibility >= VERY_STRONG]
+    covered = [e.covered for e in singles if e.covered is not None and e.visibility >= VERY_STRONG]
+    removed = [s.removed for s, e in _singles(scores) if s.removed is not None and e.visibility >= STRONG]
+    background = [effect for _, effect in _singles(scores, "single_background")]
+    outside = [score for score in scores if score.group == "outside"]
+    plain = [score for score in scores if score.group in ("negative", "decoy") and score.kind != "common_lag"]
+    seconds = [score.seconds for score in scores if score.failed is None]
+    return {
+        "cases": len(scores),
+        "singles_named_at_any_visibility": rate(effect.named for effect in singles),
+        "failed": sum(score.failed is not None for score in scores),
+        "singles_named": rate(e.named for e in strong),
+        "singles_in_set": rate(e.in_set for e in strong),
+        "singles_joint": rate(
+            e.placed or e.in_set for s, e in _singles(scores) if e.visibility >= STRONG and (s.claimed or s.failed)
+        ),
+        "perturbed_named": rate(e.named for e in strong if e.form not in LIBRARY_FORMS),
+        "one_joint_motion_in_set": rate(
+            s.effects[0].in_set
+            for s in scores
+            if s.group == "single" and s.excitation in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
+        ),
+        **_curve(_singles(scores)),
+        "false_names": rate(_is_wrongly_named(score) for score in plain),
+        "false_names_background": rate(_is_wrongly_named(score) for score in scores if score.group == "background"),
+        "misfit_seen_where_nothing_is_hidden": rate(score.detected for score in plain),
+        "names_left_open_a_finding": _mean([size for score in scores for size in score.set_sizes]),
+        "common_lag_right": rate(bool(s.right) for s in scores if s.kind == "common_lag"),
+        "background_named_share_above_60": rate(e.named for e in background if (e.share or 0.0) > 0.6),
+        "background_named_share_30_60": rate(e.named for e in background if 0.3 <= (e.share or 0.0) <= 0.6),
+        "background_named_share_below_30": rate(e.named for e in background if (e.share or 0.0) < 0.3),
+        "outside_wrongly_named": rate(_is_wrongly_named(score) for score in outside),
+        "outside_detected": rate(score.detected for score in outside if score.effects[0].visibility >= ORACLE_VISIBLE),
+        "pairs_both": _both(scores, "pair"),
+        "triples_all": _both(scores, "triple"),
+        "singles_name_or_class": rate(
+            s.effects[0].named or bool(s.class_right)
+            for s in scores
+            if s.group == "single" and s.excitation not in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
+        ),
+        "background_name_or_class_share_above_50": rate(
+            s.effects[0].named or bool(s.class_right)
+            for s in scores
+            if s.group == "single_background" and (s.effects[0].share or 0.0) >= 0.5
+        ),
+        "false_classes": rate(bool(s.classes) for s in plain if s.class_right is not None),
+        "false_classes_background": rate(
+            bool(s.classes) for s in scores if s.group == "background" and s.class_right is not None
+        ),
+        "extras": rate(score.extras > score.misnamed or score.failed is not None for score in scores),
+        "structural": rate(bool(score.right) for score in scores if score.group == "structural"),
+        "amplitude_cases": len(errors),
+        "amplitude_median": _percentile(errors, 50),
+        "amplitude_p90": _percentile(errors, 90),
+        "amplitude_within_4_percent": rate(error <= 0.04 for error in errors),
+        "covered": rate(covered),
+        "removed_cases": len(removed),
+        "removed_median": _percentile(removed, 50),
+        "removed_p10": _percentile(removed, 10),
+        "seconds_median": _percentile(seconds, 50),
+        "seconds_largest": max(seconds, default=math.nan),
+    }
+
+
+def wrong_answers(cases: Sequence[tuple[int, CaseScore]]) -> list[str]:
+    """One line for each case, by its number, that names wrongly, too much, or not although λ ≥ 60."""
+    lines = []
+    for index, score in cases:
+        missed = [
+            effect
+            for effect in score.effects
+            if score.group not in UNNAMED and not effect.named and effect.partial_visibility >= WORTH_A_LOOK
+        ]
+        if not (missed or score.extras or score.right is False or score.failed):
+            continue
+        hidden = ", ".join(
+            f"{effect.family}{'' if effect.form == 'library' else ' ' + effect.form} λ {effect.visibility:.3g}"
+            for effect in score.effects
+        )
+        claimed = ", ".join(
+            name if joint is None else f"{name} J{joint}"
+            for name, joint in zip(score.claimed, score.claimed_joints, strict=True)
+        )
+        answer = score.failed or claimed or NO_NAME
+        if score.classes:
+            answer += f" ({', '.join(score.classes)})"
+        lines.append(f"case {index} {score.group} {score.kind} [{score.excitation}]: {hidden or 'nothing'} → {answer}")
+    return lines
+
+
+def targets(figures: Mapping[str, Any]) -> list[Target]:
+    """What was to be reached, and whether this run did."""
+
+    def at_least(text: str, name: str, least: float) -> Target:
+        value: Rate = figures[name]
+        met = value.share >= least if value.count else None
+        return Target(text, f"≥ {100 * least:g} %", str(value), met)
+
+    def at_most(text: str, name: str, most: float) -> Target:
+        value: Rate = figures[name]
+        met = value.share <= most if value.count else None
+        reached = f"{value}, bound {100 * value.upper_bound:.1f} %" if value.count else "-"
+        return Target(text, f"≤ {100 * most:g} %", reached, met)
+
+    def number(text: str, wanted: str, value: float | None, met: bool, unit: str = "") -> Target:
+        known = value is not None and math.isfinite(value)
+        return Target(text, wanted, f"{value:.3g}{unit}" if known else "-", met if known else None)
+
+    def percent(name: str) -> float:
+        return 100.0 * float(figures[name])
+
+    covered: Rate = figures["covered"]
+    every: Rate = figures["singles_named_at_any_visibility"]
+    enough = every.count >= SINGLES_FOR_A_CURVE
+    lambda90 = figures["lambda90"] if enough else None
+    # Enough cases and no such λ: 90 % are never named, which is not the same as having nothing to judge by.
+    never = enough and lambda90 is None and every.share < 0.9
+    return [
+        at_least("singles, λ ≥ 100: family and joint right", "singles_named", 0.98),
+        at_least("singles, λ ≥ 100: joint right where anything is named", "singles_joint", 1.0),
+        at_least("singles of perturbed form, λ ≥ 100: named", "perturbed_named", 0.95),
+        Target("λ at which 90 % are named", "≤ 55", "never", False)
+        if never
+        else number("λ at which 90 % are named", "≤ 55", lambda90, lambda90 is not None and lambda90 <= 55.0),
+        at_most("false names, clean and decoys", "false_names", 0.01),
+        at_most("false names, with background", "false_names_background", 0.03),
+        at_most("effects outside the library wrongly named", "outside_wrongly_named", 0.05),
+        at_least("pairs, both visible: both named", "pairs_both", 0.90),
+        at_most("cases with a spurious extra", "extras", 0.05),
+        at_least("structural cases answered as a set", "structural", 1.0),
+        number(
+            "amplitude at λ ≥ 1000, median error",
+            "≤ 1 %",
+            percent("amplitude_median"),
+            percent("amplitude_median") <= 1.0,
+            " %",
+        ),
+        at_least("amplitude at λ ≥ 1000 within 4 %", "amplitude_within_4_percent", 0.90),
+        Target(
+            "95 % intervals cover", "90 to 98 %", str(covered), 0.90 <= covered.share <= 0.98 if covered.count else None
+        ),
+        number(
+            "held-out excess energy removed, median",
+            "≥ 95 %",
+            percent("removed_median"),
+            percent("removed_median") >= 95.0,
+            " %",
+        ),
+        number(
+            "CPU time a case, largest", "≤ 10 s", figures["seconds_largest"], figures["seconds_largest"] <= 10.0, " s"
+        ),
+    ]

@@ -1,0 +1,1 @@
+"""The long-running service: jobs in a queue, and the interface that controls it."""

@@ -1,0 +1,122 @@
+"""run.json of a run whose supervisor is gone, written by whoever is left: the loop's process, the recorder, `recover`.
+
+Here: what can be said of such a run from its folder. Not here: the run.json of a run whose supervisor lives
+(`service`), and the samples (`rescue`, `log.parts`).
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import EXIT_CODES, REPORT_NAME, RUN_NAME, LoopReport, RunOutcome, RunRequest
+from daemon.errors import DaemonError, LogIOError
+from daemon.host import software_versions
+from daemon.json_files import read_json
+from daemon.log.parts import RECORDING_NAME, recover
+from daemon.log.recover import RecoverReport
+from daemon.run.commissioning import tags
+from daemon.run.judgement import judged
+from daemon.run.outcome import digests_of, lost_between, outcome_sentences, tidy
+from daemon.run.spare_folder import write_run_file
+from daemon.times import now_text
+from fri_client.handover.ring import HandoverRing
+
+__all__ = ["account_for_folder", "leave_outcome"]
+
+
+def leave_outcome(
+    request: RunRequest, report: LoopReport, exit_code: int, *, writer: str, ring: HandoverRing | None = None
+) -> None:
+    """Write run.json where there is none yet; what the disk refuses is said on stderr.
+
+    writer: who says so. ring: the run's own, while it exists: what no file holds of it is counted as lost.
+    """
+    folder = Path(request.out_dir)
+    if (folder / RUN_NAME).exists():
+        return
+    held, trouble = None, ""
+    try:
+        held = recover(folder)
+    except DaemonError as error:
+        trouble = f" {error}"
+    try:
+        _write(request, report, exit_code, held, writer, trouble, ring)
+    except LogIOError as error:
+        print(error, file=sys.stderr)
+
+
+def account_for_folder(folder: Path, held: RecoverReport) -> RunOutcome | None:
+    """Write run.json into a folder whose processes were killed together, from what `recover` found in it.
+
+    None where there is one already, or where no run was asked for here. Raises ConfigurationError for a request that
+    cannot be read, LogIOError when the disk refuses.
+    """
+    if (folder / RUN_NAME).exists() or not (folder / "request.json").is_file():
+        return None
+    # The folder may have been moved since.
+    request = msgspec.structs.replace(read_json(folder / "request.json", RunRequest), out_dir=str(folder.absolute()))
+    left = folder / REPORT_NAME
+    report = read_json(left, LoopReport) if left.is_file() else _report_from(held)
+    return _write(request, report, EXIT_CODES[report.outcome], held, "`iiwa-ident recover`", "", None)
+
+
+def _report_from(held: RecoverReport) -> LoopReport:
+    """The report of a loop that left none, from the recording alone."""
+    return LoopReport(
+        outcome="fault",
+        reason="LOOP_LOST",
+        sentence=(
+            "Loop and supervisor ended without a word; the robot got no more answers and braked by itself, standstill "
+            "unconfirmed."
+        ),
+        received=held.samples,
+        answered=held.messages.get("/fri/command", 0),
+        missing=held.missing,
+        periods_completed=max(held.last_period, 0),
+    )
+
+
+def _write(
+    request: RunRequest,
+    report: LoopReport,
+    exit_code: int,
+    held: RecoverReport | None,
+    writer: str,
+    trouble: str,
+    ring: HandoverRing | None,
+) -> RunOutcome:
+    folder = Path(request.out_dir)
+    recording = folder / RECORDING_NAME if held is None else held.recovered
+    samples, missing = (0, 0) if held is None else (held.samples, held.missing)
+    lost = 0 if held is None else held.missing_in_handover
+    if ring is not None:
+        lost = lost_between(ring, lost, 0 if held is None else held.next_index)
+    gone = (
+        f"The supervising process was gone at the end: this account was written by {writer}, and no fit was started; "
+        f"`iiwa-ident fit` takes the recording.{trouble}"
+    )
+    tidy(folder)
+    outcome = RunOutcome(
+        run_id=request.run_id,
+        outcome=report.outcome,
+        exit_code=exit_code,
+        sentences=outcome_sentences(report, request, samples, missing, lost, (gone,)),
+        out_dir=str(folder),
+        recordings=(str(recording),) if recording.is_file() else (),
+        samples=samples,
+        sequence_gaps=missing,
+        handover_gaps=lost,
+        loop=report,
+        files=digests_of(folder, recording),
+        software=software_versions(),
+        request=request,
+        finished_at=now_text(),
+        commissioning=tags(request),
+    )
+    write_run_file(request, RUN_NAME, outcome)
+    outcome = judged(outcome)
+    write_run_file(request, RUN_NAME, outcome)
+    return outcome

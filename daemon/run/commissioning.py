@@ -1,0 +1,191 @@
+"""The commissioning ladder: a motion is driven on a real arm at 0.1 in T1, then at 0.25, 0.5 and its full amplitude.
+
+Here: which amplitude may be driven next, the record of those done, and what a log says about it. A record belongs to
+one arm, one trajectory (before the amplitude was applied) and one workspace; a change of any of them begins at the
+bottom. Not here: the runs themselves (`service` asks before a run and tells of its end). A robot on a loopback address
+is a simulated one and needs no ladder.
+
+FRI does not say which arm it is: an arm is known by the serial number the operator gives, or else by addresses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from daemon.api import RunOutcome, RunRequest
+from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
+from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
+from daemon.motion.workspace import load_surroundings
+from daemon.times import now_text
+
+__all__ = [
+    "RUNGS",
+    "Rung",
+    "admit",
+    "highest_allowed",
+    "is_first_rung",
+    "ladder_file",
+    "needs_ladder",
+    "remember",
+    "rung_of",
+    "tags",
+]
+
+RUNGS = (0.1, 0.25, 0.5, 1.0)
+
+
+class Rung(msgspec.Struct, frozen=True, kw_only=True):
+    """One amplitude of one trajectory on one arm in one workspace; a line of the record once it was completed."""
+
+    arm: str
+    trajectory_sha256: str
+    workspace_sha256: str
+    amplitude: float
+    run_id: str = ""
+    finished_at: str = ""
+
+    def same_ladder(self, other: Rung) -> bool:
+        """Whether both stand on the same ladder."""
+        return (self.arm, self.trajectory_sha256, self.workspace_sha256) == (
+            other.arm,
+            other.trajectory_sha256,
+            other.workspace_sha256,
+        )
+
+
+def needs_ladder(request: RunRequest) -> bool:
+    """Whether a real arm may move in this run; where not, only a robot that says it is the fake one is moved."""
+    return not (request.simulation or request.monitor_only)
+
+
+def rung_of(request: RunRequest) -> Rung:
+    """The rung a request stands on. Raises MissingInputError, ConfigurationError for its files."""
+    file = Path(request.trajectory_file)
+    try:
+        # Parsed and written anew: two files of the same motion are the same motion, whatever their layout.
+        content = json.dumps(json.loads(file.read_bytes()), sort_keys=True).encode()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(file), "trajectory") from error
+    except ValueError as error:
+        raise ConfigurationError(f"is no JSON: {error}.", file=str(file), field="trajectory_file") from error
+    return Rung(
+        arm=f"{request.robot} {request.serial or _address(request)}",
+        trajectory_sha256=hashlib.sha256(content).hexdigest(),
+        workspace_sha256=load_surroundings(request.robot, request.workspace_file).digest,
+        amplitude=request.amplitude,
+    )
+
+
+def highest_allowed(done: float) -> float:
+    """The largest amplitude that may follow `done` (0: none yet): the next rung above it."""
+    return next((rung for rung in RUNGS if rung > done + 1e-9), RUNGS[-1])
+
+
+def is_first_rung(request: RunRequest) -> bool:
+    """Whether nothing of this ladder was completed, so that this run is driven in T1. Raises as `admit` does."""
+    return needs_ladder(request) and not request.skip_ladder and not _done(request, rung_of(request))
+
+
+def _done(request: RunRequest, rung: Rung) -> float:
+    """The largest amplitude that was completed on the ladder; 0: none yet."""
+    return max((line.amplitude for line in _read(ladder_file(request)) if line.same_ladder(rung)), default=0.0)
+
+
+def admit(request: RunRequest) -> str:
+    """What the operator should know about the ladder before this run; empty where none is needed.
+
+    Raises LadderError (1) for an amplitude whose turn has not come, and TooFastForT1Error (1) for a first one that is
+    too fast for T1, unless the request says to skip the ladder.
+    """
+    if not needs_ladder(request):
+        return ""
+    rung = rung_of(request)
+    done = _done(request, rung)
+    allowed = highest_allowed(done)
+    if rung.amplitude <= allowed + 1e-9:
+        if not done and not request.skip_ladder:
+            _check_speed(request)
+            return (
+                f"Commissioning: amplitude {rung.amplitude:g}, the first run of this motion on this arm: in T1, with "
+                "the enabling switch held; the arm does not move in another mode."
+            )
+        return f"Commissioning: amplitude {rung.amplitude:g}; so far {done:g} was completed on this arm."
+    if request.skip_ladder:
+        return f"Commissioning: amplitude {rung.amplitude:g} although only {done:g} was completed; the log says so."
+    raise LadderError(rung.arm, rung.amplitude, done, allowed)
+
+
+def _check_speed(request: RunRequest) -> None:
+    table = np.load(request.table_file, allow_pickle=False)
+    geometry = load_surroundings(request.robot, request.workspace_file).geometry
+    speed = tip_speed(geometry, table, request.table_period_s)
+    if speed > T1_SPEED_M_S:
+        raise TooFastForT1Error(request.amplitude, speed, T1_SPEED_M_S)
+
+
+def remember(request: RunRequest, outcome: RunOutcome) -> str:
+    """Write down an amplitude that was completed; the sentence for the operator, empty where nothing was to be done."""
+    if not needs_ladder(request) or outcome.outcome != "completed" or outcome.exit_code:
+        return ""
+    rung = msgspec.structs.replace(rung_of(request), run_id=request.run_id, finished_at=now_text())
+    file = ladder_file(request)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        # One line by one write at the end of the file: two runs that end together do not overwrite each other.
+        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            os.write(descriptor, b"\n" + msgspec.json.encode(rung) + b"\n")
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        return f"Commissioning: {file} cannot be written ({error.strerror}), so this amplitude counts as not done."
+    following = highest_allowed(rung.amplitude)
+    onward = f"; {following:g} may follow" if rung.amplitude < following else ""
+    return f"Commissioning: amplitude {rung.amplitude:g} is completed on this arm{onward}."
+
+
+def ladder_file(request: RunRequest) -> Path:
+    """The record: the request's own, or the user's (XDG_STATE_HOME)."""
+    if request.ladder_file is not None:
+        return Path(request.ladder_file)
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "iiwa-ident" / "ladder.jsonl"
+
+
+def tags(request: RunRequest) -> dict[str, str]:
+    """What a log and run.json say: the amplitude, and whether the ladder was kept."""
+    ladder = "skipped" if request.skip_ladder else "kept"
+    if not needs_ladder(request):
+        ladder = f"not needed: {'nothing is commanded' if request.monitor_only else 'fake robot'}"
+    return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
+
+
+def _address(request: RunRequest) -> str:
+    here = f"{request.bind_host}:{request.bind_port}"
+    return f"{request.robot_host} -> {here}" if request.robot_host else f"at {here}"
+
+
+def _read(file: Path) -> list[Rung]:
+    """Completed rungs; a line that cannot be read counts for nothing, which can only forbid."""
+    try:
+        lines = file.read_bytes().splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise LogIOError(str(file), error) from error
+    rungs = []
+    for line in lines:
+        try:
+            rung = msgspec.json.decode(line, type=Rung)
+        except msgspec.DecodeError:
+            continue
+        if 0.0 < rung.amplitude <= 1.0:
+            rungs.append(rung)
+    return rungs

@@ -1,0 +1,123 @@
+"""The folder of a run before anything is started: room in it, inputs copied, paths absolute, port free.
+
+The supervisor calls `prepare_folder`; the command line `make_room` before it writes the inputs there.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, LoopReport, RunOutcome, RunRequest
+from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError
+from daemon.json_files import read_json, write_json
+from daemon.log.cdr import JOINT_NAMES
+from daemon.log.parts import RECORDING_NAME, state_of_recording
+from daemon.run.log_inputs import DESCRIPTION_NAME
+from daemon.run.loop_process import bind
+from fri_client.loop.channel import UdpChannel
+from identification.export import kinematic_urdf
+from identification.robots import BUILT_IN_ROBOTS, load_robot
+
+__all__ = ["make_room", "nothing_moved", "prepare_folder"]
+
+_BEFORE_MOTION = ("no_robot", "not_started", "version_mismatch", "port_in_use", "refused")
+_AT_REST = ("WAITING", "LATCHED", "DONE")
+_RESULTS = (REPORT_NAME, LAST_SAMPLES_NAME, RUN_NAME)
+
+
+def prepare_folder(request: RunRequest) -> RunRequest:
+    """Copy the inputs into the run's folder, describe a built-in arm in a URDF, make all paths absolute, write
+    request.json; the resolved request.
+
+    Raises ConfigurationError (also for a folder that holds a run already), MissingInputError, PortInUseError,
+    LogIOError.
+    """
+    folder = Path(request.out_dir).absolute()
+    make_room(folder)
+    changes: dict[str, str] = {"out_dir": str(folder)}
+    sources = {}
+    if not request.monitor_only:
+        sources = {"table_file": request.table_file, "trajectory_file": request.trajectory_file}
+    if request.urdf_file is not None:
+        sources["urdf_file"] = request.urdf_file
+    for field, file in sources.items():
+        source = Path(file).absolute()
+        if not source.is_file():
+            raise MissingInputError(str(source), field.removesuffix("_file"))
+        changes[field] = str(folder / source.name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for field, file in sources.items():
+            if Path(file).absolute() != Path(changes[field]):
+                shutil.copyfile(file, changes[field])
+        if request.urdf_file is None and request.robot in BUILT_IN_ROBOTS:
+            urdf = kinematic_urdf(load_robot(request.robot), joint_names=JOINT_NAMES)
+            (folder / DESCRIPTION_NAME).write_text(urdf, encoding="utf-8")
+        resolved = msgspec.structs.replace(request, **changes)
+        write_json(folder / "request.json", resolved)
+    except OSError as error:
+        raise LogIOError(str(folder), error) from error
+    # Whether the port is free is said before any process is started.
+    with UdpChannel() as probe:
+        bind(probe, request.bind_host, request.bind_port)
+    return resolved
+
+
+def make_room(folder: Path) -> None:
+    """See to it that a run may write into the folder, before anything is written there.
+
+    A folder is for one run. What a start left at which nothing moved (a silent robot, another FRI version, a stop while
+    waiting) is moved into failed-start-N within it, so that the same command can be given again. Raises
+    ConfigurationError, which says what to do about a run that was broken off, and LogIOError.
+    """
+    state = state_of_recording(folder)
+    if state == "recording":
+        raise ConfigurationError(
+            f"{folder} holds a run that is being recorded; choose another folder.", field="out_dir"
+        )
+    if nothing_moved(folder):
+        _set_aside(folder)
+        return
+    if state == "broken":
+        raise ConfigurationError(
+            f"{folder} holds a run that was broken off; `iiwa-ident recover {folder}` makes its recording whole. "
+            "Choose another folder for the new run.",
+            field="out_dir",
+        )
+    for name in (RECORDING_NAME, RUN_NAME):
+        if (folder / name).exists():
+            raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
+
+
+def nothing_moved(folder: Path) -> bool:
+    """True where the run.json of a folder says that no command of a motion was sent, and nothing was to be watched."""
+    try:
+        outcome = read_json(folder / RUN_NAME, RunOutcome)
+    except DaemonError:
+        return False
+    loop, request = outcome.loop, outcome.request
+    if request is not None and request.monitor_only and outcome.samples:
+        return False  # whatever led the arm: it is in the recording
+    return outcome.outcome in _BEFORE_MOTION or (
+        loop is not None and (not loop.answered or (outcome.outcome == "stopped" and _only_waited(loop)))
+    )
+
+
+def _only_waited(loop: LoopReport) -> bool:
+    return bool(loop.phases) and all(span.phase in _AT_REST for span in loop.phases)
+
+
+def _set_aside(folder: Path) -> None:
+    number = 1 + len(list(folder.glob("failed-start-*")))
+    aside = folder / f"failed-start-{number}"
+    try:
+        aside.mkdir()
+        # run.json last: while it stands there, the rest can be moved again.
+        for file in (*folder.glob("recording*.mcap"), *folder.glob("*.log"), *(folder / name for name in _RESULTS)):
+            if file.is_file():
+                file.rename(aside / file.name)
+    except OSError as error:
+        raise LogIOError(str(aside), error) from error

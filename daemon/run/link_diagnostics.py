@@ -1,0 +1,30 @@
+"""What /diagnostics says once a second of the link and of the recorder; pure. The recorder calls it."""
+
+from __future__ import annotations
+
+from daemon.live.event_text import phase_name
+from daemon.log.cdr import DiagnosticStatus
+from fri_client.handover.ring import HandoverRing
+
+__all__ = ["diagnostics_of"]
+
+_COUNTS = ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
+
+
+def diagnostics_of(ring: HandoverRing, samples: int) -> list[DiagnosticStatus]:
+    """The link as the loop last saw it, and the way from the loop to the file; samples: in the file so far."""
+    status, lost = ring.status, ring.lost
+    return [
+        DiagnosticStatus(
+            int(status.late + status.missing > 0),
+            "FRI link",
+            f"{phase_name(status.phase)}, {status.missing} missing, {status.late} late",
+            tuple((name, str(getattr(status, name))) for name in _COUNTS),
+        ),
+        DiagnosticStatus(
+            2 if lost else 0,
+            "recorder",
+            f"{lost} samples lost between loop and file" if lost else "nothing lost",
+            (("backlog", str(ring.backlog)), ("samples", str(samples)), ("lost", str(lost))),
+        ),
+    ]

@@ -1,0 +1,277 @@
+"""The process around the 1 kHz loop: `python -m daemon.run.loop_process --request FILE --ring-fd N`.
+
+Here: reading the request, binding the port, real-time settings, signals, and the report at the end. The loop itself
+is `fri_client.loop.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
+afterwards: with the supervisor and the recorder dead it stops the arm by ramp and writes its report.
+
+SIGTERM, SIGINT and SIGHUP ask for the stop ramp. Whatever happens, the ring is marked as finished, so the recorder
+ends.
+Exit codes (contract): 0 completed; 1 stopped or dropped, the recording is kept; 65 or 78 a request that cannot be
+run; 66 its files are missing; 69 port in use, no robot or no command from it; 70 internal; 74 report not written;
+76 version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.api import (
+    EXIT_CODES,
+    LAST_SAMPLES_NAME,
+    REPORT_NAME,
+    Histogram,
+    LoopOutcome,
+    LoopReport,
+    PhaseSpan,
+    RunRequest,
+)
+from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
+from daemon.json_files import read_json
+from daemon.run.spare_folder import write_run_file
+from daemon.run.supervision import Supervision
+from fri_client.errors import FriError
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import HandoverRing
+from fri_client.loop.channel import UdpChannel
+from fri_client.loop.loop import FriLoop
+from fri_client.loop.result import LoopResult, LoopSettings
+from fri_client.messages import FriVersion
+from fri_client.motion.program import MotionProgram
+from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
+from safety.errors import SafetyError
+from safety.limits import JointLimits, limits_for
+
+__all__ = ["bind", "load_table", "main", "motion_of", "run_loop"]
+
+STANDING = np.zeros((16, 7))
+"""In place of a motion where none is driven, rad: a row for each command period, whatever that is."""
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the process; returns its exit code. One sentence on stderr where something is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m daemon.run.loop_process", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--request", required=True, help="run request (JSON)")
+    parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the hand-over ring")
+    options = parser.parse_args(arguments)
+    try:
+        ring = HandoverRing.attach(options.ring_fd)
+    except FriError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    supervision = Supervision(ring)
+    request = report = None
+    code = DaemonError.exit_code
+    try:
+        request = read_json(options.request, RunRequest)
+        report, code = run_loop(request, ring)
+        write_run_file(request, REPORT_NAME, report)
+    except (DaemonError, FriError) as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    finally:
+        ring.finish()
+        if request is not None and supervision.has_ended():
+            # Imported here: what it needs has no place in the process while it answers a robot.
+            from daemon.run.rescue import close_books_alone
+
+            close_books_alone(request, ring, report, code)
+    if code:
+        with contextlib.suppress(OSError):  # the log may lie on the disk that is full
+            print(report.sentence, file=sys.stderr)
+    return code
+
+
+def _end(code: int) -> None:
+    """Leave with this code also where the disk refuses the last words; the interpreter would make 120 of it."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except OSError:
+        os._exit(code)
+    sys.exit(code)
+
+
+def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
+    """Run one acquisition's loop in this process; its report and the exit code. Never raises for a request that is
+    wrong.
+    """
+    with UdpChannel() as channel:
+        try:
+            version = FriVersion.parse(request.fri_version)
+            limits = limits_for(request.robot)
+            table = STANDING if request.monitor_only else load_table(request.table_file)
+            loop = _make_loop(request, channel, version, limits, table, ring)
+        except (DaemonError, FriError, SafetyError) as error:
+            return _not_run("refused", error), error.exit_code
+        handlers = {number: signal.signal(number, loop.stop_from_signal) for number in STOP_SIGNALS}
+        settings = RealtimeSettings(
+            priority=request.realtime_priority or None, cpus=None if request.loop_cpu is None else (request.loop_cpu,)
+        )
+        try:
+            with realtime(settings) as obtained:
+                # Last of all: what comes before the loop listens would be answered late, and count against the link.
+                bind(channel, request.bind_host, request.bind_port)
+                result = loop.run()
+        except PortInUseError as error:
+            return _not_run("port_in_use", error), error.exit_code
+        except ConfigurationError as error:
+            return _not_run("refused", error), error.exit_code
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    _write_last_samples(request, result)
+    code = loop.refusal_exit_code or EXIT_CODES[result.outcome]
+    return _report(loop, result, obtained, ring), code
+
+
+def load_table(path: str) -> NDArray[np.float64]:
+    """The table of one period, (N, 7) rad. Raises MissingInputError, ConfigurationError; its values are judged
+    later.
+    """
+    try:
+        table = np.load(path, allow_pickle=False)
+    except FileNotFoundError as error:
+        raise MissingInputError(path, "table of the motion") from error
+    except (OSError, ValueError, EOFError) as error:
+        raise ConfigurationError(f"is no table of numbers: {error}.", file=path, field="table_file") from error
+    if not isinstance(table, np.ndarray) or table.dtype.kind != "f":
+        raise ConfigurationError("is no array of floating-point numbers.", file=path, field="table_file")
+    return table.astype(np.float64)
+
+
+def bind(channel: UdpChannel, host: str, port: int) -> None:
+    """Bind the loop's socket. Raises PortInUseError, ConfigurationError for an address that is not this machine's."""
+    try:
+        channel.bind(host, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUseError(host, port) from error
+        raise ConfigurationError(
+            f"UDP {host}:{port} cannot be bound: {error.strerror}; choose an address of this machine.",
+            field="bind_host",
+        ) from error
+
+
+def motion_of(
+    request: RunRequest,
+    table: NDArray[np.float64],
+    limits: JointLimits,
+    command_period_s: float,
+    samples_per_command: int,
+) -> MotionProgram:
+    """The motion of a request for the robot's command period; the check of the start drives the very same one."""
+    return MotionProgram(
+        table,
+        limits,
+        command_period_s=command_period_s,
+        samples_per_command=samples_per_command,
+        periods=request.periods,
+        lead_in_s=0.0 if request.monitor_only else request.lead_in_s,
+        table_period_s=command_period_s if request.monitor_only else request.table_period_s,
+        maximum_distance_to_measured=request.maximum_distance_to_measured,
+        external_torque_limit=request.external_torque_limit,
+    )
+
+
+def _make_loop(
+    request: RunRequest,
+    channel: UdpChannel,
+    version: FriVersion,
+    limits: JointLimits,
+    table: NDArray[np.float64],
+    ring: HandoverRing,
+) -> FriLoop:
+    def make_motion(command_period_s: float, samples_per_command: int) -> MotionProgram:
+        return motion_of(request, table, limits, command_period_s, samples_per_command)
+
+    settings = LoopSettings(
+        receive_timeout_s=request.receive_timeout_s,
+        start_timeout_s=request.start_timeout_s,
+        command_timeout_s=request.command_timeout_s,
+        supervisor_timeout_s=request.supervisor_timeout_s,
+        robot_host=request.robot_host,
+        expected_period_s=request.table_period_s,
+        maximum_ipo_distance_rad=request.maximum_distance_to_measured,
+        fake_robot_only=request.simulation,
+        monitor_only=request.monitor_only,
+        test_mode_only=request.test_mode_only,
+    )
+    return FriLoop(channel, version, make_motion, ring, settings)
+
+
+def _write_last_samples(request: RunRequest, result: LoopResult) -> None:
+    """The seconds around an end that was not the planned one, into the run's folder; a full disk costs no more than
+    them.
+    """
+    if result.last_samples:
+        with contextlib.suppress(LogIOError):
+            write_run_file(request, LAST_SAMPLES_NAME, result.last_samples)
+
+
+def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) -> LoopReport:
+    return LoopReport(outcome=outcome, reason=type(error).__name__, sentence=str(error))
+
+
+def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: HandoverRing) -> LoopReport:
+    counts = loop.session.counts
+    link = loop.statistics.summary()
+    return LoopReport(
+        outcome=result.outcome,
+        reason=result.reason,
+        sentence=result.sentence,
+        joint=result.joint,
+        value=result.value,
+        limit=result.limit,
+        tick=result.tick,
+        criterion=result.criterion,
+        stop_kind=result.stop_kind,
+        stop_duration_s=result.stop_duration_s,
+        overruled=result.overruled,
+        last_samples=0 if result.last_samples is None else len(result.last_samples),
+        standstill_confirmed=result.standstill_confirmed,
+        received=counts.received,
+        answered=counts.answered,
+        late=result.late,
+        missing=counts.missing,
+        duplicates=counts.duplicates,
+        stale=counts.stale,
+        refused=counts.refused,
+        undecodable=result.undecodable,
+        foreign=result.foreign,
+        lost_in_handover=ring.lost,
+        send_period_ms=loop.session.send_period_ms,
+        turn_around=_histogram(link["turn_around"]),
+        jitter=_histogram(link["jitter"]),
+        phases=tuple(
+            PhaseSpan(
+                phase=MotionPhase(span.phase).name,
+                period=span.period,
+                first_tick=span.first_tick,
+                last_tick=span.last_tick,
+            )
+            for span in result.phases
+        ),
+        periods_completed=loop.motion.periods_completed,
+        duration_s=result.duration_s,
+        realtime=obtained.to_json(),
+        link=link,
+    )
+
+
+def _histogram(summary: dict[str, Any]) -> Histogram:
+    return Histogram(edges_us=tuple(summary["edges_us"]), counts=tuple(summary["counts"]))
+
+
+if __name__ == "__main__":
+    _end(main())

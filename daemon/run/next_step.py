@@ -1,0 +1,47 @@
+"""What an operator does after a run, in one sentence; pure. The command `run` prints it last."""
+
+from __future__ import annotations
+
+from daemon.api import RunOutcome, WorkerStatus
+from daemon.run.commissioning import highest_allowed, needs_ladder
+
+__all__ = ["next_step"]
+
+
+def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
+    """The sentence. fit: how the fit ended, None where there was none."""
+    request, folder = outcome.request, outcome.out_dir
+    loop = outcome.loop
+    if outcome.outcome in ("no_robot", "version_mismatch", "not_started", "port_in_use"):
+        return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
+    recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
+    if request is not None and request.monitor_only and outcome.samples:
+        return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
+    if loop is not None and not loop.standstill_confirmed and outcome.outcome != "refused":
+        return "Next: make sure that the arm stands (emergency stop) before anybody comes near it."
+    if outcome.outcome in ("refused", "fault"):
+        return "Next: mend what the first sentence names; nothing moves until then."
+    if outcome.outcome in ("stopped", "dropped"):
+        return (
+            f"Next: find the cause in the first sentence ({folder}/last_samples.json has the seconds around it); a new "
+            "run begins from where the arm stands."
+        )
+    if outcome.judgement.get("passed") is False:
+        return (
+            f"Next: `iiwa-ident judge {recording}` lists the commands beyond a limit; nothing should move before "
+            "you know why."
+        )
+    if outcome.exit_code:
+        return f"Next: `iiwa-ident recover {folder}` says what of the recording is missing."
+    if request is not None and needs_ladder(request) and request.amplitude < 1.0:
+        following = highest_allowed(request.amplitude)
+        return f"Next: the same command with --amplitude {following:g}, in another folder."
+    if fit is None:
+        return f"Next: `iiwa-ident fit {recording}`."
+    if fit.phase == "failed":
+        return f"Next: `iiwa-ident fit {recording}`; the recording is untouched."
+    if request is not None and request.diagnose:
+        return f"Next: read {folder}/diagnosis/report.html."
+    return (
+        f"Next: record another motion, then `iiwa-ident diagnose {recording} --heldout OTHER.mcap` names what is left."
+    )

@@ -1,0 +1,132 @@
+"""How a run ended, in words and numbers: exit codes, sentences, digests, and the report of a loop that left none.
+
+Pure but for reading files to digest them, and for the last samples of a loop that was killed. The supervisor calls it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
+from daemon.errors import LogIOError
+from daemon.run.spare_folder import write_run_file
+from fri_client.handover.last_samples import read_last_samples
+from fri_client.handover.ring import HandoverRing
+from fri_client.messages import FriVersion
+from fri_client.wire.codec import Codec
+
+__all__ = [
+    "digests_of",
+    "keep_last_samples",
+    "loop_report_without_loop",
+    "lost_between",
+    "outcome_sentences",
+    "tidy",
+]
+
+
+def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
+    """Size and SHA-256 of the run's files; those outside the folder by their full path."""
+    files = sorted(
+        file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
+    )
+    if recording.is_file() and recording not in files:
+        files.append(recording)
+    digests = []
+    for file in files:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        name = file.name if file.parent == folder else str(file)
+        digests.append(FileDigest(name=name, bytes=file.stat().st_size, sha256=digest))
+    return tuple(digests)
+
+
+def tidy(folder: Path) -> None:
+    """Remove what only the processes of a run needed: the recorders' jobs, and what nobody wrote a word into."""
+    for file in (*folder.glob("recorder*.json"), *folder.glob("*.log")):
+        with contextlib.suppress(OSError):
+            if file.suffix == ".json" or not file.stat().st_size:
+                file.unlink()
+
+
+def lost_between(ring: HandoverRing, gaps: int, next_index: int) -> int:
+    """Records that stand in no file: those that found the ring full, the holes in the file, and those after its end.
+
+    gaps: holes between the indexes in the file; next_index: the first index after its last one (0: nothing in it).
+    """
+    return max(ring.lost, gaps + max(0, ring.produced + ring.lost - next_index))
+
+
+def keep_last_samples(ring: HandoverRing, request: RunRequest, return_code: int | None) -> None:
+    """The last two seconds of a loop that was killed, from its ring into the run's folder; as far as that is possible.
+
+    Call it while nobody pushes any more and before the ring is marked as finished, so that the recorder finds the file.
+    """
+    last = read_last_samples(ring, Codec(FriVersion.parse(request.fri_version)))
+    last.reason, last.sentence, last.tick = "LOOP_LOST", f"The loop process {_how(return_code)}.", ring.status.tick
+    with contextlib.suppress(LogIOError):
+        write_run_file(request, LAST_SAMPLES_NAME, last)
+
+
+def _how(return_code: int | None) -> str:
+    if return_code is None:
+        return "ended without a report"
+    return f"was killed by signal {-return_code}" if return_code < 0 else "crashed"
+
+
+def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_words: str) -> LoopReport:
+    """The report of a loop that was killed or crashed, from the last status it left in the ring.
+
+    return_code: None where nobody knows it.
+    """
+    status = ring.status
+    words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
+    return LoopReport(
+        outcome="fault",
+        reason="LOOP_LOST",
+        sentence=(
+            f"The loop process {_how(return_code)}; the robot gets no more answers and brakes by itself, standstill "
+            f"unconfirmed.{words}"
+        ),
+        tick=status.tick,
+        received=status.received,
+        answered=status.answered,
+        late=status.late,
+        missing=status.missing,
+        duplicates=status.duplicates,
+        stale=status.stale,
+        refused=status.refused,
+        undecodable=status.undecodable,
+        foreign=status.foreign,
+        lost_in_handover=ring.lost,
+        periods_completed=max(status.period, 0),
+    )
+
+
+def outcome_sentences(
+    report: LoopReport,
+    request: RunRequest,
+    samples: int,
+    sequence_gaps: int,
+    handover_gaps: int,
+    remarks: Sequence[str],
+) -> tuple[str, ...]:
+    """What the operator reads at the end: the result first, then the count, then what was remarkable."""
+    sentences = [report.sentence]
+    lost = (
+        f"{sequence_gaps} missing on the way from the robot, {handover_gaps} lost between loop and file"
+        if sequence_gaps or handover_gaps
+        else "none missing"
+    )
+    sentences.append(
+        f"{report.received} monitoring messages received, {report.answered} answered, {report.late} late; "
+        f"{samples} samples recorded, {lost}."
+    )
+    if report.outcome in ("stopped", "dropped", "fault") and not request.monitor_only:
+        sentences.append(
+            f"{report.periods_completed} of {request.periods} periods are complete; the partial recording is kept."
+        )
+    return (*sentences, *remarks)

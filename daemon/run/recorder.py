@@ -1,0 +1,397 @@
+"""The recorder process: drains the ring, decodes, writes the log; `python -m daemon.run.recorder --request FILE ...`.
+
+Here: the loop from ring to file, gap counting, what to do when the disk refuses, when to end. Not here: MCAP (`log`),
+the ring (`fri_client.handover.ring`), who starts it (`service`).
+
+Nothing is lost silently:
+  - a slot of the ring is released only when its sample is with the operating system, so a recorder that is killed
+    leaves to its replacement exactly what is not in its file (at worst a few samples stand in both files);
+  - a full disk is answered with the reserve that was allocated at the start, and reported, so that the supervisor ends
+    the run by a stop ramp; when that is used up too, the recorder stops draining, tries again and finally says which
+    sample is the first that is not in the file: the ring still holds it;
+  - a recorder whose supervisor is gone goes on until the loop says it is finished, or is silent for good; then it also
+    writes run.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from daemon.api import (
+    EXIT_CODES,
+    ControlMessage,
+    RecorderFailed,
+    RecorderFinished,
+    RecorderJob,
+    RecorderProgress,
+    RecorderReady,
+    RecorderTrouble,
+    encode_control,
+)
+from daemon.errors import DaemonError, LogIOError
+from daemon.json_files import read_json
+from daemon.live.broadcast import LiveBroadcast
+from daemon.live.event_text import event_name, event_sentence
+from daemon.log.cdr import SampleLabels
+from daemon.log.stream import DiskReserve, is_full
+from daemon.log.writer import LogWriter, has_non_finite
+from daemon.run.account import leave_outcome
+from daemon.run.link_diagnostics import diagnostics_of
+from daemon.run.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
+from daemon.run.outcome import keep_last_samples, loop_report_without_loop
+from daemon.run.supervision import Supervision
+from fri_client.errors import CodecError
+from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
+from fri_client.messages import CommandMessage, FriVersion
+from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.wire.codec import Codec
+
+__all__ = ["Recorder", "main"]
+
+BATCH = 512
+IDLE_SLEEP_S = 0.002
+PROGRESS_S = 0.5
+DIAGNOSTICS_S = 1.0
+RESERVE_BYTES = 8 * 1024 * 1024
+"""Room for about five seconds of samples at 1 kHz uncompressed and for the closing of the file."""
+ORPHAN_PATIENCE_S = 15.0
+DISK_PATIENCE_S = 5.0
+RETRY_S = 0.2
+MAXIMUM_UNDECODABLE_TEXTS = 1000
+
+UNDECODABLE = 1001
+DISK_TROUBLE = 1002
+RECORDING_ENDED = 1003
+
+Report = Callable[[ControlMessage], None]
+
+
+class Recorder:
+    """One recording: `run` drains the ring until the loop has finished and returns the process' exit code."""
+
+    def __init__(self, job: RecorderJob, ring: HandoverRing, report: Report, live: LiveBroadcast | None = None) -> None:
+        """Open the file and report ready; live: who is shown what is recorded. Raises LogIOError when the disk refuses
+        already.
+        """
+        self._live = live
+        self._job = job
+        self._ring = ring
+        self._report = report
+        self._codec = Codec(FriVersion.parse(job.request.fri_version))
+        path = Path(job.path)
+        self._reserve = DiskReserve(path.parent, f".{path.name}.reserve", RESERVE_BYTES)
+        try:
+            self._writer = LogWriter(
+                path,
+                metadata=metadata_of(job),
+                attachments=attachments_of(job),
+                robot_description=description_of(job),
+            )
+        except LogIOError:
+            self._reserve.give_back()
+            raise
+        self._epoch_offset_ns = ring.epoch_offset_ns
+        self._supervision = Supervision(ring)
+        self._expected_index: int | None = None
+        self._counter = RobotCounter()
+        self._first_index = -1
+        self._last_index = -1
+        self._safe_index = -1
+        self._samples_in_periods = 0
+        self._sequence_gaps = 0
+        self._handover_gaps = 0
+        self._undecodable = 0
+        self._next_progress = 0.0
+        self._next_diagnostics = time.monotonic() + DIAGNOSTICS_S
+        report(RecorderReady(part=job.part, path=job.path, pid=os.getpid()))
+
+    def run(self) -> int:
+        """Drain until the loop has finished and everything is in the file. Returns 0, or 74 when the disk refused."""
+        try:
+            while True:
+                finished = self._ring.finished
+                records = self._ring.read_batch(BATCH)
+                for record in records:
+                    self.take(record)
+                self._keep_safe(final=False)
+                self._tell()
+                if not records:
+                    if finished or self._is_abandoned():
+                        break
+                    time.sleep(IDLE_SLEEP_S)
+            return self._close()
+        except _DiskRefusedError as refusal:
+            return self._give_up(refusal.error)
+        finally:
+            self._reserve.give_back()
+
+    def take(self, record: HandoverRecord) -> None:
+        """Write one record of the ring: its sample, its event, or both."""
+        if self._expected_index is not None and record.index > self._expected_index:
+            self._handover_gaps += record.index - self._expected_index
+        elif self._expected_index is None and self._job.part == 0 and record.index > 0:
+            self._handover_gaps += record.index
+        self._expected_index = record.index + 1
+        if self._first_index < 0:
+            self._first_index = record.index
+        self._last_index = record.index
+        receive_ns = record.receive_ns + self._epoch_offset_ns
+        if record.event_code:
+            self._write_event(record, receive_ns)
+        if record.disposition != Disposition.EVENT_ONLY:
+            self._take_sample(record, receive_ns)
+        if record.event_code == EventCode.SILENCE:
+            self._counter.resynchronise()  # as the session does
+
+    def _take_sample(self, record: HandoverRecord, receive_ns: int) -> None:
+        try:
+            message = self._codec.decode_monitoring(record.monitoring)
+        except CodecError as error:
+            self._write_undecodable(record, receive_ns, error)
+            return
+        command = self._command(record)
+        self._count_gap(message.header.sequence_counter)
+        labels = SampleLabels(
+            receive_ns,
+            record.send_ns + self._epoch_offset_ns if record.send_ns else 0,
+            record.index,
+            record.phase,
+            record.period,
+            record.sample_in_period,
+            record.command is not None,
+            record.disposition == Disposition.DUPLICATE,
+            record.disposition == Disposition.STALE,
+            has_non_finite(message),
+        )
+        self._writer.write_sample(message, command, labels)
+        if self._live is not None and not labels.non_finite:
+            self._live.sample(message, command, record, receive_ns)
+        if record.period >= 0 and record.disposition == Disposition.FRESH:
+            self._samples_in_periods += 1
+
+    def _command(self, record: HandoverRecord) -> CommandMessage | None:
+        if record.command is None:
+            return None
+        with contextlib.suppress(CodecError):
+            return self._codec.decode_command(record.command)
+        return None
+
+    def _count_gap(self, counter: int) -> None:
+        """What was lost before the loop, by the loop's own rule; asked of every message, as the loop asks it."""
+        order = self._counter.judge(counter)
+        if order == Order.NEXT:
+            self._sequence_gaps += self._counter.gap
+        elif order == Order.BELATED and self._sequence_gaps:
+            self._sequence_gaps -= 1
+
+    def _write_event(self, record: HandoverRecord, time_ns: int) -> None:
+        sentence = event_sentence(record, self._ring.reason)
+        if self._live is not None:
+            self._live.event(sentence)
+        self._writer.write_event(
+            record.event_code,
+            event_name(record.event_code),
+            sentence,
+            host_time_ns=time_ns,
+            sample_index=record.index,
+            joint=record.event_joint,
+            value=record.event_value,
+            limit=record.event_limit,
+        )
+
+    def _write_undecodable(self, record: HandoverRecord, time_ns: int, error: CodecError) -> None:
+        """Keep the bytes themselves, for the first thousand; count all."""
+        self._undecodable += 1
+        if self._undecodable <= MAXIMUM_UNDECODABLE_TEXTS:
+            self._writer.write_event(
+                UNDECODABLE,
+                "UNDECODABLE",
+                f"{error} Datagram of {len(record.monitoring)} bytes: {record.monitoring.hex()}",
+                host_time_ns=time_ns,
+                sample_index=record.index,
+            )
+
+    def _keep_safe(self, *, final: bool) -> None:
+        """Hand over what is due; when the disk refuses, open the reserve, then try again for DISK_PATIENCE_S."""
+        deadline: float | None = None
+        while True:
+            try:
+                if final:
+                    self._writer.flush()
+                    flushed = True
+                else:
+                    flushed = self._writer.flush_when_due()
+                if flushed:
+                    self._ring.release()
+                    self._safe_index = self._last_index
+                return
+            except LogIOError as error:
+                if deadline is None:
+                    deadline = time.monotonic() + DISK_PATIENCE_S
+                self._handle_trouble(error)
+                if time.monotonic() > deadline:
+                    raise _DiskRefusedError(error) from error
+                final = True
+
+    def _handle_trouble(self, error: LogIOError) -> None:
+        helped = is_full(error) and self._reserve.give_back()
+        self._report(
+            RecorderTrouble(part=self._job.part, sentence=str(error), errno=error.errno, reserve_opened=helped)
+        )
+        if helped:
+            self._writer.write_event(DISK_TROUBLE, "DISK_TROUBLE", str(error), host_time_ns=time.time_ns())
+        else:
+            time.sleep(RETRY_S)
+
+    def _tell(self) -> None:
+        if self._live is not None:
+            self._live.tick()
+        now = time.monotonic()
+        if now >= self._next_progress:
+            self._next_progress = now + PROGRESS_S
+            self._report(
+                RecorderProgress(
+                    part=self._job.part,
+                    samples=self._writer.samples,
+                    sequence_gaps=self._sequence_gaps,
+                    handover_gaps=self._handover_gaps,
+                    undecodable=self._undecodable,
+                    bytes=self._writer.bytes_on_disk,
+                    backlog=self._ring.backlog,
+                )
+            )
+        if now >= self._next_diagnostics:
+            self._next_diagnostics = now + DIAGNOSTICS_S
+            statuses = diagnostics_of(self._ring, self._writer.samples)
+            self._writer.write_diagnostics(statuses, self._job.request.robot, time.time_ns())
+
+    def _is_abandoned(self) -> bool:
+        """True when the supervisor is gone and the loop has been silent for ORPHAN_PATIENCE_S."""
+        if not self._supervision.is_orphan:
+            return False
+        last_word = self._ring.status.time_ns * 1e-9
+        return time.monotonic() - last_word > ORPHAN_PATIENCE_S
+
+    def _close(self) -> int:
+        if not self._ring.finished:
+            keep_last_samples(self._ring, self._job.request, None)
+            self._writer.write_event(
+                RECORDING_ENDED,
+                "RECORDING_ENDED",
+                "The recording ended because the supervisor and the loop were gone.",
+                host_time_ns=time.time_ns(),
+            )
+        for attachment in closing_attachments_of(self._job):
+            self._writer.add_attachment(attachment)
+        self._keep_safe(final=True)
+        self._reserve.give_back()
+        end = {
+            "sequence_gaps": str(self._sequence_gaps),
+            "handover_gaps": str(self._handover_gaps),
+            "undecodable": str(self._undecodable),
+            "samples_in_periods": str(self._samples_in_periods),
+            "reason": self._ring.reason,
+        }
+        deadline = time.monotonic() + DISK_PATIENCE_S
+        while True:
+            try:
+                counted = self._writer.finish(end)
+                break
+            except LogIOError as error:
+                if time.monotonic() > deadline:
+                    raise _DiskRefusedError(error) from error
+                time.sleep(RETRY_S)
+        self._report(
+            RecorderFinished(
+                part=self._job.part,
+                path=self._job.path,
+                samples=self._writer.samples,
+                counted=counted,
+                samples_in_periods=self._samples_in_periods,
+                first_index=self._first_index,
+                last_index=self._last_index,
+                sequence_gaps=self._sequence_gaps,
+                handover_gaps=self._handover_gaps,
+                undecodable=self._undecodable,
+                bytes=self._writer.bytes_on_disk,
+            )
+        )
+        return 0
+
+    def _give_up(self, error: LogIOError) -> int:
+        self._report(
+            RecorderFailed(
+                part=self._job.part,
+                path=self._job.path,
+                sentence=str(error),
+                errno=error.errno,
+                samples=self._writer.samples,
+                first_unwritten_index=self._safe_index + 1,
+            )
+        )
+        return error.exit_code
+
+
+class _DiskRefusedError(Exception):
+    """The disk refused for DISK_PATIENCE_S; carries the last refusal."""
+
+    def __init__(self, error: LogIOError) -> None:
+        self.error = error
+        super().__init__(str(error))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry of the process. Exit code: 0, 74 disk, 78 request, 70 otherwise; last words on stderr."""
+    parser = argparse.ArgumentParser(
+        prog="python -m daemon.run.recorder", description="Write the ring to an MCAP file."
+    )
+    parser.add_argument("--request", required=True, help="JSON file of a RecorderJob")
+    parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the ring")
+    parser.add_argument("--endpoint", help="ZeroMQ endpoint of the supervisor (ipc://...)")
+    options = parser.parse_args(arguments)
+    # The recorder ends when the loop has ended, not when somebody presses a key.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    context: zmq.Context[Any] = zmq.Context()
+    socket = context.socket(zmq.PUSH)
+    # Long enough for the last report; a supervisor that is gone must not keep this process.
+    socket.linger = 1000
+    socket.sndhwm = 1000
+    if options.endpoint:
+        socket.connect(options.endpoint)
+
+    def report(message: ControlMessage) -> None:
+        if options.endpoint:
+            with contextlib.suppress(zmq.Again):
+                socket.send(encode_control(message), zmq.NOBLOCK)
+
+    try:
+        job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
+        with LiveBroadcast(job.request, ring, context) as live:
+            code = Recorder(job, ring, report, live).run()
+        if not ring.finished:
+            # Nobody else is left to say how the run ended.
+            loss = loop_report_without_loop(ring, None, "")
+            leave_outcome(job.request, loss, EXIT_CODES[loss.outcome], writer="the recorder", ring=ring)
+        return code
+    except DaemonError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    finally:
+        socket.close()
+        context.term()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,395 @@
+"""The supervisor of one acquisition: starts recorder and loop, watches both, tells the operator, closes the books.
+
+Here: `run_acquisition`, from a request to `run.json`. Not here: the loop (`loop_process`), the file (`recorder`), the
+fit (`worker`), the command line. The supervisor is never in the way of a sample: loop and recorder share the ring, a
+stop is one word in that ring, and both end properly when the supervisor is killed.
+
+What happens when a child dies:
+  - recorder: the loop is asked for a stop ramp, a second recorder takes over the same ring (which still holds all that
+    is not safe) into a part of its own, and both parts are joined into recording.mcap; the broken one is kept too.
+    When the disk is what failed, the part goes to the system's temporary folder.
+  - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds. A loop that is held
+    (SIGSTOP) for STOPPED_S is ended.
+  - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended; the
+    loop's process then writes run.json.
+  - loop and supervisor together: the recorder closes its file and writes run.json.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+
+from daemon.api import (
+    AUTO_VERSION,
+    EXIT_CODES,
+    REPORT_NAME,
+    RUN_NAME,
+    LoopReport,
+    RecorderFailed,
+    RecorderFinished,
+    RecorderJob,
+    RecorderReady,
+    RecorderTrouble,
+    RunEvent,
+    RunOutcome,
+    RunRequest,
+)
+from daemon.children import Child
+from daemon.doctor.load_check import with_load_check
+from daemon.errors import (
+    BadLogError,
+    ChildProcessFailedError,
+    DaemonError,
+    LogIOError,
+    MissingInputError,
+)
+from daemon.host import software_versions
+from daemon.jobs.worker_start import start_worker
+from daemon.json_files import read_json, write_json
+from daemon.log.parts import join_parts, part_path
+from daemon.run.commissioning import admit, is_first_rung, remember, tags
+from daemon.run.control import ControlInbox
+from daemon.run.folder import make_room, prepare_folder
+from daemon.run.judgement import judged
+from daemon.run.narrator import Observer, RunNarrator, unfailing
+from daemon.run.outcome import (
+    digests_of,
+    keep_last_samples,
+    loop_report_without_loop,
+    lost_between,
+    outcome_sentences,
+    tidy,
+)
+from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
+from daemon.run.start_check import StartCheck
+from daemon.run.version_search import hear_version
+from daemon.runtime_folder import lock_port
+from daemon.stop_handle import StopHandle
+from daemon.times import now_text
+from fri_client.handover.ring import EventCode, HandoverRing
+
+__all__ = ["run_acquisition"]
+
+RECORDER_START_S = 60.0
+RECORDER_SILENCE_S = 120.0
+STOPPED_S = 10.0
+"""A child that a signal holds (SIGSTOP) for so long does not come back: what it holds is needed now."""
+MAXIMUM_PARTS = 4
+POLL_S = 0.05
+
+
+def run_acquisition(
+    request: RunRequest, *, observe: Observer, stop: StopHandle | None = None, port_is_locked: bool = False
+) -> RunOutcome:
+    """Run one acquisition in the calling thread and return how it ended; everything is in `request.out_dir`.
+
+    SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
+    thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
+    moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
+    LogIOError, ChildProcessFailedError, LadderError, and where the version is "auto" those of `hear_version`. A run
+    that was stopped, dropped or never began is an outcome, not an error.
+    """
+    observe = unfailing(observe)
+    _tell_if(observe, admit(request))
+    request = msgspec.structs.replace(request, test_mode_only=is_first_rung(request))
+    with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
+        stop = stop or StopHandle()
+        if request.fri_version == AUTO_VERSION:
+            make_room(Path(request.out_dir))
+            observe(RunEvent(kind="waiting", sentence="Listening which FRI version the robot speaks."))
+            version, sentence = hear_version(request, stop)
+            _tell_if(observe, sentence)
+            request = msgspec.structs.replace(request, fri_version=version.value)
+        outcome = _Acquisition(prepare_folder(request), observe, stop).run()
+    _tell_if(observe, remember(request, outcome))
+    return outcome
+
+
+def _tell_if(observe: Observer, sentence: str) -> None:
+    if sentence:
+        observe(RunEvent(kind="preflight", sentence=sentence))
+
+
+class _Acquisition:
+    """One run, from the ring to run.json; `run` is called once."""
+
+    def __init__(self, request: RunRequest, observe: Observer, stop: StopHandle) -> None:
+        self._request = request
+        self._folder = Path(request.out_dir)
+        self._observe = observe
+        self._started_at = now_text()
+        self._stop = stop
+        self._parts: list[Path] = []
+        self._finished: dict[int, RecorderFinished] = {}
+        self._disk_failed = False
+        self._recorder: Child | None = None
+        self._ready_parts: set[int] = set()
+
+    def run(self) -> RunOutcome:
+        """The whole acquisition."""
+        with ControlInbox() as inbox, contextlib.ExitStack() as stack:
+            self._inbox = inbox
+            self._ring = HandoverRing.create(self._request.ring_slots)
+            stack.callback(self._ring.close)
+            self._narrator = RunNarrator(self._request, self._ring, self._observe)
+            # Beaten before the loop starts: a supervisor that never beat is not watched.
+            self._ring.beat()
+            self._start_check = None if self._request.monitor_only else StartCheck(self._request, self._ring.gate)
+            stack.enter_context(self._stop.attached(self._ring))
+            stack.enter_context(self._stop.on_signals())
+            self._narrator.tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
+            self._start_recorder()
+            self._wait_ready()
+            report = self._run_loop()
+            outcome = self._closed_by_loop()
+            if outcome is None:
+                self._finish_recording()
+                outcome = self._close_books(report)
+            self._narrator.tell("finished", outcome.sentences[0])
+            return outcome
+
+    # ---- children
+
+    def _start_recorder(self) -> None:
+        part = len(self._parts)
+        folder = self._folder
+        if self._disk_failed:
+            folder = spare_folder(self._request)
+            self._narrator.remark(
+                f"The rest of the recording goes to {folder}, because {self._folder} cannot be written."
+            )
+        path = part_path(folder, part)
+        job_file = folder / f"recorder{part}.json"
+        try:
+            write_json(job_file, RecorderJob(request=self._request, path=str(path), part=part))
+        except OSError as error:
+            raise LogIOError(str(job_file), error) from error
+        self._parts.append(path)
+        arguments = ["--request", str(job_file), "--endpoint", self._inbox.endpoint]
+        self._last_heard = time.monotonic()
+        self._recorder = Child("recorder", "daemon.run.recorder", arguments, self._ring, folder)
+
+    def _wait_ready(self) -> None:
+        """Raises LogIOError or ChildProcessFailedError: nothing has moved yet."""
+        deadline = time.monotonic() + RECORDER_START_S
+        recorder = self._recorder
+        assert recorder is not None
+        while 0 not in self._ready_parts:
+            self._listen(POLL_S)
+            if not recorder.alive and 0 not in self._ready_parts:
+                if recorder.process.returncode == LogIOError.exit_code:
+                    raise _SpokenError(recorder.last_words.strip().splitlines()[-1], LogIOError.exit_code)
+                raise recorder.failed()
+            if time.monotonic() > deadline:
+                recorder.process.kill()
+                recorder.process.wait()
+                raise ChildProcessFailedError("recorder", None, f"it was not ready within {RECORDER_START_S:g} s")
+
+    def _run_loop(self) -> LoopReport:
+        """Start the loop, watch it and the recorder until it has ended; its report, or one made for it."""
+        loop = Child(
+            "loop",
+            "daemon.run.loop_process",
+            ["--request", str(self._folder / "request.json")],
+            self._ring,
+            self._folder,
+        )
+        host, port = self._request.bind_host, self._request.bind_port
+        self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
+        # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
+        checker = ThreadPoolExecutor(1, thread_name_prefix="start-check")
+        start_check = self._start_check
+        check: Future[str] | None = None
+        load: Future[str] | None = None
+        try:
+            while loop.alive:
+                # Where the operator's stop would not be heard any more, the loop is to stop by itself.
+                if self._stop.alive:
+                    self._ring.beat()
+                self._listen(POLL_S)
+                self._watch_recorder()
+                self._narrator.follow()
+                # The robot has long braked by itself; a loop that came back now would answer nobody.
+                if self._loop_silence_s() > STOPPED_S and loop.is_stopped:
+                    loop.process.kill()
+                if check is not None and check.done():
+                    if (sentence := check.result()) and start_check is not None:
+                        self._narrator.tell("preflight", sentence)
+                        load = load or checker.submit(start_check.load_remark, self._ring)
+                    check = None
+                if load is not None and load.done() and load.result():
+                    self._narrator.remark(load.result())
+                # No start is allowed before the operator has read what the robot's messages say of its version.
+                if check is None and self._narrator.has_judged_version() and start_check is not None:
+                    check = checker.submit(start_check.poll)
+        finally:
+            checker.shutdown()
+            loop.close()
+        if not self._ring.finished:
+            # A killed loop can neither keep what it saw last nor say that no record will follow.
+            keep_last_samples(self._ring, self._request, loop.process.returncode)
+            self._ring.finish()
+        file = find_run_file(self._request, REPORT_NAME)
+        with contextlib.suppress(DaemonError):
+            report = read_json(file, LoopReport)
+            self._loop_exit_code = loop.process.returncode
+            return report
+        report = loop_report_without_loop(self._ring, loop.process.returncode, loop.last_words)
+        self._loop_exit_code = EXIT_CODES[report.outcome]
+        return report
+
+    def _loop_silence_s(self) -> float:
+        said = self._ring.status.time_ns
+        return time.monotonic() - said * 1e-9 if said else 0.0
+
+    def _watch_recorder(self) -> None:
+        """Replace a recorder that ended while the loop runs, and end the motion: what failed once may fail again."""
+        recorder = self._recorder
+        if recorder is None or recorder.alive:
+            return
+        part = len(self._parts) - 1
+        self._listen(0.0)
+        if part in self._finished:
+            return
+        recorder.close()
+        self._request_stop(EventCode.DISK_FULL if self._disk_failed else EventCode.RECORDER_LOST)
+        self._narrator.remark(
+            f"The recorder ended during the run (return code {recorder.process.returncode}); the motion was stopped "
+            "and another recorder took over."
+        )
+        self._recorder = None
+        if len(self._parts) < MAXIMUM_PARTS:
+            self._start_recorder()
+
+    def _finish_recording(self) -> None:
+        """Wait until the recorder has emptied the ring; replace one that dies meanwhile or does not go on (SIGSTOP)."""
+        self._last_heard = time.monotonic()
+        while self._recorder is not None:
+            if self._recorder.alive:
+                self._listen(POLL_S)
+                patience_s = STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
+                if time.monotonic() - self._last_heard > patience_s:
+                    self._recorder.process.kill()
+                    self._recorder.process.wait()
+                continue
+            self._listen(0.0)
+            self._recorder.close()
+            if len(self._parts) - 1 in self._finished:
+                return
+            self._narrator.remark(
+                f"A recorder ended before its file was closed (return code {self._recorder.process.returncode})."
+            )
+            self._recorder = None
+            if len(self._parts) < MAXIMUM_PARTS:
+                self._start_recorder()
+
+    # ---- what is heard
+
+    def _listen(self, timeout_s: float) -> None:
+        for message in self._inbox.receive(timeout_s):
+            self._last_heard = time.monotonic()
+            if isinstance(message, RecorderReady):
+                self._ready_parts.add(message.part)
+            elif isinstance(message, RecorderFinished):
+                self._finished[message.part] = message
+            elif isinstance(message, RecorderTrouble):
+                self._disk_failed = self._disk_failed or not message.reserve_opened
+                self._request_stop(EventCode.DISK_FULL)
+                self._narrator.remark(f"The recording has trouble: {message.sentence}")
+            elif isinstance(message, RecorderFailed):
+                self._disk_failed = True
+                self._narrator.remark(message.sentence)
+
+    def _request_stop(self, code: EventCode) -> None:
+        if not self._ring.stop_request:
+            self._ring.request_stop(code)
+
+    # ---- the end
+
+    def _closed_by_loop(self) -> RunOutcome | None:
+        """The account that the loop's process wrote because this one was held (SIGSTOP) or hung; None: it did not."""
+        with contextlib.suppress(MissingInputError):
+            outcome = read_json(find_run_file(self._request, RUN_NAME), RunOutcome)
+            if self._recorder is not None:
+                self._recorder.process.kill()
+                self._recorder.close()
+            tidy(self._folder)
+            return outcome
+        return None
+
+    def _close_books(self, report: LoopReport) -> RunOutcome:
+        ends = [self._finished.get(part) for part in range(len(self._parts))]
+        first = ends[0]
+        if first is not None:
+            recording = self._parts[0]
+            samples, in_periods, gaps = first.samples, first.samples_in_periods, first.sequence_gaps
+            lost = lost_between(self._ring, first.handover_gaps, first.last_index + 1)
+        else:
+            recording, samples, gaps, lost = self._join_parts()
+            in_periods = sum(end.samples_in_periods for end in ends if end is not None)
+        for folder in {part.parent for part in self._parts}:
+            tidy(folder)
+        exit_code = self._exit_code(report)
+        if (first is None or lost) and not exit_code:
+            exit_code = 1
+        outcome = RunOutcome(
+            run_id=self._request.run_id,
+            outcome=report.outcome,
+            exit_code=exit_code,
+            sentences=outcome_sentences(report, self._request, samples, gaps, lost, self._narrator.remarks),
+            out_dir=str(self._folder),
+            recordings=(str(recording),),
+            samples=samples,
+            samples_in_periods=in_periods,
+            sequence_gaps=gaps,
+            handover_gaps=lost,
+            loop=report,
+            files=digests_of(self._folder, recording),
+            software=software_versions(),
+            request=self._request,
+            started_at=self._started_at,
+            finished_at=now_text(),
+            commissioning=tags(self._request),
+        )
+        if self._request.fit and report.outcome == "completed" and not exit_code:
+            outcome = start_worker(outcome)
+            self._narrator.tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
+        write_run_file(self._request, RUN_NAME, outcome)
+        said = len(outcome.sentences)
+        outcome = with_load_check(judged(outcome))
+        for sentence in outcome.sentences[said:]:
+            self._narrator.remark(sentence)
+        write_run_file(self._request, RUN_NAME, outcome)
+        return outcome
+
+    def _join_parts(self) -> tuple[Path, int, int, int]:
+        """recording.mcap from what several recorders left; the broken first part is kept as recording.broken.mcap."""
+        existing = [part for part in self._parts if part.is_file()]
+        try:
+            if not existing:
+                raise MissingInputError(str(self._parts[0]), "the recording of this run")
+            merged = join_parts(existing)
+        except (BadLogError, LogIOError, MissingInputError) as error:
+            self._narrator.remark(f"The parts of the recording could not be joined: {error}")
+            return existing[-1] if existing else self._parts[0], 0, 0, self._ring.lost + self._ring.backlog
+        lost = lost_between(self._ring, merged.missing_in_handover, merged.next_index)
+        return merged.recovered, merged.samples, merged.missing, lost
+
+    def _exit_code(self, report: LoopReport) -> int:
+        code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]
+        if self._stop.signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
+            return 130
+        return code
+
+
+class _SpokenError(DaemonError):
+    """A child's own sentence with its exit code."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        self.exit_code = exit_code
+        super().__init__(sentence)
