@@ -5,10 +5,10 @@ Nothing here opens a socket, a file of the operator or a clock; the loop and the
 
 from __future__ import annotations
 
-from safety.errors import GeometryError, LimitsError, RampError, SafetyError, TrajectoryShapeError
+from safety.errors import GeometryError, LimitsError, SafetyError, TrajectoryShapeError
 from safety.guard import CommandGuard, GuardVerdict
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits, limits_for
-from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
+from safety.ramps import Ramp, RampError, plan_start_ramp, plan_stop_ramp
 
 __all__ = [
     "IIWA7_R800",

@@ -2,7 +2,7 @@
 
     SafetyError                    70  root: catch this to catch all of them
     ├── LimitsError                78  a set of joint limits contradicts itself (joint, value, limit)
-    ├── RampError                   1  no ramp inside the limits was found (joint, quantity, value, limit)
+    ├── RampError                   1  no ramp inside the limits was found (in ramps.py, beside the ramp it carries)
     ├── GeometryError               78  the robot's geometry or the workspace settings cannot be used
     └── TrajectoryShapeError       65  a table, a command or a state has the wrong shape or is not finite
 
@@ -12,10 +12,7 @@ command is no exception: the guard answers with a `GuardVerdict`, because the lo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-if TYPE_CHECKING:
-    from safety.ramps import Ramp
+from typing import ClassVar
 
 
 class SafetyError(Exception):
@@ -48,33 +45,3 @@ class TrajectoryShapeError(SafetyError):
     """A table, a command or a state has the wrong shape or holds a value that is not finite."""
 
     exit_code: ClassVar[int] = 65
-
-
-class RampError(SafetyError):
-    """No ramp stays inside the limits.
-
-    joint: counted from 1; quantity: "position", "velocity", "acceleration" or "planner"; value and limit in `unit`.
-    firmest: for a stop, the firmest ramp there is although it leaves a position limit. A moving arm is better stopped
-    late than not at all, so the caller may still follow it; None where no ramp could be computed.
-    """
-
-    exit_code: ClassVar[int] = 1
-
-    def __init__(
-        self,
-        message: str,
-        *,
-        joint: int | None = None,
-        quantity: str = "planner",
-        value: float = float("nan"),
-        limit: float = float("nan"),
-        unit: str = "",
-        firmest: Ramp | None = None,
-    ) -> None:
-        super().__init__(message)
-        self.joint = joint
-        self.quantity = quantity
-        self.value = value
-        self.limit = limit
-        self.unit = unit
-        self.firmest = firmest

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from safety.braking import stopping_travel
 from safety.collision import Clearance, Workspace
-from safety.errors import RampError, TrajectoryShapeError
+from safety.errors import TrajectoryShapeError
 from safety.geometry import RobotGeometry
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import FloatArray, JointLimits
@@ -28,7 +28,7 @@ from safety.preflight_distance import (
     sample,
 )
 from safety.preflight_report import Check, PreflightReport
-from safety.ramps import plan_start_ramp, plan_stop_ramp
+from safety.ramps import RampError, plan_start_ramp, plan_stop_ramp
 
 RAMP_SAMPLES_S = 0.02
 """Stops and the start ramp are sampled so densely; what they do in between is part of the bound on distances."""

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
 import numpy as np
 import ruckig
 
-from safety.errors import RampError
+from safety.errors import SafetyError
 from safety.limits import FloatArray, JointLimits
 
 STOP_FRACTIONS = (0.35, 0.5, 0.7, 0.85, 1.0)
@@ -71,6 +72,36 @@ class Ramp:
             return resting
         position: list[float] = self._trajectory.at_time(time_s if time_s > 0.0 else 0.0)[0]
         return position
+
+
+class RampError(SafetyError):
+    """No ramp stays inside the limits.
+
+    joint: counted from 1; quantity: "position", "velocity", "acceleration" or "planner"; value and limit in `unit`.
+    firmest: for a stop, the firmest ramp there is although it leaves a position limit. A moving arm is better stopped
+    late than not at all, so the caller may still follow it; None where no ramp could be computed.
+    """
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        joint: int | None = None,
+        quantity: str = "planner",
+        value: float = float("nan"),
+        limit: float = float("nan"),
+        unit: str = "",
+        firmest: Ramp | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.quantity = quantity
+        self.value = value
+        self.limit = limit
+        self.unit = unit
+        self.firmest = firmest
 
 
 def plan_stop_ramp(

@@ -75,7 +75,7 @@ def run_item(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from daemon.jobs.diagnosis import diagnose_recordings
-        from identification.fitting.rms import json_numbers
+        from identification.json_values import json_list
         from identification.recording_fit import fit_recordings
         from identification.recordings.reader import read_inputs
         from identification.report import write_report
@@ -95,7 +95,7 @@ def run_item(
             left = diagnosis.rms_after_nm if diagnosis.findings else diagnosis.baseline.rms_nm
             return BatchItem(
                 file, 0, f"{diagnosis.verdict.replace('_', ' ')}: {names}", tuple(map(str, found.files)), out.name,
-                tuple(json_numbers(left)), tuple(json_numbers(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
+                tuple(json_list(left)), tuple(json_list(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
                 inputs.robot.units,
             )  # fmt: skip
         result = fit_recordings([recording], inputs.robot)
@@ -105,7 +105,7 @@ def run_item(
         rms, (sentence, tone) = result.rms.rows[0], fit_verdict(model)
         return BatchItem(
             file, 0, in_units(sentence, inputs.robot.units), (str(target), str(page)), out.name,
-            tuple(json_numbers(rms.rms_nm)), tuple(json_numbers(rms.noise_floor_nm)), tone, inputs.robot.units,
+            tuple(json_list(rms.rms_nm)), tuple(json_list(rms.noise_floor_nm)), tone, inputs.robot.units,
         )  # fmt: skip
     except Exception as error:  # one bad file must not cost the others their result
         return BatchItem(file, exit_code_of(error), sentence_of(error), name=Path(folder).name)

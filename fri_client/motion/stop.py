@@ -14,11 +14,10 @@ from collections.abc import Callable, Sequence
 
 from fri_client.handover.ring import EventCode
 from fri_client.motion.stop_reason import StopKind, StopReason
-from safety.errors import RampError
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
 from safety.path_stop import PathStop
-from safety.ramps import Ramp, plan_stop_ramp
+from safety.ramps import Ramp, RampError, plan_stop_ramp
 
 
 class MotionStop:

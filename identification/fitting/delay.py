@@ -17,7 +17,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import Block, RowsOverTime
 from identification.fitting.estimate import estimate_parameters
-from identification.fitting.rms import json_numbers
+from identification.json_values import json_list
 from identification.signals.paper_chain import wrapped_central_difference
 from identification.signals.processed import ProcessedSignals
 
@@ -50,8 +50,8 @@ class TorqueDelay:
         return {
             "common_s": self.common,
             "common_std_s": self.common_std,
-            "per_joint_s": json_numbers(self.per_joint),
-            "per_joint_std_s": json_numbers(self.per_joint_std),
+            "per_joint_s": json_list(self.per_joint),
+            "per_joint_std_s": json_list(self.per_joint_std),
         }
 
     def sentence(self) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.fitting.blocks import Block
-from identification.fitting.rms import json_numbers
+from identification.json_values import json_list
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -58,7 +58,7 @@ class Misfit:
 
     def to_json(self) -> dict[str, Any]:
         """The figures as plain JSON types."""
-        return {"over_noise": json_numbers(self.over_noise), "detected": [bool(value) for value in self.detected]}
+        return {"over_noise": json_list(self.over_noise), "detected": [bool(value) for value in self.detected]}
 
 
 def misfit_over_noise(blocks: Sequence[Block], values: FloatArray) -> Misfit:

@@ -16,9 +16,10 @@ from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import SettledParameters
 from identification.fitting.delay import TorqueDelay
 from identification.fitting.misfit import Misfit
-from identification.fitting.rms import RmsTable, json_numbers
+from identification.fitting.rms import RmsTable
 from identification.fitting.settings import FitSettings
 from identification.fitting.torque_sign import TorqueSign
+from identification.json_values import json_list
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
@@ -107,7 +108,7 @@ class FitResult:
                 **self.provenance,
                 "estimator": self.estimator,
                 "condition_number": least_squares.condition_number,
-                "joint_weights": json_numbers(least_squares.weights),
+                "joint_weights": json_list(least_squares.weights),
                 "pipelines": list(self.pipelines),
                 "torque_sign": self.torque_sign.to_json(),
                 "torque_delay": self.torque_delay.to_json(),
@@ -184,8 +185,8 @@ class FitResult:
         result: dict[str, list[float | None]] = {"fit": [], "heldout": []}
         for row in self.rms.rows:
             if row.label in keys:
-                result[keys[row.label]] = json_numbers(row.rms_nm)
-        result["noise_floor"] = json_numbers(self.noise_floor_nm)
+                result[keys[row.label]] = json_list(row.rms_nm)
+        result["noise_floor"] = json_list(self.noise_floor_nm)
         return result
 
     def _certificate_json(self) -> dict[str, Any]:

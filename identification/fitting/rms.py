@@ -4,12 +4,13 @@ share of the torque that is and what the noise alone would give. Called by the f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from identification.json_values import json_list
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -43,10 +44,10 @@ class RmsRow:
         """The line as plain JSON types, null where a number is not known."""
         return {
             "label": self.label,
-            "rms_nm": json_numbers(self.rms_nm),
-            "percent_of_rms_torque": json_numbers(self.percent),
-            "torque_rms_nm": json_numbers(self.torque_rms_nm),
-            "noise_floor_nm": json_numbers(self.noise_floor_nm),
+            "rms_nm": json_list(self.rms_nm),
+            "percent_of_rms_torque": json_list(self.percent),
+            "torque_rms_nm": json_list(self.torque_rms_nm),
+            "noise_floor_nm": json_list(self.noise_floor_nm),
             "total_nm": self.total_nm,
         }
 
@@ -79,8 +80,3 @@ class RmsTable:
             cells = "".join(f"{value:8.1f}" if percent else f"{value:8.3f}" for value in values)
             lines.append(f"{row.label:<{width}s}{cells}" + ("" if percent else f"{row.total_nm:8.3f}"))
         return "\n".join(lines)
-
-
-def json_numbers(values: Sequence[float] | FloatArray) -> list[float | None]:
-    """Numbers for JSON, which knows no nan and no infinity: null in their place."""
-    return [float(value) if np.isfinite(value) else None for value in values]

@@ -18,9 +18,9 @@ from scipy.stats import chi2
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
+from identification.json_values import json_list, number
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extension import Extension
-from identification.mismatch.findings import json_list, number
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
 from identification.model_file import Model

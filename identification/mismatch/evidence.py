@@ -14,15 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
-from identification.errors import RecordingError
-from identification.fitting.settings import Split
 from identification.mismatch.motion import Motion
 from identification.mismatch.noise import noise_of_mean
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.periodic import PeriodicSettings, smooth_motion, to_lines, torque_lines
-from identification.signals.periods import PeriodTable, average_periods, period_table
+from identification.signals.periods import PeriodTable, average_periods
 from identification.signals.processed import LinearOperator
 from identification.signals.standstill import over_standstills
 
@@ -80,36 +78,6 @@ class Evidence:
         return 1 if self.period_torque is None else int(self.period_torque.shape[0])
 
 
-def build_evidence(
-    recording: Recording,
-    robot: RobotModel,
-    regressor: BaseRegressor,
-    settings: DiagnosisSettings | None = None,
-    split: Split | None = None,
-    *,
-    held_out: bool = False,
-) -> tuple[Evidence, ...]:
-    """Reduce a recording: one evidence for a periodic one, one per gap-free stretch for any other.
-
-    split, held_out: which rows of a recording without periods; all of them without a split. `motion.torque` is that of
-    the nominal fit to this recording alone; `with_parameters` sets another one. Raises RecordingError where the
-    recording cannot be used.
-    """
-    # Here, because that module builds on this one's Evidence.
-    from identification.mismatch.aperiodic_evidence import build_aperiodic_evidence
-
-    settings = settings if settings is not None else DiagnosisSettings()
-    if recording.repeats:
-        try:
-            table = period_table(recording)
-        except RecordingError as error:
-            if error.field != "period_s":
-                raise
-        else:
-            return (_periodic_evidence(recording, table, robot, regressor, settings),)
-    return build_aperiodic_evidence(recording, robot, regressor, settings, split, held_out=held_out)
-
-
 def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
     """Base parameters (p,) that fit the means of all evidences together, rows weighted by their noise.
 
@@ -147,9 +115,10 @@ def rows_to_time(evidence: Evidence, rows: FloatArray) -> FloatArray:
     return np.asarray(np.fft.irfft(spectrum, n=samples, axis=0), dtype=np.float64)
 
 
-def _periodic_evidence(
+def periodic_evidence(
     recording: Recording, table: PeriodTable, robot: RobotModel, regressor: BaseRegressor, settings: DiagnosisSettings
 ) -> Evidence:
+    """The evidence of a recording whose motion repeats, with the noise that its periods differ by."""
     average = average_periods(table)
     samples, step = average.position.shape[0], average.sampling_period_s
     bands = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)

@@ -6,21 +6,19 @@ command line, the worker and the report.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.audit.difference import Audit
+from identification.json_values import json_list, number, plain
+from identification.mismatch.baseline import ModelComparison
 from identification.mismatch.effects.base import Parameter, Place
+from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
-
-if TYPE_CHECKING:
-    from identification.mismatch.baseline import ModelComparison
-    from identification.mismatch.second_encoder import EncoderDifference
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -418,33 +416,3 @@ class Diagnosis:
             "certificate": {},
             "provenance": plain(dict(self.provenance)),
         }
-
-
-def number(value: float) -> float | None:
-    """A float for JSON: None where it is not finite."""
-    return float(value) if math.isfinite(value) else None
-
-
-def json_list(values: npt.ArrayLike) -> list[Any]:
-    """An array as nested lists, None where a number is not finite."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim > 1:
-        return [json_list(row) for row in array]
-    return [number(float(value)) for value in array]
-
-
-def plain(value: Any) -> Any:
-    """Plain JSON types of nested mappings, sequences, arrays and numpy numbers."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return number(float(value))
-    return value

@@ -17,8 +17,9 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RecordingError
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import build_evidence, with_parameters
+from identification.mismatch.evidence import with_parameters
 from identification.mismatch.motion import Motion
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model

@@ -19,8 +19,9 @@ from scipy.interpolate import CubicHermiteSpline
 from identification.excitation import Trajectory
 from identification.export.parameters import ModelParameters
 from identification.fitting.processing import process
-from identification.fitting.rms import RmsRow, RmsTable, json_numbers
+from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings
+from identification.json_values import json_list
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from identification.signals import ProcessedSignals
@@ -120,9 +121,9 @@ class Comparison:
         return {
             "format": "iiwa-ident/simulation/1",
             "duration_s": float(self.time[-1] - self.time[0]),
-            "position_rms": {name: json_numbers(values) for name, values in self.position_rms().items()},
+            "position_rms": {name: json_list(values) for name, values in self.position_rms().items()},
             "torque_rms": self.torque_rms().to_json(),
-            "noise_floor_nm": json_numbers(self.noise_floor_nm),
+            "noise_floor_nm": json_list(self.noise_floor_nm),
             "notes": list(self.sentences),
         }
 

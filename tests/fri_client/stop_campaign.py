@@ -16,9 +16,9 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode
 from fri_client.motion.program import MotionProgram, StopReason
 from fri_client.motion.table import MotionError
-from safety.errors import RampError
 from safety.guard import GuardVerdict
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits
+from safety.ramps import RampError
 from tests.safety.motions import random_fourier_table
 
 REASONS = (

@@ -14,8 +14,8 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode
 from fri_client.motion.program import MotionError, MotionProgram, StopReason, command_stride
 from fri_client.motion.standstill import STANDSTILL_SPREAD_RAD, Standstill
-from safety.errors import RampError
 from safety.limits import IIWA14_R820
+from safety.ramps import RampError
 
 HOME = np.array([0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05])
 OPERATOR = StopReason(EventCode.OPERATOR_STOP, "The operator asked for a stop.")

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safety.braking import stopping_travel
-from safety.errors import RampError
 from safety.guard import CommandGuard
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits
-from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
+from safety.ramps import Ramp, RampError, plan_start_ramp, plan_stop_ramp
 
 LIMITS = IIWA14_R820
 

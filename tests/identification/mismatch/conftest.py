@@ -8,8 +8,9 @@ import pytest
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
-from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.reduction import build_evidence
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

@@ -14,9 +14,9 @@ from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import build_evidence
 from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.refinement import Member, estimate_of
 from identification.recordings import read_recording
 from identification.robots import RobotModel

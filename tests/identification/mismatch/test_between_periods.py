@@ -21,7 +21,8 @@ from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
-from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.reduction import build_evidence
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of

@@ -14,9 +14,10 @@ from identification.mismatch.between_periods import Change, find_between_periods
 from identification.mismatch.drift_in_mean import find_drift_in_mean
 from identification.mismatch.effects.torque_offset import TorqueOffset
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
-from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.evidence import Evidence
 from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search import search
 from identification.mismatch.settings import DiagnosisSettings
 from identification.robots import RobotModel

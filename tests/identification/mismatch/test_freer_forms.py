@@ -16,9 +16,10 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import build_evidence, fit_parameters, with_parameters
+from identification.mismatch.evidence import fit_parameters, with_parameters
 from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.problem import Problem, build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.refinement import Member, estimate_of, gram_of, other_kinds, refine, score_of
 from identification.mismatch.screening import group_gain
 from identification.mismatch.settings import DiagnosisSettings

@@ -12,9 +12,10 @@ import pytest
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.between_periods import Change
-from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.evidence import Evidence
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.repeated_contact import explains_better, find_repeated_contact, misfit_elsewhere
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings

@@ -18,10 +18,11 @@ from identification.mismatch.contrasts import Contrasts
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.thermal_friction import ThermalFriction
-from identification.mismatch.evidence import Evidence, build_evidence
+from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, worsened
 from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.refinement import Member
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings

@@ -8,9 +8,9 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import build_evidence
 from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.refinement import Member
 from identification.mismatch.screening import build_screen
 from identification.mismatch.settings import DiagnosisSettings
