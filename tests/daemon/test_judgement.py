@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from daemon.api import RunOutcome
-from daemon.judgement import judged
+from daemon.run.judgement import judged
 from tests.fixtures.test_judge_log import line, write_log
 
 
