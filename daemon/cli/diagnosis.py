@@ -51,6 +51,7 @@ NOT_MEASURED = (
     "period to the next (drift, pushes)."
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
+NAMED = "What differs between the recordings stands above, under Set-up; the model itself is not in question."
 
 
 @app.command()
@@ -184,7 +185,7 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
         return [f"{unknown} No mismatch is shown, and none is ruled out."]
     sentence = VERDICTS[diagnosis.verdict]
     if diagnosis.verdict == "unexplained" and not baseline.detected.any():
-        sentence = DISAGREE
+        sentence = f"{DISAGREE} {NAMED}" if diagnosis.audit is not None and diagnosis.audit.differences else DISAGREE
     elif heldout is not None and any(item.differs for item in heldout.misfits):
         sentence += " The held-out recordings disagree with the fitted ones."
     return [sentence] if baseline.noise_is_measured else [unknown, sentence]

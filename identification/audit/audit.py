@@ -60,11 +60,12 @@ class _Given:
     set_up: SetUp
 
 
-def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Audit:
+def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit:
     """What is different between a model and the arm of some recordings.
 
-    model: a model.json as read, or a simulator's file. Raises RecordingError for recordings that are too short or at
-    rest, ModelFileError or RobotError for a model of another arm, EstimationError for a load beyond reason.
+    model: a model.json as read, or a simulator's file. called: its name in the sentences, in place of its file's.
+    Raises RecordingError for recordings that are too short or at rest, ModelFileError or RobotError for a model of
+    another arm, EstimationError for a load beyond reason.
     """
     misread: list[Misread] = []
     degrees = [in_degrees(recording, robot.kinematics.revolute) for recording in recordings]
@@ -76,7 +77,7 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     if clock is not None:
         recordings, what = clock
         misread.append(what)
-    given = _prepared(recordings, robot, model)
+    given = _prepared(recordings, robot, model, called)
     other = misread_order(given.geometry, given.set_up, given.model)
     if other is not None:
         order, what = other
@@ -94,7 +95,7 @@ def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
     return Explanation.of(given.geometry, given.set_up, given.model, given.sizes)
 
 
-def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> _Given:
+def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> _Given:
     options = model.options if isinstance(model, Model) else RegressorOptions()
     regressor = BaseRegressor(robot, options)
     if isinstance(model, Model) and set(model.names) != set(regressor.names):
@@ -104,9 +105,9 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
     rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
     sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
     if isinstance(model, Model):
-        given = given_model(model, regressor, sizes, Path(model.path or "the model").name)
+        given = given_model(model, regressor, sizes, called or Path(model.path or "the model").name)
     else:
-        given = given_model(read_simulator_model(model, regressor), regressor, sizes, model.name)
+        given = given_model(read_simulator_model(model, regressor), regressor, sizes, called or model.name)
     return _Given(
         given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s)
     )

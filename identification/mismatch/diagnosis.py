@@ -53,7 +53,7 @@ from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.judgement import judge
 from identification.mismatch.unknown.over_time import Refused, earned_over_time
 from identification.model_file import Model
-from identification.recordings.independence import refuse_shared_samples
+from identification.recordings.independence import recording_names, refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -193,10 +193,10 @@ def diagnose(
     return in_units_of_joints(diagnosis, robot)
 
 
-def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Audit | None:
+def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit | None:
     """What in the set-up differs from the model; None where the recordings are too short to be asked."""
     try:
-        return audit(recordings, robot, model)
+        return audit(recordings, robot, model, called)
     except RecordingError:
         return None
 
@@ -233,8 +233,8 @@ def _other_set_up(
     misfits = () if diagnosis.heldout is None else diagnosis.heldout.misfits
     if not unseen or not any(item.differs and item.joint not in depends for item in misfits):
         return None
-    name = " and ".join(Path(item.source.path).name for item in fitted)
-    found = _audited(unseen, robot, model_of_fit(fit, name))
+    name = " and ".join(recording_names([*fitted, *unseen])[: len(fitted)])
+    found = _audited(unseen, robot, model_of_fit(fit, name), name)
     return found if found is not None and found.differences else None
 
 

@@ -44,6 +44,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     }
     if diagnosis.heldout is not None and any(item.differs for item in diagnosis.heldout.misfits):
         sentences["unexplained"] = "The model does not hold on the held-out recordings: something differs between them."
+        if diagnosis.audit is not None:
+            sentences["unexplained"] += "".join(f" {item.sentence}" for item in diagnosis.audit.differences)
         sentences["partly_explained"] += " The held-out recordings disagree with the fitted ones."
     if not diagnosis.baseline.noise_is_measured:
         begin += (

@@ -41,8 +41,8 @@ def named(recording: Recording, name: str) -> Recording:
 def one_against_other(
     robot: RobotModel, first: PhysicalParameters, second: PhysicalParameters, periods: int
 ) -> Diagnosis:
-    fitted = named(record(robot, first, periods=periods), "bare.mcap")
-    unseen = named(record(robot, second, periods=max(1, periods // 2), motion=9, seed=2), "other.mcap")
+    fitted = named(record(robot, first, periods=periods), "bare/recording.mcap")
+    unseen = named(record(robot, second, periods=max(1, periods // 2), motion=9, seed=2), "other/recording.mcap")
     return diagnose([fitted], robot, heldout=[unseen])
 
 
@@ -58,13 +58,22 @@ def test_a_load_on_the_held_out_run_alone_is_a_difference_between_the_recordings
     assert not diagnosis.baseline.detected.any()
     assert diagnosis.heldout is not None
     worst = diagnosis.heldout.misfits[0]
-    assert (worst.recording, worst.joint, worst.differs) == ("other.mcap", 2, True)
+    assert (worst.recording, worst.joint, worst.differs) == ("other/recording.mcap", 2, True)
     # Gravity alone: 3 kg at up to a metre from the second axis.
     assert 5.0 < worst.rms_nm < 30.0
-    assert "Something differs between the fitted recordings and other.mcap" in diagnosis.remaining
+    assert "Something differs between the fitted recordings and other/recording.mcap" in diagnosis.remaining
     assert "Joint 2: " in diagnosis.remaining
     assert "not on the held-out ones" in verdict_lines(diagnosis)[-1]
+    assert diagnosis.audit is not None
+    load = diagnosis.audit.differences[0]
+    assert load.effect == "payload"
+    low, high = load.numbers[0].interval
+    assert low < MASS < high
+    # Two runs that are both called recording.mcap: the sentence has to say against which.
+    assert "bare/recording.mcap" in load.sentence
+    assert "stands above" in verdict_lines(diagnosis)[-1]
     assert "held-out recordings" in verdict_sentence(diagnosis)
+    assert load.sentence in verdict_sentence(diagnosis)
     assert diagnosis.to_json()["heldout"]["misfits"][0]["joint"] == 2
 
 
