@@ -36,11 +36,13 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("validate", "analysis", "RMS of a model on recordings it has not seen."),
         Entry("diagnose", "diagnosis", "Find and name what the model leaves out."),
         Entry("compare", "comparing", "What changed between recordings, dates or arms."),
+        Entry("leaderboard", "comparing", "Which of several models foretells the torque best."),
         Entry("payload", "payload", "Mass, centre and inertia of a tool."),
         Entry("batch", "diagnosis", "Fit or diagnose many recordings at once."),
         Entry("feasibility", "feasibility", "Can any robot have these parameters?"),
         Entry("design", "design", "Design a motion that shows the parameters well."),
         Entry("export", "simulation", "Write the arm as URDF, SDF or MJCF."),
+        Entry("twin", "twin", "The iiwa 14 for three simulators at once."),
         Entry("simulate", "simulation", "Move the identified arm under a controller."),
     ),
     "Service: one robot, a queue of runs": (

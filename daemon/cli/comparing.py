@@ -1,4 +1,4 @@
-"""The command `compare`: what changed between recordings or models of one arm, and which model fits."""
+"""The commands `compare` and `leaderboard`: what changed between recordings of one arm, and which model fits."""
 
 from __future__ import annotations
 
@@ -75,6 +75,28 @@ def compare(
     if len(files) < 2:
         raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
     _changes(files[0], files[1:], robot, joints, stand, out, json_file)
+
+
+@app.command(name="leaderboard")
+def leaderboard_command(
+    models: Annotated[list[Path], typer.Argument(metavar="MODEL…", help="model.json, URDF, MJCF or SDF of the arm.")],
+    on: Annotated[list[Path], typer.Option("--on", metavar="LOG", help="Recording; may be given repeatedly.")],
+    offsets: Annotated[
+        bool, typer.Option("--offsets", help="Fit one constant torque a joint; nothing else is fitted.")
+    ] = False,
+    robot: RobotOption = None,
+    joints: JointsOption = None,
+    lock: LockOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Models of one arm against recordings: RMS per joint, best first, and what is wrong in each. Nothing is fitted.
+
+    The same as `compare --models`. Exit code 0 whatever the answer; 1 where a model is of another arm.
+    Example: iiwa-ident leaderboard arm.urdf runs/may/model.json --on runs/june/recording.mcap
+    """
+    _leaderboard(models, on, robot, joints, installation_of(gravity, mount, lock), offsets, json_file)
 
 
 def _changes(

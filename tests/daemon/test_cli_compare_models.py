@@ -81,6 +81,13 @@ def test_the_true_arm_wins_in_every_format_and_the_heavy_link_is_named(folder: P
     assert not any(item["kind"] in ("payload", "link_parameters") for each in best for item in each["differences"])
 
 
+def test_the_leaderboard_is_the_comparison_of_models(folder: Path, tmp_path: Path) -> None:
+    files = [folder / name for name in ("heavy.urdf", "true.urdf")]
+    assert run("leaderboard", *files, "--on", folder / "log.npz", "--json", tmp_path / "a.json") == 0
+    assert run("compare", "--models", *files, "--", folder / "log.npz", "--json", tmp_path / "b.json") == 0
+    assert json.loads((tmp_path / "a.json").read_text()) == json.loads((tmp_path / "b.json").read_text())
+
+
 def test_nothing_is_fitted_unless_declared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Without dashes, files are told by their endings.
     assert run("compare", "--models", folder / "true.urdf", folder / "log.npz") == 0

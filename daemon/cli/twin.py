@@ -1,0 +1,79 @@
+"""The command `twin`: the iiwa 14 for three simulators at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.cli.app import app
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+
+NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
+
+
+@app.command()
+def twin(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.")],
+    model_file: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="MODEL.json", help="An arm of yours instead of the paper's Table 3."),
+    ] = None,
+    motor_inertia: Annotated[
+        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """The iiwa 14 as URDF, MJCF and SDF: bodies that can exist, friction, rotor inertia where the format has a place.
+
+    Without --model: the arm of the paper's Table 3, moved to the nearest one made of matter; the distance is said.
+    Each file is read back by every simulator that is installed.
+    Example: iiwa-ident twin --out twin
+    """
+    from identification.export import export_model, parameters_of
+    from identification.export.twin import twin_of_table_three
+    from identification.model_file import read_model, write_model
+    from identification.robots.joint_units import in_units
+    from identification.simulation.motor_inertia import motor_inertia_of
+
+    out.mkdir(parents=True, exist_ok=True)
+    sentence, parameters = "", "consistent"
+    if model_file is None:
+        found = twin_of_table_three()
+        sentence, parameters = found.sentence, "physical"
+        model_file = write_model(found.to_model_json(), out / "iiwa14.model.json")
+    model = read_model(model_file)
+    robot = model.load_robot()
+    added = None
+    if motor_inertia:
+        settled = parameters_of(model, parameters)
+        values, origin = motor_inertia_of(robot, settled)
+        added = values - settled.rotor_inertia
+        message(origin)
+    results = {
+        form: export_model(
+            model, out / name.format(robot.name), form, parameter_set=parameters, motor_inertia=added
+        )
+        for form, name in NAMES.items()
+    }  # fmt: skip
+    if json_file is not None:
+        write_json(json_file, {
+            "model": str(model_file),
+            "sentence": sentence,
+            "files": {form: str(result.path) for form, result in results.items()},
+            "read_back": {
+                form: [{"program": item.program, "difference_nm": item.difference_nm} for item in result.agreements]
+                for form, result in results.items()
+            },
+        })  # fmt: skip
+    if wants_json_on_stdout(json_file):
+        return
+    if sentence:
+        data(sentence)
+    for result in results.values():
+        data(f"Written to {result.path}")
+        for agreement in result.agreements:
+            data(f"  {in_units(agreement.sentence(), robot.units)}")
+    for note in dict.fromkeys(note for result in results.values() for note in result.notes):
+        data(f"note: {note}")
