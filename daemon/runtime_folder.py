@@ -1,6 +1,7 @@
 """The private folder for sockets and locks, one per user: where it is, what may stand in it, and the locks themselves.
 
-Here: `runtime_folder`, the endpoints in it and the lock that keeps one UDP port for one supervisor. Used by the
+Here: `runtime_folder`, the endpoints in it, the lock that keeps one UDP port for one supervisor, and what is cleared of
+those that were killed. Used by the
 service, by its clients, by the foreground run and by its watchers.
 """
 
@@ -60,11 +61,13 @@ def live_endpoint(port: int) -> str:
 def lock_port(host: str, port: int) -> Iterator[None]:
     """Hold UDP port `port` of this user for the block; port 0 (the system's choice) needs no lock.
 
-    The kernel gives the lock back when its holder ends, however it ends. Raises PortInUseError naming the holder.
+    The kernel gives the lock back when its holder ends, however it ends. What killed holders left of theirs is cleared.
+    Raises PortInUseError naming the holder.
     """
     if port == 0:
         yield
         return
+    _clear_left_behind(except_port=port)
     path = runtime_folder() / f"port-{port}.lock"
     descriptor = _locked(path, host, port)
     try:
@@ -74,6 +77,29 @@ def lock_port(host: str, port: int) -> Iterator[None]:
     finally:
         # Removed while it is held, so nobody can hold a file that is about to go.
         path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _clear_left_behind(except_port: int) -> None:
+    """Remove locks that nobody holds, and the sockets of their ports: a watcher would ask each of them in vain."""
+    for path in runtime_folder().glob("port-*.lock"):
+        port = path.stem.removeprefix("port-")
+        if not port.isdigit() or int(port) == except_port:
+            continue
+        with contextlib.suppress(OSError), _opened(path) as descriptor:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # One that was taken and removed meanwhile is not this one: its sockets are those of a new holder.
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                for left in (f"watch-{port}", f"daemon-{port}", path.name):
+                    path.with_name(left).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+    try:
+        yield descriptor
+    finally:
         os.close(descriptor)
 
 

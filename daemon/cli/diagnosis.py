@@ -147,6 +147,8 @@ def robot_of_model(file: Path) -> RobotModel | None:
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
+    from identification.mismatch.between_recordings import one_a_line
+
     for sentence in set_up_lines(diagnosis):
         data(sentence)
     for sentence in verdict_lines(diagnosis):
@@ -159,7 +161,8 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
         data(f"{number}. {finding.sentence}")
         for line in finding_lines(finding, diagnosis.torque_units):
             data(f"   {line}")
-    data(remaining)
+    for line in one_a_line(remaining):
+        data(line)
     show_table(joint_table(diagnosis))
     for note in diagnosis.notes:
         data(f"note: {note}")

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 _SILENCE_S = 10.0
 """A recorder speaks twice a second; one that has not for so long is held or gone."""
 
+_WORD_S = 1.2
+"""Within so long a recorder that lives has spoken."""
+
 
 class NothingToWatchError(DaemonError):
     """No run is being recorded where one was looked for."""
@@ -98,18 +101,23 @@ def _port_of(run: Path | None, port: int | None) -> int:
     if not served:
         raise NothingToWatchError("No run is being recorded by this user; `watch` sees one from its start to its end.")
     if len(served) > 1:
-        speaking = [each for each in served if _speaks(each)]
-        if len(speaking) != 1:
-            raise typer.BadParameter(f"runs on UDP ports {', '.join(map(str, speaking or served))}: say --port.")
+        speaking = _speaking(served)
+        if not speaking:
+            raise NothingToWatchError("No run is being recorded by this user; what killed ones left says nothing.")
+        if len(speaking) > 1:
+            raise typer.BadParameter(f"runs on UDP ports {', '.join(map(str, speaking))}: say --port.")
         return speaking[0]
     return served[0]
 
 
-def _speaks(port: int) -> bool:
+def _speaking(ports: list[int]) -> list[int]:
+    """Those with a recorder that lives; all are asked at once, for a killed one leaves its socket."""
     from daemon.live.subscription import LiveSubscription
 
-    with LiveSubscription(port) as subscription:
-        return bool(subscription.receive(1.2))
+    with contextlib.ExitStack() as stack:
+        asked = {port: stack.enter_context(LiveSubscription(port)) for port in ports}
+        time.sleep(_WORD_S)
+        return [port for port, subscription in asked.items() if subscription.receive(0.0)]
 
 
 def _follow_on_screen(subscription: LiveSubscription, watcher: Watcher) -> None:

@@ -74,12 +74,20 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
         (item.effect, _from_one(item.joint if item.link is None else item.link)) for item in step.alternatives
     )
     if others:
-        text += ", or as likely " + ", ".join(
-            effect.replace("_", " ") + ("" if place is None else f" ({place})") for effect, place in others
-        )
+        text += ", or as likely " + ", or ".join(_in_words(effect, place, robot.n) for effect, place in others)
     sentence = f"{text}: {100.0 * step.explained:.0f} % of the difference to {source}."
     against = "recording" if hypothesis.effect in DATA_FAULTS else "model"
     return Difference(hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence, others)
+
+
+def _in_words(effect: str, place: int | None, last: int) -> str:
+    match effect:
+        case "payload":
+            return "a load on the flange" if place == last else f"a load on link {place}"
+        case "link_parameters":
+            return f"another body of link {place}"
+        case _:
+            return effect.replace("_", " ") + ("" if place is None else f" of joint {place}")
 
 
 def _from_one(place: int | None) -> int | None:
@@ -120,7 +128,7 @@ def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[
             Number(f"com_{axis}", float(value), float(deviation), "m")
             for axis, value, deviation in zip("xyz", center, deviations, strict=True)
         ]
-        text += f", centre ({', '.join(f'{1e3 * value:.0f}' for value in center)}) mm {frame}"
+        text += f", centre ({', '.join(f'{round(1e3 * value)}' for value in center)}) mm {frame}"
     for place, row in places.items():
         if place >= 4:
             numbers.append(Number(_BODY[place], float(found.values[row]), float(std[row]), "kg m^2"))

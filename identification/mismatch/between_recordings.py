@@ -7,6 +7,7 @@ Where no noise is measured, only the second can be asked. Not here: what differs
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -73,6 +74,11 @@ def difference_sentence(misfits: Sequence[HeldOutMisfit]) -> str:
         f"Something differs between the fitted recordings and {names} (a load, the mounting, friction, a sensor), or "
         f"{names} asks for what the fitted motion did not show."
     )
+
+
+def one_a_line(remaining: str) -> list[str]:
+    """What remains, a line for each joint: seven of them in one paragraph nobody reads."""
+    return re.split(r"(?<=[.]) (?=Joint \d+: |On the fitted recordings )", remaining)
 
 
 def _probability_of_more(left: Residuals, fitted: Residuals) -> FloatArray:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from identification.mismatch.between_recordings import one_a_line
 from identification.mismatch.findings import Diagnosis, HeldOut
 from identification.report.class_section import class_section
 from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table, Tone
@@ -84,7 +85,7 @@ def _findings(diagnosis: Diagnosis) -> Section:
     for number, finding in enumerate(diagnosis.findings, 1):
         blocks += finding_blocks(number, finding, diagnosis)
     blocks.append(Heading("What remains"))
-    blocks.append(Paragraph(diagnosis.remaining))
+    blocks.extend(map(Paragraph, one_a_line(diagnosis.remaining)))
     if diagnosis.curves:
         blocks.append(
             Figure(

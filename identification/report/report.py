@@ -70,7 +70,7 @@ def build_document(
     answer = None if fit is None or fit.feasibility is None else fit.feasibility.sentence()
     sections: list[Section | None] = []
     if diagnosis is not None:
-        sections.append(set_up_section(diagnosis.audit, set_up))
+        sections.append(set_up_section(diagnosis.audit, set_up, between=diagnosis.model_comparison is None))
         sections += [comparison_section(diagnosis.model_comparison), *diagnosis_sections(diagnosis)]
     sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
     if model.get("base_parameters"):

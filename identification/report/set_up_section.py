@@ -14,19 +14,23 @@ __all__ = ["set_up_section"]
 _VERDICTS = {"ok": "as stated", "warning": "look at it", "failed": "not as stated"}
 
 
-def set_up_section(audit: Audit | None, checks: Sequence[SetUpCheck]) -> Section | None:
-    """The audit's answer with its differences, then the verdict of every check; None where neither was asked."""
+def set_up_section(audit: Audit | None, checks: Sequence[SetUpCheck], *, between: bool = False) -> Section | None:
+    """The audit's answer with its differences, then the verdict of every check; None where neither was asked.
+
+    between: the audit is of the held-out recordings against the fitted ones, not of the fitted ones against a model.
+    """
     blocks: list[Block] = []
     if audit is not None:
         blocks.append(Paragraph(audit.sentence, "lead"))
         if audit.differences:
             head = ("what", "where", "number", "half of its 95 % interval", "unit", "explains", "against")
             rows = tuple(map(_row, audit.differences))
-            blocks.append(Table(f"What differs between {audit.source} and these recordings", head, rows))
+            others = "the held-out recordings" if between else "these recordings"
+            blocks.append(Table(f"What differs between {audit.source} and {others}", head, rows))
     if checks:
         rows = tuple((item.name, _VERDICTS[item.status], item.sentence) for item in checks)
         blocks.append(
-            Table("How the recordings were made, asked without any model", ("check", "verdict", "found"), rows)
+            Table("How the fitted recordings were made, asked without any model", ("check", "verdict", "found"), rows)
         )
     return Section("set-up", "The set-up", tuple(blocks)) if blocks else None
 

@@ -9,6 +9,7 @@ import io
 import itertools
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -24,6 +25,7 @@ import pytest
 import zmq
 from rich.console import Console
 
+from daemon.cli.watch import NothingToWatchError, _port_of
 from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.frame import LiveFrame
@@ -113,6 +115,15 @@ def test_a_frame_is_the_mean_of_the_samples_that_were_recorded(
 def test_the_socket_goes_with_the_recording(private: Path, tmp_path: Path, ring: HandoverRing) -> None:
     record_watched(tmp_path / "run", ring, 20)
     assert served_ports() == []
+
+
+def test_what_killed_recorders_left_is_asked_at_once_and_is_no_run(private: Path) -> None:
+    folder = runtime_folder()
+    for port in (41001, 41002, 41003):
+        with socket.socket(socket.AF_UNIX) as left:
+            left.bind(str(folder / f"watch-{port}"))
+    with pytest.raises(NothingToWatchError, match="No run is being recorded"):
+        _port_of(None, None)
 
 
 def test_a_watcher_that_never_reads_holds_up_nothing(private: Path, tmp_path: Path, ring: HandoverRing) -> None:

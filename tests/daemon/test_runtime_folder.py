@@ -89,6 +89,20 @@ def test_a_killed_holder_leaves_no_lock_behind(holder: subprocess.Popen[str]) ->
         pass
 
 
+def test_the_next_start_clears_what_a_killed_holder_left_and_nothing_of_one_that_lives(
+    private: Path, holder: subprocess.Popen[str]
+) -> None:
+    left = [private / name for name in ("port-31999.lock", "watch-31999", "daemon-31999")]
+    for path in left[1:]:
+        path.touch()
+    with lock_port("127.0.0.1", 31998):
+        assert all(path.exists() for path in left)
+    holder.send_signal(signal.SIGKILL)
+    holder.wait(600)
+    with lock_port("127.0.0.1", 31998):
+        assert [path.name for path in private.iterdir()] == ["port-31998.lock"]
+
+
 def test_the_lock_goes_when_the_block_ends(private: Path) -> None:
     for _ in range(3):
         with lock_port("127.0.0.1", 31997):

@@ -259,3 +259,17 @@ def test_the_page_has_the_set_up_with_each_difference_and_verdict() -> None:
     assert isinstance(verdicts, Table)
     assert [row[:2] for row in verdicts.rows] == [("gravity", "as stated"), ("clock", "not as stated")]
     assert set_up_section(None, ()) is None
+    # Held-out recordings against the fitted ones: "these" would be the wrong ones.
+    between = sections_of(diagnosis(audit=audit))["set-up"]
+    captions = [block.caption for block in between.blocks if isinstance(block, Table)]
+    assert captions == ["What differs between old.json and the held-out recordings"]
+
+
+def test_what_remains_is_said_joint_by_joint() -> None:
+    remaining = "Something differs. Joint 2: 20.4 Nm RMS stay. Joint 4: 1.2 Nm RMS stay, 0.1 Nm before. On the fitted "
+    found = sections_of(diagnosis(remaining=remaining + "recordings nothing remains."))["findings"]
+    said = [block.text for block in found.blocks if isinstance(block, Paragraph)]
+    assert said[-4:] == [
+        "Something differs.", "Joint 2: 20.4 Nm RMS stay.", "Joint 4: 1.2 Nm RMS stay, 0.1 Nm before.",
+        "On the fitted recordings nothing remains.",
+    ]  # fmt: skip
