@@ -17,31 +17,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-FILES = (
-    "tests/daemon/test_control_socket.py",
-    "tests/daemon/test_doctor.py",
-    "tests/daemon/test_full_disk.py",
-    "tests/daemon/test_job_queue.py",
-    "tests/daemon/test_link_observation.py",
-    "tests/daemon/test_loop_process.py",
-    "tests/daemon/test_recorder.py",
-    "tests/daemon/test_rescue.py",
-    "tests/daemon/test_server.py",
-    "tests/daemon/test_service.py",
-    "tests/daemon/test_start_check.py",
-    "tests/daemon/test_stop_handle.py",
-    "tests/daemon/test_systemd_notify.py",
-    "tests/daemon/test_worker.py",
-    "tests/end_to_end/test_chain.py",
-    "tests/end_to_end/test_command_line.py",
-    "tests/end_to_end/test_faults_of_host.py",
-    "tests/end_to_end/test_faults_of_robot.py",
-    "tests/end_to_end/test_wire.py",
-    "tests/fixtures/test_command_line.py",
-    "tests/fixtures/test_server.py",
-    "tests/fri_client/test_handover.py",
-    "tests/fri_client/test_loop.py",
-    "tests/fri_client/test_realtime.py",
+_AT_RISK = re.compile(
+    r"^(?:import|from) (?:threading|socket|zmq|signal|multiprocessing|tests\.end_to_end|\.(?:processes|acquisition|"
+    r"fault_\w+|wire_\w+|service_process|simulated_wire)|benchmarks\.kills|daemon\.(?:queue|run\.service))\b"
+    r"|subprocess\.Popen\(",
+    re.MULTILINE,
 )
 
 
@@ -50,12 +30,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--times", type=int, default=10)
     parser.add_argument("--busy", type=int, default=2, help="busy loops beside the tests")
-    parser.add_argument("files", nargs="*", default=FILES)
+    parser.add_argument("files", nargs="*", help="default: all with processes, threads, sockets or signals")
     arguments = parser.parse_args()
+    files = arguments.files or files_at_risk()
     failed: Counter[str] = Counter()
     with busy_loops(arguments.busy):
         for number in range(1, arguments.times + 1):
-            for file in arguments.files:
+            for file in files:
                 last, names = run(file)
                 print(f"round {number}, load {os.getloadavg()[0]:.1f}, {file}: {last}", flush=True)
                 for name in names:
@@ -63,8 +44,14 @@ def main() -> int:
                 failed.update(names)
     for name, times in failed.most_common():
         print(f"{times} of {arguments.times}: {name}")
-    print(f"{arguments.times} rounds of {len(arguments.files)} files: {failed.total()} failures")
+    print(f"{arguments.times} rounds of {len(files)} files: {failed.total()} failures")
     return 1 if failed else 0
+
+
+def files_at_risk() -> list[str]:
+    """Test files that start processes or threads, or use sockets or signals: none is left out."""
+    found = (REPOSITORY / "tests").rglob("test_*.py")
+    return sorted(str(file.relative_to(REPOSITORY)) for file in found if _AT_RISK.search(file.read_text("utf-8")))
 
 
 @contextlib.contextmanager
