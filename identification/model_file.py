@@ -1,7 +1,6 @@
 """Reads and writes `model.json`: the outcome of a fit as a file, checked when it is read.
 
-Here: the Model value object and its two directions. Not here: how parameters are estimated (`fit`). Called by the
-command line, the worker, validation, simulation and export.
+Here: the Model value object and its two directions. Not here: how parameters are estimated (`fit`).
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 recordings → one pipeline each → regressor columns through the same operator → one compressed observation → least
 squares (weighted) → sign of the torque → programs with physical constraints → RMS tables. The parts live in
-`identification.fitting`, `signals` and `estimators`; this module only joins them. Called by the command line and the
-detached worker.
+`identification.fitting`, `signals` and `estimators`; this module only joins them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Validation: a model on recordings that were not used for it, as in section 4.6 and Table 4 of the paper.
 
 Here: RMS per joint of identified models on recordings, and folds over recordings. The split of one recording into
-fitted and held-out rows is a setting of the fit (`Split`). Called by the command line (`validate`, `fit --folds`), the
-demo and benchmarks.
+fitted and held-out rows is a setting of the fit (`Split`).
 """
 
 from __future__ import annotations

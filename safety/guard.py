@@ -2,8 +2,7 @@
 
 Judged is what we command, never what the sensors measure: measured velocities are noisy, and a guard that trips on
 noise stops arms that do nothing wrong. The measured position enters only through its distance to the command, with a
-generous limit. Lives elsewhere: planning the stop after a verdict (ramps.py). Called by the 1 kHz loop, hence plain
-floats and seven-fold Python loops, which are faster than NumPy on seven numbers, and no storage that grows.
+generous limit. Lives elsewhere: planning the stop after a verdict (ramps.py).
 """
 
 from __future__ import annotations

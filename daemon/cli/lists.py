@@ -1,4 +1,4 @@
-"""Commands that take two lists of files with `--` between them. Called by `payload` and `compare`."""
+"""Commands that take two lists of files with `--` between them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What the bytes of a monitoring datagram say about the FRI version that sent them. Nothing on the wire names it.
 
-Called by `doctor` and by tests; pure.
+Pure.
 """
 
 from __future__ import annotations

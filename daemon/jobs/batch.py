@@ -1,6 +1,6 @@
 """Many recordings at once: one job a file, on this machine's processors or on a Dask cluster.
 
-Here: what one job does, and where jobs run. A file that fails does not stop the others. Called by the command `batch`.
+Here: what one job does, and where jobs run. A file that fails does not stop the others.
 """
 
 from __future__ import annotations

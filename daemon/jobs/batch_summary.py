@@ -1,7 +1,4 @@
-"""A batch on one page and in one CSV file: what came of every recording, and where its own page is.
-
-Called by the command `batch`.
-"""
+"""A batch on one page and in one CSV file: what came of every recording, and where its own page is."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """A diagnosis from files to files: recordings in, `diagnosis.json`, `model.json` and `report.html` out.
 
-Here: reading, calling, writing. Not here: any computation (`identification.mismatch`), and what is printed. Called by
-the commands `diagnose` and `batch`, and by the worker.
+Here: reading, calling, writing. Not here: any computation (`identification.mismatch`), and what is printed.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Here: a penalty that the search of an excitation adds to its objective, and the judge of what it found, the preflight.
 The penalty takes capsules as rows of balls and needs to be about right only: what counts is the preflight, which
-measures capsules and proves what lies between samples. Called by the command `design`.
+measures capsules and proves what lies between samples.
 """
 
 from __future__ import annotations

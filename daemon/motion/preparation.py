@@ -1,6 +1,6 @@
 """From a trajectory file to a run request: load, scale, tabulate, check. The step before anything moves.
 
-Called by the commands `check`, `run` and `demo`; nothing here talks to a robot.
+Nothing here talks to a robot.
 """
 
 from __future__ import annotations

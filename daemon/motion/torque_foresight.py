@@ -1,7 +1,7 @@
 """The torque that a table of positions will take, foreseen from a model of the arm, for the preflight.
 
 Here: which model foresees it, and the torque along the table that is sent. Not here: the limits and the verdict
-(`safety.preflight`). Called by `preparation`.
+(`safety.preflight`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Scores what a diagnosis says that a torque depends on: `classes` of diagnosis.json against the label's classes.
 
-Pure. Reads nothing but the two JSON objects, so that the judge shares no code with what it judges. Called by
-``prove_score``.
+Pure. Reads nothing but the two JSON objects, so that the judge shares no code with what it judges.
 """
 
 from __future__ import annotations

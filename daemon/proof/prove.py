@@ -2,7 +2,7 @@
 
 One lane a processor: each has a process that draws cases and keeps their labels, and a process that diagnoses what it
 is pointed at. This one carries paths from the one to the other, publishes each label's salted hash before its
-recordings are diagnosed, and checks it when the label is opened. Called by ``daemon.cli.prove`` and the benchmark.
+recordings are diagnosed, and checks it when the label is opened.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Scores one diagnosis against the opened label of its case. Pure: two JSON objects in, one `CaseScore` out.
 
-What counts as right is decided here and nowhere else. Called by ``prove``; ``prove_table`` sums the scores up.
+What counts as right is decided here and nowhere else. ``prove_table`` sums the scores up.
 """
 
 from __future__ import annotations

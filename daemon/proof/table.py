@@ -1,6 +1,6 @@
 """Sums up the scores of concealed cases: rates with bounds, λ at which names come right, confusion, targets met or not.
 
-Pure: scores in, tables out. Called by ``daemon.cli.prove`` and the benchmark; what a score means is in ``prove_score``.
+Pure: scores in, tables out. What a score means is in ``prove_score``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Sums up cases of the alien and the hybrid world: wrong names, right classes, what was taken of the held-out error.
 
-Pure: scores in, figures and aims out. The library's world, where names can be right, has ``prove_table``. Called by
-``prove_page``.
+Pure: scores in, figures and aims out. The library's world, where names can be right, has ``prove_table``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the service tells systemd: ready, what it does, that it lives. One datagram each, see sd_notify(3).
 
-Outside systemd ($NOTIFY_SOCKET unset) everything here does nothing. Called by `server`, from its control thread only:
-the watchdog then watches the thread that hears the operator.
+Outside systemd ($NOTIFY_SOCKET unset) everything here does nothing. To be called from the
+server's control thread only: the watchdog then watches the thread that hears the operator.
 """
 
 from __future__ import annotations

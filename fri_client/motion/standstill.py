@@ -1,6 +1,6 @@
 """When the arm counts as standing still: decided from fresh samples alone, never from what was commanded.
 
-Called by `motion` in HOLD and after a drop; the numbers of this decision stand here and nowhere else.
+The numbers of this decision stand here and nowhere else.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Why a motion is stopped before its end and how: the value object that travels from whoever asks to the report.
 
-Called by `motion` and `stop_watch`; which reason counts and what the arm then does is decided in `motion`.
+Which reason counts and what the arm then does is decided in `motion`.
 """
 
 from __future__ import annotations

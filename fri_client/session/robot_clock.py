@@ -2,7 +2,7 @@
 
 The robot sends one message per send period and counts them, so its sequence counter is a clock; messages arrive late,
 never early. A counter that runs ahead of time is a jump, a forgery or a damaged datagram, whatever else the message
-says. Called by `session` for each message that comes next.
+says.
 
 Time is when the message was received, ns of CLOCK_MONOTONIC. A robot whose time is simulated (`simulated`) says it
 itself in each message's time stamp, and then that stamp is the time: such a robot waits for answers, and how long its

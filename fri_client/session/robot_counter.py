@@ -1,7 +1,7 @@
 """The order of the robot's messages by their sequence counter alone (uint32, wraps; PROTOCOL section 6).
 
 Start value and reset rules of the robot's counter are not published, so a counter that begins anew is believed only
-when several messages in a row say so: one flipped bit must not look like a restarted controller. Called by `session`.
+when several messages in a row say so: one flipped bit must not look like a restarted controller.
 """
 
 from __future__ import annotations

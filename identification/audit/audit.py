@@ -1,7 +1,6 @@
 """The model you have and the arm you have: recordings and a model in, the fewest differences between them out.
 
-misread data → rows → search → numbers with intervals → sentences. Pure but for reading a simulator's file. Called by
-the diagnosis, `compare` and the benchmark.
+misread data → rows → search → numbers with intervals → sentences. Pure but for reading a simulator's file.
 """
 
 from __future__ import annotations

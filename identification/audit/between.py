@@ -1,4 +1,4 @@
-"""What changed between two recordings of one arm: the fewest causes, and the parameters in σ. Called by `compare`."""
+"""What changed between two recordings of one arm: the fewest causes, and the parameters in σ."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The torque of an arm that stands as one assumes, as columns: fourteen parameters a link, and what may be different.
 
 Torque is linear in the parameters, in gravity, and in powers of the clock's ratio; so another set-up is a product, not
-a new computation, but for the zeros of the joints. Called by the audit, `mount` and `payload`.
+a new computation, but for the zeros of the joints.
 """
 
 from __future__ import annotations

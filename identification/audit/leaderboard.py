@@ -1,6 +1,6 @@
 """Which model of an arm foretells its torque best, nothing fitted, and what is wrong in each of them.
 
-Every model is asked for the torque of the same rows in the same band. Called by `compare --models`.
+Every model is asked for the torque of the same rows in the same band.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Data read otherwise than they are: degrees for radians, another clock, torques in the order of other joints.
 
 No column is small enough for the first and the last: they are tried as a whole, and taken only where next to nothing of
-the misfit stays. The clock needs no model where a velocity was recorded. Pure. Called by the audit before any search.
+the misfit stays. The clock needs no model where a velocity was recorded. Pure.
 """
 
 from __future__ import annotations

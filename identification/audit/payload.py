@@ -1,7 +1,7 @@
 """The mass, centre and inertia of a tool, from recordings without and with it.
 
 Both are explained by one arm, τ = Y δ, and those with the tool by ten parameters of a body on the last link besides;
-friction and offsets may differ between the two as from day to day. Pure. Called by the command `payload`.
+friction and offsets may differ between the two as from day to day. Pure.
 """
 
 from __future__ import annotations

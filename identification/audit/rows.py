@@ -1,7 +1,7 @@
 """Recordings reduced to the rows that an audit compares: one band, thinned, motion and torque filtered alike.
 
 Every column of an audit is a function of these rows, so that another clock, gravity or zero is judged without
-filtering again. Not here: which of them are compared with what (`columns`). Called by the audit, `mount` and `payload`.
+filtering again. Not here: which of them are compared with what (`columns`).
 """
 
 from __future__ import annotations

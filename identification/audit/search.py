@@ -1,6 +1,6 @@
 """The fewest things that are different: greedy over hypotheses by evidence, each accepted on rows that were not fitted.
 
-Pure. Called by the audit.
+Pure.
 """
 
 from __future__ import annotations

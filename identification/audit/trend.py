@@ -2,7 +2,7 @@
 
 Each recording is fitted alone. A joint's friction at its usual speed, FS + FV |q̇|, is one number that both parts of it
 make, so that they cannot trade. A change point is one step against none: both by their evidence, with the scatter
-between runs unknown. Pure. Called by `compare` for four recordings and more.
+between runs unknown. Pure.
 """
 
 from __future__ import annotations

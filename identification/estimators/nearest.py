@@ -2,8 +2,7 @@
 
 Base parameters are sums of physical ones, so some can be refuted one by one (a sum of moments of inertia below zero);
 others only together. The answer is the pseudo-inertia program with noise-free torque of the parameters themselves on
-a motion: its optimum is the nearest robot, its dual value proves that none is nearer. Called by the fit, the command
-line and the benchmarks.
+a motion: its optimum is the nearest robot, its dual value proves that none is nearer.
 """
 
 from __future__ import annotations

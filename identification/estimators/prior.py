@@ -3,7 +3,7 @@
 A motion determines base parameters only: how a sum splits into masses, centres and inertias of single links is open,
 and so is, nearly, what a motion shows weakly. Any split gives the same torques, but a link of 8 kg with 47 kg m² is no
 link. Here the open directions go to a prior: bodies that are given, or a uniform body for each link. What the data
-determine stays, within a fraction of its σ. Called by the fit and by the exporters.
+determine stays, within a fraction of its σ.
 
 The problem, in the pseudo-inertias P_l(π) of the links (4 × 4, positive definite exactly for real bodies):
 

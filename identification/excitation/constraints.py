@@ -3,7 +3,7 @@
 Here: the equalities as a null space, the inequalities g(c) ≥ 0 with their derivatives, the exact repair of what an
 optimiser leaves slightly outside, and the verification on the 1 kHz grid. Not here: the objective and the search.
 All sets are convex, hold for each joint by itself and contain rest, so that shrinking one joint's amplitude always
-leads inside. Called by `design` and its tests.
+leads inside.
 
 (14c) is printed with a and b exchanged; for eq. (12) rest at t = 0 means Σ b_l / l = 0 (position), Σ a_l = 0
 (velocity) and Σ l b_l = 0 (acceleration).

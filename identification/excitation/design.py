@@ -2,8 +2,7 @@
 
 Here: the tournament of local searches over several processes, and the verified result. Not here: the local search
 (`local_search`), objective, constraints and their equations, any clock (the caller passes one if a time
-budget shall hold) and any knowledge of collisions (the caller passes a judge). Called by `iiwa-ident design`, the
-demo and benchmarks.
+budget shall hold) and any knowledge of collisions (the caller passes a judge).
 
 Each stage keeps the best part of the one before and searches on from there with more iterations: most starts end in
 poor local optima and show it early. What a time budget leaves after the last stage goes into hops: the best motions are

@@ -2,7 +2,7 @@
 
 Here: detectability λ of each effect at each joint after the base parameters, and after each effect it is easily taken
 for, took up what they can; the soft minimum with its exact gradient. Not here: the laws (`effect_columns`) and the
-statement about a finished design (`effect_report`). Called by the local search.
+statement about a finished design (`effect_report`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Here: the laws of the effect library that hold sample by sample, smoothed where they have sign(q̇), and what size of each
 is plausible. Not here: the library itself (`identification.mismatch.effects`), with which a test compares every law
-here and by which designs are reported. Called by the detectability term of the search.
+here and by which designs are reported.
 """
 
 from __future__ import annotations

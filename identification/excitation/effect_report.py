@@ -1,8 +1,7 @@
 """What missing physics a planned motion will show, effect by effect and joint by joint.
 
 Here: λ at plausible size and the smallest size that shows, from the effect library's own columns on the 1 kHz table.
-Not here: that computation (`identification.mismatch.detectability`) and the objective (`detectability_term`). Called by
-the command line (`design`) and benchmarks.
+Not here: that computation (`identification.mismatch.detectability`) and the objective (`detectability_term`).
 """
 
 from __future__ import annotations

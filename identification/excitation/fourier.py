@@ -2,7 +2,6 @@
 
 Here: coefficients in, positions, velocities and accelerations out. Not here: how the coefficients are chosen
 (`design`), which bounds they obey (`constraints`), and how trajectories are read from files (`trajectory_files`).
-Called by the optimiser, by the command line for `run`, `check` and `demo`, and by tests.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What is taken to be known of an arm before it is measured: parameters near enough to foresee its torque.
 
 Here: where the prior comes from, and the limit on torque as a term of the search. Not here: the final check at 1 kHz
-(`constraints.verify`). Called by `design`.
+(`constraints.verify`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Here: log cond(Y_b) of eq. (13), the D criterion -log det(Y_bᵀ Y_b), the A criterion log trace((Y_bᵀ Y_b)⁻¹) and
 weighted mixes of them, each with ∂/∂Y_b in closed form; the chain rule down to the coefficients of eq. (12), also for
 terms from elsewhere. Not here: those terms (`detectability_term`, `nominal`), bounds (`constraints`) and the search
-(`design`). Called by `design`, by its tests, and by whoever wants the figures of a trajectory.
+(`design`).
 """
 
 from __future__ import annotations

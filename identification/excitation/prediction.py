@@ -2,7 +2,6 @@
 
 Here: the standard deviations that the periodic fit will report for a given torque noise, from the same rows it solves
 (spectral lines of the base regressor up to the torque bandwidth). Not here: objectives of the design (`objective`).
-Called by the command line (`design`) and by whoever plans an experiment.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The paper's four reference trajectories (section 4.6), on which identified models are scored.
 
 Here: how waypoints and sines are drawn inside limits, seeded. Not here: the value objects (`fourier`, `polynomials`)
-and scoring (`validation`). Called by the demo, by `validate`'s documentation and by benchmarks.
+and scoring (`validation`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A simulator's file with what an audit found written back into it: load, link, friction, gravity; nothing else moves.
 
 Here: which numbers, in whose frame, and the check by reading the file back. Not here: the formats (`amended_files`) and
-the search (`audit`). Called by `diagnose --write-model`.
+the search (`audit`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A URDF tree seen as the bodies that move: what is fixed to what, which shapes and named frames each body carries.
 
 Here: merging of links joined by fixed joints, as identification sees them (one set of parameters per movable joint).
-Not here: writing. Called by the exporters.
+Not here: writing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Simulator models read back by other programs and compared with the model they came from, in inverse dynamics.
 
-Pinocchio always; MuJoCo and Drake where installed. Here: reading back and comparing. Not here: writing. Called by
-`write` after every export. Truth is Pinocchio's inverse dynamics of the identified numbers, built without any file.
+Pinocchio always; MuJoCo and Drake where installed. Here: reading back and comparing. Not here: writing.
+Truth is Pinocchio's inverse dynamics of the identified numbers, built without any file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What a simulator model can hold of the effects that a diagnosis found, and what must stay beside it.
 
 Here: one table and one function. Not here: finding effects, or simulating them (`simulation` takes them as a torque).
-Called by `write`.
 """
 
 from __future__ import annotations

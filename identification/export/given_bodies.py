@@ -1,7 +1,7 @@
 """The bodies that a robot description states, in the link frames of an identified robot: a prior for open directions.
 
 The description may be another file than the one that was identified with, have other link frames and carry a gripper;
-its joints must stand where the robot's do. Called by `write`.
+its joints must stand where the robot's do.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Joints that an installation holds, in a URDF tree: fixed where they stand, with all that follows them.
 
-What is exported is the arm that was identified: a gripper that was held is part of its link. Called by `write`.
+What is exported is the arm that was identified: a gripper that was held is part of its link.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """MJCF (MuJoCo) of an identified arm: damping, dry friction and rotor inertia all have their place there.
 
 Shapes are to look at only (no contacts), and meshes stay behind: MuJoCo reads neither package:// names nor DAE files.
-Called by `write`.
 """
 
 from __future__ import annotations

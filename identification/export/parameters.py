@@ -1,7 +1,7 @@
 """The numbers an exporter writes, taken from a model, and the refusal of numbers that no body can have.
 
 Here: which of the model's parameter sets, and the test of physical consistency. Not here: formats. Nothing is repaired
-silently: a changed inertia would be another robot than the identified one. Called by `write` and by `simulation`.
+silently: a changed inertia would be another robot than the identified one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""SDF (Gazebo, Drake) of an identified arm. Called by `write`.
+"""SDF (Gazebo, Drake) of an identified arm.
 
 Bodies joined by fixed joints become one link with named frames: in SDF a link without <inertial> would weigh 1 kg.
 """

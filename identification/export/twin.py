@@ -2,7 +2,7 @@
 
 Links 4 and 7 of Table 3 are no bodies (their moments violate the triangle inequality), so simulators refuse or mend
 them. Here they are moved as little as the torque allows: what the shipped excitation shows of Table 3 counts like data
-with 10 mNm of noise, and what it leaves open stays at Table 3 itself. Called by the command `twin`.
+with 10 mNm of noise, and what it leaves open stays at Table 3 itself.
 """
 
 from __future__ import annotations

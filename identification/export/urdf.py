@@ -1,7 +1,7 @@
 """URDF of an identified arm: the robot's own file with the identified numbers put in, or a new one for built-in arms.
 
 Names, meshes, limits and everything else of the file stay. Here: inertials, <dynamics>, Drake's rotor tags. Not here:
-which numbers (`parameters`) and the reading back (`check`). Called by `write`.
+which numbers (`parameters`) and the reading back (`check`).
 """
 
 from __future__ import annotations

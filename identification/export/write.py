@@ -1,7 +1,7 @@
 """The door of `export`: a model into a file for a simulator, checked by reading it back.
 
 Here: which skeleton, which numbers, the notes, the file beside it for effects. Not here: the formats' own rules
-(`urdf`, `sdf`, `mjcf`) and the comparison (`check`). Called by the command line.
+(`urdf`, `sdf`, `mjcf`) and the comparison (`check`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What an audit found, written back into the simulator's file, and the torque before and after in one figure.
 
 Here: the order of things (bodies and gravity first, then the friction that is lacking) and the drawing. Not here: the
-file (`amend`) and what is foretold (`audit.foretold`). Called by `diagnose --write-model`.
+file (`amend`) and what is foretold (`audit.foretold`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Numbers and elements of the XML that every exporter writes: no digit lost, no file opened.
-
-Called by the exporters.
-"""
+"""Numbers and elements of the XML that every exporter writes: no digit lost, no file opened."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The rule: the narrowest band that holds ten harmonics of the motion, which friction at its reversals has, and that costs
 no precision. What a wider one lets in besides is only what no column describes (resonances, noise); what costs
-precision shows in the standard deviations of the parameters on coloured residuals. Called by the fit; the diagnosis
+precision shows in the standard deviations of the parameters on coloured residuals. The diagnosis
 takes over what the fit chose.
 """
 

@@ -3,7 +3,7 @@
 A fit without offsets is biased by offsets that are too small to be taken, and its own covariance knows nothing of it.
 Every larger model that was considered has odds against the chosen one, its likelihood less one for each parameter more
 (Akaike's), and the covariance is the mean over the models of their own and of the squared distance to them (Buckland,
-Burnham & Augustin, Biometrics 1997, eq. 9). The values stay those of the chosen model. Called by the fit.
+Burnham & Augustin, Biometrics 1997, eq. 9). The values stay those of the chosen model.
 """
 
 from __future__ import annotations

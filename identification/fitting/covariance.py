@@ -3,7 +3,7 @@
 The estimate solves Σ w Yᵀ (τ − Y π) = 0. Whatever the weights w, its covariance is A⁻¹ V A⁻¹ with A = Σ w Yᵀ Y and
 V = Σ w² Yᵀ S Y, where S is the true covariance of the rows; eq. (15) is what remains if S is one number. Here S is
 diagonal over spectral lines, joint by joint: the noise between periods where a recording has periods, otherwise the
-residual's own power averaged over neighbouring lines. Called by `fitting.estimate`.
+residual's own power averaged over neighbouring lines.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 A torque that is δ late obeys τ(t) = τ_model(t − δ) ≈ τ_model − δ · dτ_model/dt: one more column per delay, estimated
 together with the base parameters by the same estimator. Half a millisecond already moves parameters by a σ. Friction
 that the model does not know looks like a delay too, so it is reported by default and corrected only when asked for.
-Called by the fit.
 """
 
 from __future__ import annotations

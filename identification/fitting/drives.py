@@ -6,8 +6,7 @@ the joints) by more than 1 %, and those of at least half of the joints. Candidat
 both. Rotor inertias of which most come out negative are none (behind a gear's torque sensor they only absorb what
 else the model lacks): such a candidate is not taken. Where the noise is known, an offset is a matter of the mean
 torque alone, one line of each joint, which says nothing on the others: there at least half of the joints must show
-one that is clear of its own uncertainty. Fewer are effects of those joints, which the diagnosis names. Called by the
-fit.
+one that is clear of its own uncertainty. Fewer are effects of those joints, which the diagnosis names.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@
   periodic recordings, where each sample has siblings in the other periods, replaced by what the coloured noise around
   them foretells (`signals.outliers`); in other recordings bounded at the residual, before any filter.
 - instrumental: see `fitting.instruments`.
-
-Called by the fit and by the Monte Carlo of the benchmarks.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Dry friction changes its sign over a small velocity, on a real arm and in most simulators. Where that is wide enough to
 show, sign(q̇) misfits at every reversal of every joint and biases Coulomb friction. One width for all joints, and only
 where most of them ask for it: what one joint alone asks for is an effect of that joint, which the diagnosis names. A
-common delay of the torque blunts friction as well, so the width must gain beside one. Called by the fit.
+common delay of the torque blunts friction as well, so the width must gain beside one.
 """
 
 from __future__ import annotations

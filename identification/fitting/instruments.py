@@ -3,7 +3,7 @@
 Least squares with noisy columns Y is biased, because the noise of Y correlates with itself in YᵀY. Instruments Z, the
 same columns from another measurement of the same motion, have independent noise: Σ w Zᵀ (τ − Y π) = 0 is free of that
 bias. Z comes from the commanded position where a recording holds one, else from the other half of the periods (even
-against odd, both ways round). Free to first order only: sign(q̇) is not linear in the noise. Called by the fit.
+against odd, both ways round). Free to first order only: sign(q̇) is not linear in the noise.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How much of each joint's torque the fitted model leaves beyond the noise, where the recordings know their noise.
 
-Called by the fit, which says so; the diagnosis finds out what it is.
+The diagnosis finds out what it is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The nominal model of a fit: what settings leave open, the data choose, before any parameter is settled.
 
 The band of recordings without periods, rotor inertias, offsets and the width of friction; then the rows of the fit and
-the estimator on them. Called by the fit.
+the estimator on them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which pipeline a recording goes through, and its processed stretches. Called by the fit and the validation."""
+"""Which pipeline a recording goes through, and its processed stretches."""
 
 from __future__ import annotations
 

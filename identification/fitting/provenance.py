@@ -1,4 +1,4 @@
-"""Where the numbers of a fit come from: inputs, robot, settings, versions, and one digest. Called by the fit."""
+"""Where the numbers of a fit come from: inputs, robot, settings, versions, and one digest."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """RMS of the difference between measured and modelled torque per joint, as in the paper's Table 4, and beside it what
-share of the torque that is and what the noise alone would give. Called by the fit and the validation.
+share of the torque that is and what the noise alone would give.
 """
 
 from __future__ import annotations

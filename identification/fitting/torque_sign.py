@@ -1,7 +1,7 @@
 """Does the recorded torque have the sign of the inverse dynamics? Asked of gravity at low speed, and of the fit.
 
 A torque with the wrong sign fits exactly as well, with every parameter negated. What cannot be negated is physics: each
-joint's own inertia is positive, and friction takes energy out. Called by the fit; nothing is turned silently.
+joint's own inertia is positive, and friction takes energy out. Nothing is turned silently.
 """
 
 from __future__ import annotations

@@ -2,5 +2,5 @@
 
 The way of the data: recording → `Evidence` (mean, noise, rows) → between-period effects → repeatable effects → held-out
 check → verdict → `diagnosis.json`. A name is a claim on held-out data; `indistinguishable` and `unexplained` are
-answers too. Called by the command line and the worker; knows nothing of files, sockets and clocks.
+answers too. Knows nothing of files, sockets and clocks.
 """

@@ -2,7 +2,7 @@
 
 A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
 recordings, and if held-out recordings do not contradict it; what has another form than it is for `earned`. Where the
-fitted motion cannot separate two names, held-out data choose. Called by the claims.
+fitted motion cannot separate two names, held-out data choose.
 """
 
 from __future__ import annotations

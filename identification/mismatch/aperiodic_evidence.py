@@ -3,8 +3,7 @@
 Blocks let rows be held out by time and weights differ between blocks that move and blocks that stand still; cosine
 lines (the orthonormal DCT) let rows have frequencies without asking that a block joins its own end. Nothing repeats
 here, so nothing tells noise from misfit: what stands in for the noise is the level above the compared band, and a
-tenth of what a plain fit leaves where that is more. It serves as a weight, and `noise_is_measured` is False. Called by
-`reduction.build_evidence` and the diagnosis.
+tenth of what a plain fit leaves where that is more. It serves as a weight, and `noise_is_measured` is False.
 """
 
 from __future__ import annotations

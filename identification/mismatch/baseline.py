@@ -1,8 +1,7 @@
 """A given model against recordings: which of its parameters are wrong, by how much, and what no parameters explain.
 
 Torque on the measured motion is split in two: what other base parameters change (wrong parameters, per link), and what
-remains after they are fitted (missing physics, which the search then names). Not here: that search. Called by the
-diagnosis.
+remains after they are fitted (missing physics, which the search then names). Not here: that search.
 """
 
 from __future__ import annotations

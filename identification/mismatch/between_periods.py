@@ -3,8 +3,8 @@
 The strongest candidate of all families is refined, claimed, and the space it lives in is closed before the next search:
 all contrasts of its joint's constant torque (drift) or friction (thermal), all torque in its window (contact, and the
 moment of a change of payload). What is left of an imperfectly shaped effect is thus not claimed a second time. At the
-end all are fitted jointly, what the others explain is dropped, and a contact that comes back is one finding. Called by
-the diagnosis before the mean is searched: what is found here also stands in the mean.
+end all are fitted jointly, what the others explain is dropped, and a contact that comes back is one finding. It
+comes before the mean is searched: what is found here also stands in the mean.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Two questions to each joint of each held-out recording. Is there misfit: more than its noise and the scatter of the
 predicted parameters give? And is it more than on the fitted recordings: then those disagree, whatever both leave out.
-Where no noise is measured, only the second can be asked. Not here: what differs. Called by the summary.
+Where no noise is measured, only the second can be asked. Not here: what differs.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What every search for a change between periods shares: a candidate, its fit, one shape parameter at its best.
 
-Called by the searches of `changes` and `contact_search`; what is claimed is decided in `between_periods`.
+What is claimed is decided in `between_periods`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How much less certain the size of a change is because its times and its profile are estimated along with it.
 
-Not here: the noise's own part, which the fit at fixed nonlinear parameters gives. Called by the search between periods.
+Not here: the noise's own part, which the fit at fixed nonlinear parameters gives.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Findings from what the search settled on: held-out check first, then numbers, place, words.
-
-Called by the diagnosis.
-"""
+"""Findings from what the search settled on: held-out check first, then numbers, place, words."""
 
 from __future__ import annotations
 

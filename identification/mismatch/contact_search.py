@@ -1,7 +1,6 @@
 """The search for pushes: short smooth torques in one period; the window is found here, the rest in `contact_force`.
 
-Here too: single samples that stand out, which look like very short pushes and are faults of the data. Called by
-`between_periods`, which decides what is claimed.
+Here too: single samples that stand out, which look like very short pushes and are faults of the data.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The space of what differs between the periods of one recording: whitened, without their mean, without ramps.
 
 Noise that is not periodic ends a period elsewhere than it began; that leaves a ramp of its own in every period, whose
-lines are not independent. So one ramp per period and joint is given away. Called by the search between periods.
+lines are not independent. So one ramp per period and joint is given away.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Faults of the data that no physics explains: looked for before any effect is. Called by the diagnosis.
+"""Faults of the data that no physics explains: looked for before any effect is.
 
 What the import found in single rows is passed on, not searched again. A clipped torque shows as a plateau at its own
 extreme. Signs (`torque_signs`) and time base are questions to the rigid body itself: gravity does not know the clock

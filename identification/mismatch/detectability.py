@@ -2,7 +2,7 @@
 
 The nominal parameters take up part of every effect; only the rest can be seen (Frisch, Waugh, Lovell). From the rest
 and the noise follow the smallest size that shows, how far the parameters move when the effect is real and not modelled,
-and which effects look alike. No measured torque is used. Called by the diagnosis, by `design` and by benchmarks.
+and which effects look alike. No measured torque is used.
 """
 
 from __future__ import annotations

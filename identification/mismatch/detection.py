@@ -1,7 +1,4 @@
-"""Is there misfit at all, on which joint and in which band: the residual's power against the noise's.
-
-Called by the search (is this explained?) and by the verdict (what is left?). Names nothing.
-"""
+"""Is there misfit at all, on which joint and in which band: the residual's power against the noise's. Names nothing."""
 
 from __future__ import annotations
 

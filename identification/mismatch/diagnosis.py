@@ -1,7 +1,7 @@
 """The entry point: recordings in, one `Diagnosis` out.
 
 recordings → data faults → evidence → changes between periods → search over the mean → held-out check → findings. The
-parts live in the modules beside this one; this one only joins them. Called by the command line and the worker.
+parts live in the modules beside this one; this one only joins them.
 """
 
 from __future__ import annotations

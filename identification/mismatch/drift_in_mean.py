@@ -2,7 +2,7 @@
 
 Of a torque that grows evenly from zero three quarters of the squares are in the mean of the periods, where they look
 like an offset, and a quarter is between the periods. Seen in the mean alone a weak drift is named an offset. Not here:
-drifts that the contrasts prove, whose mean is left free (`between_periods`). Called by the diagnosis after its search.
+drifts that the contrasts prove, whose mean is left free (`between_periods`).
 """
 
 from __future__ import annotations

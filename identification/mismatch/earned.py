@@ -1,7 +1,4 @@
-"""Names against classes: which of the members that passed so far stand out from what a joint's torque depends on.
-
-Called by the claims.
-"""
+"""Names against classes: which of the members that passed so far stand out from what a joint's torque depends on."""
 
 from __future__ import annotations
 

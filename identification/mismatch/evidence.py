@@ -2,7 +2,6 @@
 
 Noise comes from differences of successive periods, misfit from the mean of the periods, changes from contrasts between
 them; the three are never mixed. Rows are spectral lines, so that coloured noise is a matter of one variance per line.
-Called by every stage of the diagnosis.
 """
 
 from __future__ import annotations

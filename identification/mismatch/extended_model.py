@@ -1,7 +1,6 @@
 """The model that a diagnosis leaves behind: nominal parameters, physical ones too, with the findings as effects.
 
 Here: joining the diagnosis with a fit on recordings whose torque has the effects taken off. Not here: either of them.
-Called by the command line and the worker.
 """
 
 from __future__ import annotations

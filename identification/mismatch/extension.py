@@ -1,6 +1,6 @@
 """The nominal model extended by effects: base parameters and coefficients fitted together, with their covariance.
 
-Also what that model predicts elsewhere, in Nm per row. Called by the held-out check, the verdict and the report.
+Also what that model predicts elsewhere, in Nm per row.
 """
 
 from __future__ import annotations

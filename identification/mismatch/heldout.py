@@ -2,7 +2,7 @@
 
 Coefficients, nonlinear parameters and base parameters all come from the fitted recordings. Only directions of the base
 parameters that those recordings do not determine to the noise of the held-out ones are left free there: they would say
-nothing on the effects, and everything on the motion that was fitted. Called by the diagnosis.
+nothing on the effects, and everything on the motion that was fitted.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The effects of the library on the motion at hand: every place, every grid point, as rows beside the nominal ones.
 
-Rows depend on the motion only; they are computed once and kept. Here no torque is looked at. Called by the search.
+Rows depend on the motion only; they are computed once and kept. Here no torque is looked at.
 """
 
 from __future__ import annotations

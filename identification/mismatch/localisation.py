@@ -1,7 +1,4 @@
-"""Where misfit sits: joints, bands, time, state of motion. Curves that describe, and claim no physics.
-
-Called by the verdict for findings and for what stays unexplained.
-"""
+"""Where misfit sits: joints, bands, time, state of motion. Curves that describe, and claim no physics."""
 
 from __future__ import annotations
 

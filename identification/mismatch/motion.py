@@ -1,7 +1,4 @@
-"""The motion of one stretch of a recording, and everything an effect may look at. No noise and no rows here.
-
-Called by the effects, which turn a motion into torque columns.
-"""
+"""The motion of one stretch of a recording, and everything an effect may look at. No noise and no rows here."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The noise of a mean period, line by line, from what successive periods differ by.
 
-Here: variances and the degrees of freedom behind them. Not here: misfit, which lives in the mean. Called by `evidence`.
+Here: variances and the degrees of freedom behind them. Not here: misfit, which lives in the mean.
 """
 
 from __future__ import annotations

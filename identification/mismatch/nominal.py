@@ -1,7 +1,6 @@
 """The nominal model of a diagnosis: the fit that the user has of the same recordings, and no other.
 
-Same band, weights, options and values, cited by its digest. What the diagnosis calls "before" is this fit. Called by
-the diagnosis.
+Same band, weights, options and values, cited by its digest. What the diagnosis calls "before" is this fit.
 """
 
 from __future__ import annotations

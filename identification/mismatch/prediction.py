@@ -1,7 +1,7 @@
 """Torque of effects that a diagnosis found, on other motions: what makes them part of the model.
 
 Findings come as they stand in `model.json`. Here: their torque on a motion, and recordings with it taken off. Not here:
-how they were found. Called by the extended model, by `validate` and by `simulate`.
+how they were found.
 """
 
 from __future__ import annotations

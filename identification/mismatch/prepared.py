@@ -1,6 +1,6 @@
 """Evidences of one role, fitted or held out, what changes between their periods, and their torque without that.
 
-What the search, the claims and the summary are given. Called by the diagnosis.
+What the search, the claims and the summary are given.
 """
 
 from __future__ import annotations

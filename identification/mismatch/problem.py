@@ -1,8 +1,7 @@
 """The least-squares problem of the diagnosis: whitened rows of all evidences, and the space the base parameters span.
 
 Every column that enters a comparison is taken off that space first (Frisch, Waugh, Lovell), which is the same as
-fitting all base parameters again with it. Rows run joint by joint, within a joint evidence by evidence. Called by the
-search, the detection, the verdict.
+fitting all base parameters again with it. Rows run joint by joint, within a joint evidence by evidence.
 """
 
 from __future__ import annotations

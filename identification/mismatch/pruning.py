@@ -1,6 +1,6 @@
 """Members of a model that are worth less than they must be are left out, by the regime that holds.
 
-Called by the search at its end; `removal_scores` also by the claims.
+`removal_scores` also by the claims.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Force, point, window and profile of one push on one link, fitted together, and the rows that any push is compared on.
 
-Called by `contact_force`, which decides on the link. Rows are those of one period or of the mean: a `Ground`.
+Rows are those of one period or of the mean: a `Ground`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Nonlinear parameters of one effect, refined beside everything else that is fitted.
 
 Golden section per parameter, in turns, then all together; base parameters and coefficients are fitted anew at every
-point. Called by the search.
+point.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A strong spring bends a fit much as a wrong clock does, and strong crosstalk onto a light joint outweighs that joint's
 own torque. Before either is called a fault of the data, every joint is given free smooth functions of its state and of
-the torques; a true fault stays visible beside them. Called by the tests for data faults only.
+the torques; a true fault stays visible beside them.
 """
 
 from __future__ import annotations

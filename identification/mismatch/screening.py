@@ -1,7 +1,6 @@
 """What every candidate would gain beside what is fitted already, for all candidates at once.
 
 One product of matrices per look: each candidate's columns off the basis are never formed, only their Gram matrices.
-Called by the search.
 """
 
 from __future__ import annotations

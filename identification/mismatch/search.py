@@ -2,8 +2,8 @@
 
 Two regimes. Where some set of effects leaves nothing but noise on every joint and in every band, it is ranked and
 pruned by the likelihood in units of the noise ("complete"). Where none does, unknown model error remains and replicate
-noise would prove anything; then by the profile likelihood with a free smooth background ("background"). Called by the
-diagnosis; decides nothing about words.
+noise would prove anything; then by the profile likelihood with a free smooth background ("background").
+Decides nothing about words.
 """
 
 from __future__ import annotations

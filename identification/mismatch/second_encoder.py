@@ -2,7 +2,7 @@
 
 Δ = q − q_link is regressed on what each claim says (τ/K for elasticity, d·q̇ for a delay) and each is judged by the
 share of Δ it leaves on a recording that was not used. Torque is not asked: a difference of a milliradian moves it too
-little. Called by the diagnosis where a recording has a second encoder.
+little.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, delay, load.
 
 A verdict for each, in seconds. What in single rows and signs is wrong comes from `data_faults`, how the base stands
-from the audit's `mount`. Called by `doctor --log` and, for the page, by the diagnosis of files.
+from the audit's `mount`.
 """
 
 from __future__ import annotations

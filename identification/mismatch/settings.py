@@ -1,6 +1,6 @@
 """Every threshold of the diagnosis, in one place, with what it was tuned on.
 
-Called by all stages; the defaults are what `prove` scores. Nothing is computed here. Tuned on `prove` cases:
+The defaults are what `prove` scores. Nothing is computed here. Tuned on `prove` cases:
 complete_score and provisional_score on 74 clean recordings and decoys of seeds 200 and 230 (but for a hum and a
 jittering clock the best of all candidates has a median of 4.4 and a largest of 9.0, fitted and held-out together; an
 exponential tail puts one in 200 beyond 14); background_score and contrast_to_background on seeds 5 to 19, 101 and 102

@@ -1,7 +1,4 @@
-"""The rest of a diagnosis: what could not be seen, how small an effect would have shown, parameter shift, words.
-
-Called by the diagnosis.
-"""
+"""The rest of a diagnosis: what could not be seen, how small an effect would have shown, parameter shift, words."""
 
 from __future__ import annotations
 

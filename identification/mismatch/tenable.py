@@ -1,7 +1,4 @@
-"""What no finding may be, however well it fits: of no certain size, of a sign no machine has, or back again elsewhere.
-
-Called by the claims.
-"""
+"""What no finding may be, however well it fits: without a certain size, of a sign no machine has, or seen elsewhere."""
 
 from __future__ import annotations
 

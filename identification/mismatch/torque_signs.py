@@ -4,7 +4,7 @@ The joints share inertial parameters, so that one cannot be turned unnoticed, an
 below zero belongs to no arm. Every pattern is fitted, in all recordings with common base parameters, the noise of each
 joint as it comes out, beside free functions of each joint's state, so that strong physics is no rival which only a
 turned sign could describe. These have a prior as wide as the joint asks for and cost what they could describe: without
-it they describe a turned torque as well as any. Called by the search for data faults.
+it they describe a turned torque as well as any.
 """
 
 from __future__ import annotations

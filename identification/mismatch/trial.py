@@ -2,7 +2,6 @@
 
 "complete": few effects leave nothing but noise on every joint and in every band. "background": unknown model error
 remains, or so many effects describe it that they are a series expansion of it.
-Called by the search, the pruning and the rule of abstention.
 """
 
 from __future__ import annotations

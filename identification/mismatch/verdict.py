@@ -1,7 +1,7 @@
 """From members of a model to claims: alternatives, the rule of abstention, and the words for what stays.
 
 A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
-recordings; what the data cannot tell from it is named beside it. Called by the diagnosis.
+recordings; what the data cannot tell from it is named beside it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Recordings of a robot's motion and torque, whoever made them: one value object, one reader per file suffix.
 
 Here: the Recording value object, readers (.npz, .csv, .mcap), what an import found wrong with the rows, the writer of
-imported recordings. Not here: averaging, filtering, differentiation (identification.signals). Called by the fit, the
-diagnosis and the command line.
+imported recordings. Not here: averaging, filtering, differentiation (identification.signals).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A Recording as one block of bytes and back, bit by bit: the attachment by which an imported log keeps its arrays.
 
 ROS messages round time to nanoseconds and know neither second encoders nor temperatures; the attachment keeps what the
-import had. Called by the writer of imports and by the MCAP reader.
+import had.
 """
 
 from __future__ import annotations

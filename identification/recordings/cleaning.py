@@ -1,7 +1,7 @@
 """From raw rows to a Recording: every doubtful row is found, named with its place and number, and handled.
 
 Order: shapes, non-finite rows, time stamps, isolated spikes, held rows, then gaps and jitter of what is left. Rows
-are dropped, never repaired: a gap is honest, an invented sample is not. Called by `reader.read_recording`; no file is
+are dropped, never repaired: a gap is honest, an invented sample is not. No file is
 read here.
 """
 

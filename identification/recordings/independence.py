@@ -1,7 +1,6 @@
 """Are recordings different measurements? A recording that checks itself confirms whatever was fitted to it.
 
-Here: names that tell recordings apart, and the refusal of samples that stand in two of them. Called by fit, diagnosis
-and validation, and by whatever else takes several recordings.
+Here: names that tell recordings apart, and the refusal of samples that stand in two of them.
 """
 
 from __future__ import annotations

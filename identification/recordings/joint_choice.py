@@ -1,7 +1,6 @@
 """Which of the recorded joints are the robot's, and in which order: by their names, never by guessing.
 
-Pure functions of names, and their use on a table or a recording. Called by `reader` wherever a recording is read, and
-by `for_robot`, which the fit asks for recordings that were made in memory.
+Pure functions of names, and their use on a table or a recording.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Reads logs and bags: runs of this project (/fri/state), imports (their arrays), ROS 2 bags (JointState).
 
-A file that breaks off still gives all of its complete chunks. Called by `reader.read_recording`; the writing of logs
-lives elsewhere.
+A file that breaks off still gives all of its complete chunks. Logs are written elsewhere.
 """
 
 from __future__ import annotations

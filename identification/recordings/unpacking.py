@@ -1,7 +1,6 @@
 """How much a compressed file may become in memory: a small file that unpacks to gigabytes is refused, not obeyed.
 
-Measured motion and torque hardly compress (a factor of 2 to 15); a factor of 100 is room enough. Called by the readers
-of .npz, .mcap and compressed bags before they unpack anything.
+Measured motion and torque hardly compress (a factor of 2 to 15); a factor of 100 is room enough.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a joint's torque depends on beyond the model, named or not, as a section: sentences, curves with bands, errors.
-
-Called by `diagnosis_sections`.
-"""
+"""What a joint's torque depends on beyond the model, named or not: sentences, curves with bands, errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """A model that somebody else made, against these recordings: how much of its error is wrong parameters, how much is
-missing physics, and which links are wrong. Called by `report`.
+missing physics, and which links are wrong.
 """
 
 from __future__ import annotations

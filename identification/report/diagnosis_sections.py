@@ -1,5 +1,5 @@
 """What a diagnosis says, as sections: the verdict and every finding with its figures, the held-out check, how the base
-parameters move, what these data could not show. Plain language first, numbers behind it. Called by `report`.
+parameters move, what these data could not show. Plain language first, numbers behind it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""One finding of a diagnosis as blocks: its sentence, its doubts, its size, and its figures before and after.
-
-Called by `diagnosis_sections`.
-"""
+"""One finding of a diagnosis as blocks: its sentence, its doubts, its size, and its figures before and after."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reader should know first of a fit without a diagnosis, and the colour of that. Called by `report`."""
+"""What a reader should know first of a fit without a diagnosis, and the colour of that."""
 
 from __future__ import annotations
 

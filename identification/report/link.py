@@ -1,7 +1,6 @@
 """How good the link was while a log was recorded, from the report that the log carries as an attachment.
 
 Here: reading that one attachment and putting it into words. Logs without it, or files of others, have no link to judge.
-Called by `recording_section`.
 """
 
 from __future__ import annotations

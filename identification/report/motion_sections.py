@@ -1,5 +1,5 @@
 """Excitation and residuals as figures: the paper's Fig. 2 and 3, velocities, and what the model leaves, by joint in
-time and in frequency against the noise. Here: which panels there are. Called by `report`.
+time and in frequency against the noise. Here: which panels there are.
 """
 
 from __future__ import annotations

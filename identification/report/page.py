@@ -1,7 +1,6 @@
 """A document as one HTML file: everything inside, nothing to fetch, no script.
 
-Here: the rendering of value objects by a template that escapes every text by itself. Not here: what is said. Called by
-`report`.
+Here: the rendering of value objects by a template that escapes every text by itself. Not here: what is said.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One small plot as SVG text for a page: readable in print, in dark and light, and on a phone.
 
 Here: the drawing, with matplotlib's SVG writer, and what makes its output fit into an HTML page: colours that the
-page's style sheet decides, no addresses, no names that two plots share. Not here: what is drawn. Called by `page`.
+page's style sheet decides, no addresses, no names that two plots share. Not here: what is drawn.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What was recorded, with what, and what the reading of each file found. Called by `report`."""
+"""What was recorded, with what, and what the reading of each file found."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What the figures of motion and residual draw, from a fit or from a diagnosis: arrays over time and over frequency.
 
 Here: the modelled torque of a fit on its own recordings once more, and its residual in both views. Not here: any
-drawing. Called by `motion_sections`.
+drawing.
 """
 
 from __future__ import annotations

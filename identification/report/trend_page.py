@@ -1,7 +1,4 @@
-"""The page of a series of recordings: friction of every joint by date, and by temperature where it is known.
-
-Called by `compare --out`.
-"""
+"""The page of a series of recordings: friction of every joint by date, and by temperature where it is known."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A report in the units of the robot's joints: pages about prismatic joints speak of N, m and N s/m.
 
 Sections are built in the words of revolute joints, which most robots have; this turns the words once, at the end. Cells
-of tables stay: they hold numbers, or a unit of their own. Called by `report`.
+of tables stay: they hold numbers, or a unit of their own.
 """
 
 from __future__ import annotations

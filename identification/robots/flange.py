@@ -1,7 +1,6 @@
 """Where the flange is: the frame that load data are given in, seen from the link that carries it.
 
-Known of the built-in arms, and of a URDF whose frames bear the usual names (REP 199). Called by whoever says where a
-load is. Pure.
+Known of the built-in arms, and of a URDF whose frames bear the usual names (REP 199). Pure.
 """
 
 from __future__ import annotations

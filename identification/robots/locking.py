@@ -1,7 +1,6 @@
 """A robot with some joints held still: their links become part of the links that carry them.
 
-Pure functions of robots. Called by `load_robot` for what an `Installation` locks and for the joints of a URDF that
-mimic a locked one.
+Pure functions of robots.
 """
 
 from __future__ import annotations

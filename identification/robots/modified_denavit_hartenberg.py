@@ -2,7 +2,7 @@
 
 The columns are those of the paper's Table 1: gamma (0 revolute, 1 prismatic), alpha, d, theta, rl; frame i relative to
 frame i − 1 is Rx(α) Tx(d) Rz(θ) Tz(rl). Optional columns: joint_name, position_lower_rad, position_upper_rad,
-velocity_rad_s, effort_nm. Called by `identification.robots.load_robot`.
+velocity_rad_s, effort_nm.
 """
 
 from __future__ import annotations

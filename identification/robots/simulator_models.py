@@ -2,8 +2,7 @@
 
 The file is asked for inverse dynamics at random states, by Pinocchio, MuJoCo or Drake, and base parameters are those
 whose torque is the same. So frames, fixed links and conventions of the file need no translation; where the torque
-cannot be matched, its kinematics is another and that is the answer. Not here: comparing with recordings. Called by the
-diagnosis against a given model.
+cannot be matched, its kinematics is another and that is the answer. Not here: comparing with recordings.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Robots from URDF files, read by Pinocchio and brought to one configuration number per joint.
 
 Inertias are optional: the kinematics is what identification needs. Fixed joints are merged into their parent link.
-Called by `identification.robots.load_robot`.
 """
 
 from __future__ import annotations

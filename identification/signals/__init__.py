@@ -1,7 +1,7 @@
 """From a Recording to what an estimator can use: motion, torque, and one linear treatment of both sides.
 
 Here: averaging over periods, derivatives, filters, standstill, noise from period to period. Not here: reading files
-(`recordings`), regressors and estimation. Called by the fit, the validation and the diagnosis.
+(`recordings`), regressors and estimation.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@
    included) through the same low-pass, cuts the ends where it rings, and keeps every k-th row (about 2.5 rows per
    period of the cutoff frequency). 5. Rows in which a joint stands still are not used for that joint: its friction
    may have any value there.
-Called by the fit and the validation.
 """
 
 from __future__ import annotations

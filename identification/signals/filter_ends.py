@@ -1,7 +1,6 @@
 """The ends of a record that was filtered before we got it: a filter begins and stops with nothing beside the record.
 
 There its output swings from zero, or from a guess, to the signal; the record's first and last moments are no evidence.
-Called by `periods`.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 The same instant of every period has the same torque, so a sample is judged by its siblings and not by any model:
 Huber's location with a scale per joint. What remains of a sample is coloured noise, of which its neighbours in time
 know most: a sample far from what they foretell is an outlier however small it is beside the noise as a whole (robust
-cleaning, Martin and Thomson 1982, here with the neighbours of both sides). Called by the periodic pipeline when a fit
-asks for the estimator "huber".
+cleaning, Martin and Thomson 1982, here with the neighbours of both sides).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Position and torque pass different filters and the regressor passes none, so what the torque filter removes (mostly the
 steps of Coulomb friction) is still in the regressor. The filters stand in second-order sections (as transfer function
 they are unstable) and are wrapped around the mean period (zero-phase filtering = |H|² on its lines; with padding the
-ends of one period are wrong by degrees). Called by the fit when asked for `--pipeline paper`.
+ends of one period are wrong by degrees).
 """
 
 from __future__ import annotations

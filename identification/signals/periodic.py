@@ -3,7 +3,7 @@
 Position: its first H harmonics, differentiated exactly (q̇_h = i ω h q_h); H is the last line, below a cap, on which
 any joint's mean position stands clearly above its noise. Torque and regressor columns: computed on the full time grid
 and taken to the same spectral lines 0 … B. Choosing lines is the filter; it is the same on both sides, it wraps, and
-nothing is padded. Called by the fit and the diagnosis.
+nothing is padded.
 """
 
 from __future__ import annotations

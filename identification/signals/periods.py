@@ -1,7 +1,7 @@
 """Periods of a periodic recording: laid out in a table, averaged with respect for gaps, compared with each other.
 
 The average over K periods keeps signal and repeatable misfit; the differences of successive periods know only the
-noise (von Neumann: blind to slow drift). The two are never mixed. Called by the periodic pipelines.
+noise (von Neumann: blind to slow drift). The two are never mixed.
 """
 
 from __future__ import annotations

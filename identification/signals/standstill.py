@@ -1,7 +1,4 @@
-"""Samples at which a joint of a periodic motion stands or turns slowly, taken out of both sides by a straight line.
-
-Called by the periodic pipeline, whose rows the fit and the diagnosis share.
-"""
+"""Samples at which a joint of a periodic motion stands or turns slowly, taken out of both sides by a straight line."""
 
 from __future__ import annotations
 

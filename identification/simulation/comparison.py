@@ -2,7 +2,7 @@
 
 Three torques on the same rows and through the same filter: measured, inverse dynamics of the measured motion, and
 simulated. Here: which motion is followed and what is compared. Not here: the simulation (`simulate`) and drawing
-(`figure`). Called by the command line and the report.
+(`figure`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Controllers of the simulated arm: from the state and the commanded motion to motor torques.
 
 All know the identified rigid-body model with motor inertias and no friction, as in section 4.6 of the paper. Here: the
-laws and their gains. Not here: the arm they move (`dynamics`). Called by `simulate`, once each control step.
+laws and their gains. Not here: the arm they move (`dynamics`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 While every joint slides, friction is smooth and a step is a classical Runge-Kutta step. When a joint starts, stops or
 turns, the step is implicit: velocity and friction forces are found together such that each force is F_s sign(q̇) where
 the joint moves and anything in ±F_s where it rests (a box-constrained complementarity problem, solved by projected
-Gauss-Seidel). No smoothing width has to be chosen, and a joint at rest stays there. Called by `simulate`.
+Gauss-Seidel). No smoothing width has to be chosen, and a joint at rest stays there.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """The paper's Fig. 4 for any robot: per joint the torques measured, from inverse dynamics and simulated, and what is
-left between them. Here: the drawing. Not here: any number in it (`comparison`). Opens no window. Called by `simulate`.
+left between them. Here: the drawing. Not here: any number in it (`comparison`). Opens no window.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Motor inertias for simulation where identification cannot see them: a prior, and the sentence that says so.
 
 A torque sensor behind the gear does not see its own motor, but a simulated arm without motors is unstable under the
-gains that hold a real one (and a motor is most of what a wrist's controller moves). Called by the command line.
+gains that hold a real one (and a motor is most of what a wrist's controller moves).
 """
 
 from __future__ import annotations

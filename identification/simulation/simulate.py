@@ -1,7 +1,7 @@
 """Closed-loop forward simulation: an identified arm follows a commanded motion under a controller.
 
 Here: the loop over time and its result. Not here: one step (`dynamics`), the laws (`controllers`), comparing with a
-recording (`comparison`). Called by the command line, the demo and the diagnosis (whose effects enter as a torque).
+recording (`comparison`).
 """
 
 from __future__ import annotations

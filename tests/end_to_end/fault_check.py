@@ -1,4 +1,4 @@
-"""What has to hold in every row of the fault table. Called by test_faults_of_robot.py and test_faults_of_host.py.
+"""What has to hold in every row of the fault table.
 
 The arm is judged at the robot's side; the file by readers that share no code with its writer. Nothing here asks how
 long anything took.

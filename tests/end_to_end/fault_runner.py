@@ -2,7 +2,6 @@
 
 Truth comes from the robot's side (its summary: commands it accepted and refused, their peaks, how fast everything was
 when commanding ended, how many answers it got) and from readers of the file that share no code with its writer.
-Called by the tests and by benchmarks/faults.py.
 """
 
 from __future__ import annotations

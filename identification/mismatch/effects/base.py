@@ -1,7 +1,7 @@
 """The shape of an effect: what every file of the effect library provides, and nothing else.
 
 An effect turns a motion into torque columns per unit of its coefficients, for one place (joint, link) and one set of
-its nonlinear parameters. It does not see measured torque and does not decide anything. Called by the search.
+its nonlinear parameters. It does not see measured torque and does not decide anything.
 """
 
 from __future__ import annotations

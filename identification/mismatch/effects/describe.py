@@ -1,4 +1,4 @@
-"""Numbers and words that the effects' parameters and sentences share. Called by the files of the effects."""
+"""Numbers and words that the effects' parameters and sentences share."""
 
 from __future__ import annotations
 

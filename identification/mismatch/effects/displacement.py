@@ -1,6 +1,6 @@
 """The torque that a joint's displacement makes: of a known one, and of the wind-up of a spring behind the motor.
 
-Called by the files of the effects; the rigid-body quantities are those of `dynamics`.
+The rigid-body quantities are those of `dynamics`.
 """
 
 from __future__ import annotations

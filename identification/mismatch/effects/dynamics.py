@@ -2,7 +2,7 @@
 
 Newton-Euler in link frames, vectorised over the samples, linear in the dynamic parameters: it takes the minimum-norm
 parameters of a fit, which no body need have (a mass of zero with a first moment), so that a library that wants bodies
-cannot serve. Called by the files of the effects.
+cannot serve.
 """
 
 from __future__ import annotations

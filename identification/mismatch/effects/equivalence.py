@@ -1,7 +1,7 @@
 """Which effects are the same torque, which contain another, and what to record to tell a set of them apart.
 
 Here: the relation of two effects' columns once the nominal columns are projected off, and the experiments per pair.
-Which of two explains a recording is not decided here. Called by the verdict and by `detectability`.
+Which of two explains a recording is not decided here.
 """
 
 from __future__ import annotations

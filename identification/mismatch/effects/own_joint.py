@@ -1,7 +1,6 @@
 """What effects on one joint's own torque share: a place per joint, columns in that joint's row alone.
 
-Called by the files of those effects. Units throughout the library are those of a revolute joint; for a prismatic joint
-read N for Nm and m for rad.
+Units throughout the library are those of a revolute joint; for a prismatic joint read N for Nm and m for rad.
 """
 
 from __future__ import annotations

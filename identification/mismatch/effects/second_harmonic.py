@@ -1,7 +1,4 @@
-"""A wave over the angle that may carry its second harmonic, as two nonlinear parameters that are zero in the textbook.
-
-Called by the files of effects that are such a wave.
-"""
+"""A wave over the angle that may carry its second harmonic, as two parameters that are zero in the textbook."""
 
 from __future__ import annotations
 

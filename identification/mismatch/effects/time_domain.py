@@ -1,4 +1,4 @@
-"""Derivatives and filters over the time of a motion, exact where it is periodic. Called by the files of the effects."""
+"""Derivatives and filters over the time of a motion, exact where it is periodic."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The functions are fixed by the ranges of the motions at hand; any other motion gets the same ones, and beyond the ranges
 of the fitted motions they fade to zero. A class's columns are scaled so that independent weights of variance v give a
-torque of mean square v on the motions at hand. No measured torque is seen here. Called by `rows` and `model_terms`.
+torque of mean square v on the motions at hand. No measured torque is seen here.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Which classes stand on which joint with no name beside them, and whether they predict rows that were not fitted.
 
-Chosen on fitted and held-out rows together; weights and variances of the fitted rows alone. Called by the diagnosis,
-for the claims and for the judgement.
+Chosen on fitted and held-out rows together; weights and variances of the fitted rows alone.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Functions that the classes of dependence are made of: smooth ones of one variable, stops, linear filters.
 
-Pure mathematics; nothing here knows a robot. Called by `classes`.
+Pure mathematics; nothing here knows a robot.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The answer without forms: which classes each joint's torque depends on beside the nominal model, and what they bring.
 
 Classes are chosen on fitted and held-out rows together; sizes, curves and held-out figures come from weights and
-variances of the fitted rows alone. Called by the diagnosis.
+variances of the fitted rows alone.
 """
 
 from __future__ import annotations

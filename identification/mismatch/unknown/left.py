@@ -1,7 +1,4 @@
-"""What classes leave of the fitted and of the held-out rows, their weights from the fitted ones alone.
-
-Called by `judgement` and `offer`.
-"""
+"""What classes leave of the fitted and of the held-out rows, their weights from the fitted ones alone."""
 
 from __future__ import annotations
 

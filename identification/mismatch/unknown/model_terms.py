@@ -1,6 +1,6 @@
 """Class terms as they stand in `model.json`: bases, weights, the ranges they were fitted in; and their torque.
 
-Beyond the fitted ranges every term fades to zero. Called by `offer`, and by `prediction` for validation and simulation.
+Beyond the fitted ranges every term fades to zero.
 """
 
 from __future__ import annotations

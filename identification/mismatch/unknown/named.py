@@ -2,7 +2,7 @@
 
 A name's columns stand beside the base parameters, common to all joints, its size known beforehand to the order of what
 was found. Without it the classes of its joints are chosen anew: a name that they explain better falls. A class that a
-name describes completely is no rival of it. Called by the claims.
+name describes completely is no rival of it.
 """
 
 from __future__ import annotations

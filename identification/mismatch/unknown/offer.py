@@ -1,8 +1,7 @@
 """What of the classes goes into the extended model: terms beside the names that stand, where no joint gets worse.
 
 Names keep their sizes; classes are chosen on what they leave, weights and base parameters come from the fitted rows,
-and held-out rows say which joints may keep their terms. Without held-out rows nothing is offered. Called by the
-diagnosis.
+and held-out rows say which joints may keep their terms. Without held-out rows nothing is offered.
 """
 
 from __future__ import annotations

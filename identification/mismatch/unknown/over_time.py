@@ -2,7 +2,7 @@
 
 The contrasts of a recording, weighted along the course of a change (Σ w_k z_k over the periods), are rows of the torque
 that changed. Beside the name stand the classes of dependence with the same course, by the same evidence as in the mean:
-a gain that drifts is no drift of the zero and no load that was taken off. Called by the diagnosis.
+a gain that drifts is no drift of the zero and no load that was taken off.
 """
 
 from __future__ import annotations

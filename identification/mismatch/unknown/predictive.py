@@ -2,7 +2,7 @@
 
 Weights and variances come from the fitted rows alone (the chain rule); the noise of the held-out rows is estimated band
 by band with the price of `evidence`, with the class and without it, so that broadband torque is the rival of every
-class there too. Called by `judgement`.
+class there too.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Rows of fitted and held-out evidences together, with the columns of every class on every joint beside the base ones.
 
-Here: from motions to Gram matrices. Not here: what they are worth (`evidence`, `selection`). Called by `judgement`.
+Here: from motions to Gram matrices. Not here: what they are worth (`evidence`, `selection`).
 """
 
 from __future__ import annotations

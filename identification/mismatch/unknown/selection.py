@@ -2,7 +2,7 @@
 
 Where the noise is measured, hypotheses are compared by their evidence. Where it is not, rows of one kind are no proof
 for each other, and they are compared by how well each stretch of time is predicted from the others (the chain rule with
-every stretch last in turn). Called by `judgement`.
+every stretch last in turn).
 """
 
 from __future__ import annotations

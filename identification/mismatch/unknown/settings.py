@@ -1,6 +1,6 @@
 """Every constant that decides what may be claimed without a form, each as odds, a probability or a count of rows.
 
-Called by all of `unknown`; nothing is computed here.
+Nothing is computed here.
 """
 
 from __future__ import annotations
