@@ -14,7 +14,7 @@ from collections.abc import Callable
 from daemon.api import RunEvent, RunRequest
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRing
-from fri_client.loop.result import version_doubt
+from fri_client.loop.version_evidence import version_doubt
 from fri_client.messages import FriVersion, SessionState
 
 __all__ = ["Observer", "RunNarrator", "unfailing"]

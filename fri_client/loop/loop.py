@@ -25,30 +25,28 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, EventCode, HandoverRing
 from fri_client.loop.answer_ahead import AnswerAhead
 from fri_client.loop.channel import Address, Channel
+from fri_client.loop.ending import MOST_FAULTS, Ending
 from fri_client.loop.gate import CommandGate
 from fri_client.loop.journal import Journal
 from fri_client.loop.link_statistics import LinkStatistics
 from fri_client.loop.pilot import Answer, Pilot
-from fri_client.loop.result import LoopResult, LoopSettings, Outcome, explain, version_doubt, version_sentence
-from fri_client.loop.stop_watch import ENDED_BY_SOMEBODY, RecorderPatience, StopWatch
+from fri_client.loop.result import LoopResult, LoopSettings, Outcome
+from fri_client.loop.stop_watch import RecorderPatience, StopWatch
+from fri_client.loop.version_evidence import VersionEvidence
 from fri_client.messages import (
     COMMAND_IDENTIFIER,
     CommandMessage,
     FriVersion,
     MessageHeader,
     MonitoringMessage,
-    SessionState,
 )
 from fri_client.motion.program import MotionProgram, StopReason
 from fri_client.session.robot_clock import Moment
 from fri_client.session.session import Session
-from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
+from fri_client.wire.codec import Codec
 from safety.guard import Judged
 
 __all__ = ["FriLoop"]
-
-_DRAIN_S = 1.0
-"""After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
 
 _MOST_AT_ONCE = 256
 """Datagrams taken out of the channel before something is decided; its buffer holds fewer unless somebody floods it."""
@@ -57,7 +55,6 @@ _REHEARSAL_NS = 200_000
 """So long before the next message is due the loop goes through its answer once: ten times what that takes, and more
 than the kernel is late with a time-out."""
 
-_IDLE = int(SessionState.IDLE)
 _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
 _ENDINGS = (_WAITING, _LATCHED, _DONE)
@@ -115,9 +112,8 @@ class FriLoop:
         self._restarts = 0
         self._unanswered = 0
         self._silence_told = False
-        self._first_sample = b""
-        self._undecodable_sample = b""
-        self._undecodable_error = ""
+        self._versions = VersionEvidence(version)
+        self._ending = Ending(self._pilot, self.session, self._gate, settings, self._journal, self._versions)
         self._faults = 0
         self._received: tuple[int, int] = (0, 0)  # bytes of the last datagram in the buffer, and when, ns
         self._recorder_patience = RecorderPatience(ring)
@@ -160,51 +156,9 @@ class FriLoop:
                     self._receive(size, address, now)
                 except Exception as error:  # an arm in motion must not be abandoned for a bug in here
                     self._survive(error)
-            if self.motion.phase in _ENDINGS or self._pilot.refused is not None or self._faults > 1:
-                outcome = self._ending(now, started)
+            if self.motion.phase in _ENDINGS or self._pilot.refused is not None or self._faults > MOST_FAULTS:
+                outcome = self._ending.outcome(now, started, self._faults, silent=self._silence_told)
         return self._conclude(outcome, started)
-
-    def _ending(self, now: int, started: int) -> Outcome | None:
-        """The outcome once there is one; asked where the motion waits, is over or was lost."""
-        motion, settings = self.motion, self._settings
-        if self._pilot.refused is not None:
-            return "refused"
-        if self._faults > 1:
-            return "fault"
-        if motion.phase == _WAITING:
-            first = self.session.first_fresh_ns
-            if not first and now - started > settings.start_timeout_s * 1e9:
-                return "version_mismatch" if self._undecodable_sample else "no_robot"
-            if settings.monitor_only:
-                return "completed" if first and self._robot_left(now) else None
-            return "not_started" if first and self._waited_ns(now) > settings.command_timeout_s * 1e9 else None
-        if motion.phase == _DONE:
-            if motion.stop_reason is None or (settings.monitor_only and self._was_ended()):
-                return "completed"
-            return "fault" if self._faults else "stopped"
-        standstill = motion.standstill
-        silent = now - max(self.session.last_fresh_ns, self._gate.last_send_ns) > _DRAIN_S * 1e9
-        return "dropped" if standstill.confirmed or standstill.gave_up or silent else None
-
-    def _robot_left(self, now: int) -> bool:
-        """Whether the robot ended a session in which it was answered, or fell silent."""
-        session = self.session
-        if session.counts.answered and session.state == _IDLE:
-            return True
-        return now - session.last_fresh_ns > self._settings.receive_timeout_s * 1e9
-
-    def _was_ended(self) -> bool:
-        """Whether a run that lasts until somebody ends it was ended so, after the first message."""
-        reason = self.motion.stop_reason
-        return reason is not None and reason.code in ENDED_BY_SOMEBODY and self.session.first_fresh_ns > 0
-
-    def _waited_ns(self, now: int) -> int:
-        """Since the first message. How long a simulated robot's milliseconds take means nothing, its silence does."""
-        session = self.session
-        if not session.clock.simulated:
-            return now - session.first_fresh_ns
-        silence_ns = now - session.last_fresh_ns if self._silence_told else 0
-        return session.counts.fresh * (session.send_period_ms or 1) * 1_000_000 + silence_ns
 
     def _rehearse(self) -> None:
         """Wait for the message as the receive does, and shortly before it is due go through its answer for nothing.
@@ -350,7 +304,7 @@ class FriLoop:
             self._pilot.went_out(answer, counter)
         self._finish(newest, send_ns, command)
         if newest.disposition == _FRESH:
-            self._first_sample = self._first_sample or newest.datagram
+            self._versions.note_readable(newest.datagram)
             self._ahead.learn(memoryview(newest.datagram), message)
 
     def _finish(self, newest: _Newest, send_ns: int, command: bytes | None) -> None:
@@ -445,9 +399,7 @@ class FriLoop:
 
     def _undecodable(self, datagram: bytes, error: CodecError, now: int) -> None:
         self.statistics.observe_undecodable()
-        if not self._undecodable_sample:
-            self._undecodable_sample = datagram[:MAXIMUM_DATAGRAM_BYTES]
-            self._undecodable_error = str(error)
+        self._versions.note_unreadable(datagram, error)
         self._judge_silence(now)
         self._journal.event(EventCode.UNDECODABLE, 0, len(datagram))
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, _UNDECODABLE)
@@ -466,40 +418,11 @@ class FriLoop:
 
     def _conclude(self, outcome: Outcome, started_ns: int) -> LoopResult:
         now = self._clock_ns()
-        motion, session, journal = self.motion, self.session, self._journal
-        standstill = motion.standstill
-        if standstill.observed:
-            code = EventCode.STANDSTILL_CONFIRMED if standstill.confirmed else EventCode.STANDSTILL_NOT_CONFIRMED
-            journal.event(code, 0, standstill.spread, standstill.threshold_rad)
-        elif outcome in ("no_robot", "not_started", "version_mismatch"):
-            journal.event(EventCode.START_TIMEOUT, 0, (now - started_ns) / 1e9)
-        journal.note_motion(motion, motion.phase, -1)
-        journal.record_events(now, motion.phase)
-        result = explain(
-            outcome,
-            motion,
-            session,
-            self._settings,
-            hindrance=self._pilot.hindrance,
-            refused=self._pilot.refused,
-            version=self._version_sentence() if outcome == "version_mismatch" else "",
-            foreign=self._foreign,
-        )
-        if motion.commanded and not standstill.confirmed:
-            result.sentence += " The stop is NOT confirmed: fresh samples showed no standstill; look at the arm."
-        result.sentence += version_doubt(self._first_sample, self._codec.version)
-        result.standstill_confirmed = standstill.confirmed
-        result.tick = journal.stop_tick
+        result = self._ending.result(outcome, now, started_ns, self._foreign)
         result.late = self.statistics.late + self._unanswered
-        result.foreign = self._foreign
         result.undecodable = self.statistics.undecodable
-        result.duration_s = (now - started_ns) / 1e9
-        result.phases = journal.spans
         if outcome != "completed":
             result.keep_last_samples(read_last_samples(self._ring, self._codec))
         self._ring.publish_reason(result.sentence)
         self._publish(now)
         return result
-
-    def _version_sentence(self) -> str:
-        return version_sentence(self._undecodable_sample, self._undecodable_error, self._codec.version)

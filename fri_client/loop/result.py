@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from fri_client.errors import CodecError, SessionError
+from fri_client.errors import SessionError
 from fri_client.handover.last_samples import LastSamples
-from fri_client.messages import FriVersion, SessionState
+from fri_client.messages import SessionState
 from fri_client.motion.program import MotionProgram, StopKind
 from fri_client.session.session import Session
-from fri_client.wire.codec import Codec
 
 __all__ = [
     "LoopResult",
@@ -25,8 +24,6 @@ __all__ = [
     "PhaseTicks",
     "SessionDropped",
     "explain",
-    "version_doubt",
-    "version_sentence",
 ]
 
 Outcome = Literal[
@@ -182,7 +179,7 @@ def explain(
     """The result for an outcome: the event behind it, one sentence with joint and numbers, and how the arm was stopped.
 
     hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
-    the sentence of `version_sentence`. foreign: datagrams of senders that are not the robot.
+    the sentence of `VersionEvidence`. foreign: datagrams of senders that are not the robot.
     """
     result = _explain(outcome, motion, session, settings, hindrance=hindrance, refused=refused, version=version)
     if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
@@ -251,46 +248,3 @@ def _how(motion: MotionProgram) -> str:
         return ""
     where = "along its path" if motion.stop_kind == "path" else "each joint on its own"
     return f", {where}, in {motion.stop_duration_s:.2f} s"
-
-
-def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
-    """What a datagram that is none of version `mine` is instead, found by trying the other wire formats."""
-    for version in (FriVersion.V2_7, FriVersion.V2_5, FriVersion.V1_15):
-        try:
-            monitor = Codec(version).decode_monitoring(datagram).monitor_data
-        except CodecError:
-            continue
-        if version == FriVersion.V2_5 and (monitor is None or monitor.measured_cartesian_pose is None):
-            continue  # the same format as 1.x but for what it holds
-        return f"The robot speaks FRI {version}, but this run was told FRI {mine}: choose --fri-version {version}."
-    return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
-
-
-def version_doubt(datagram: bytes, mine: FriVersion) -> str:
-    """What speaks against version `mine` in a message that decodes as one; empty where nothing does.
-
-    1.x and 2.5 share their wire format and a header names no version (PROTOCOL section 13). What tells them apart is
-    what a robot puts in: only 1.x has a commanded joint position, only 2.x a Cartesian pose and a redundancy value. A
-    robot that sends neither cannot be told, and nothing in this run depends on which it is.
-    """
-    try:
-        first = Codec(FriVersion.V1_15).decode_monitoring(datagram).monitor_data
-        second = Codec(FriVersion.V2_5).decode_monitoring(datagram).monitor_data
-    except CodecError:
-        return ""
-    if first is None or second is None:
-        return ""
-    is_first = first.commanded_joint_position is not None
-    is_second = second.measured_cartesian_pose is not None or second.measured_redundancy_information is not None
-    if mine.major == 1 and is_second and not is_first:
-        return _doubt("2.5", mine)
-    if mine == FriVersion.V2_5 and is_first:
-        return _doubt("1.15", mine)
-    return ""
-
-
-def _doubt(seen: str, mine: FriVersion) -> str:
-    return (
-        f" The robot's messages hold what only FRI {seen} sends, but this run was told FRI {mine}: joint positions and "
-        f"torques are the same, the rest was left out; choose --fri-version {seen}."
-    )
