@@ -203,9 +203,12 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
         return None
     from importlib.metadata import version
 
-    from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import MultibodyPlant
-    from pydrake.multibody.tree import MultibodyForces_
+    try:
+        from pydrake.multibody.parsing import Parser
+        from pydrake.multibody.plant import MultibodyPlant
+        from pydrake.multibody.tree import MultibodyForces_
+    except ImportError as error:  # so under LC_ALL=C where Python does not speak UTF-8
+        raise _RefusedError("Drake", f"it cannot be loaded here ({error})") from error
 
     # It warns of each joint that it leaves dry friction out; our note says so once.
     logging.getLogger("drake").setLevel(logging.ERROR)

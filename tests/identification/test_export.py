@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -220,6 +221,17 @@ def test_what_drake_does_not_take_is_a_note(tmp_path: Path) -> None:
     result = export_model(model_of(tmp_path, str(source), random_bodies(2, 0)), tmp_path / "arm.urdf", "urdf")
     assert [item.program.split()[0] for item in result.agreements] == ["Pinocchio"]
     assert [note for note in result.notes if note.startswith("Drake") and "motor" in note]
+
+
+def test_a_drake_that_cannot_be_loaded_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As under LC_ALL=C without UTF-8, where the import of its module fails."""
+    monkeypatch.setitem(sys.modules, "pydrake.multibody.parsing", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
+    source = tmp_path / "source.urdf"
+    source.write_text(random_arm(2, 0))
+    result = export_model(model_of(tmp_path, str(source), random_bodies(2, 0)), tmp_path / "arm.urdf", "urdf")
+    assert any("cannot be loaded" in note for note in result.notes)
+    assert [item.program.split()[0] for item in result.agreements] == ["Pinocchio"]
 
 
 def test_a_link_called_like_a_joint_is_renamed_for_sdf(tmp_path: Path) -> None:
