@@ -12,7 +12,9 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     """The sentence. fit: how the fit ended, None where there was none."""
     request, folder = outcome.request, outcome.out_dir
     loop = outcome.loop
-    if outcome.outcome in ("no_robot", "version_mismatch", "not_started", "port_in_use"):
+    if outcome.outcome == "version_mismatch":
+        return "Next: the same command with the --fri-version that the first sentence names, or with `auto`."
+    if outcome.outcome in ("no_robot", "not_started", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
     recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
     if request is not None and request.monitor_only and outcome.samples:

@@ -24,6 +24,7 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
     ("ended", "request_changes", "fit", "words"),
     [
         ({"outcome": "no_robot", "exit_code": 69}, {}, None, "iiwa-ident doctor"),
+        ({"outcome": "version_mismatch", "exit_code": 76}, {}, None, "--fri-version"),
         ({"outcome": "stopped", "exit_code": 1}, {}, None, "last_samples.json"),
         ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "refused", "exit_code": 65}, {}, None, "mend"),
