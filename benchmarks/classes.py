@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fixtures.cases.arm import Arm, random_links
-from fixtures.cases.draw import PERIODS_A, PERIODS_B, RATE_HZ, RawRecording, draw_case
-from fixtures.cases.excitation import POOL, excitation
+from fixtures.cases.draw import PERIODS_A, PERIODS_B, RawRecording, draw_case
+from fixtures.cases.excitation import POOL, RATE_HZ, excitation
 from fixtures.cases.files import write_recording
 from fixtures.cases.noise import draw_noise, measured_position
 from fixtures.cases.oracle import Oracle

@@ -74,7 +74,7 @@ class Experiment:
             lfilter([np.sqrt(1.0 - phi**2)], [1.0, -phi], white[:, j], zi=[phi * generator.normal()])[0]
             for j, phi in enumerate(self.correlation)
         ]
-        return self.deviation * np.column_stack(columns)
+        return np.asarray(self.deviation * np.column_stack(columns), dtype=np.float64)
 
     def bound(self, lines: int) -> FloatArray:
         """(p,) standard deviations of the Cramér–Rao bound from lines 0 … lines with the noise known."""

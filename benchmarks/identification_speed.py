@@ -147,7 +147,7 @@ def recorded(samples: Samples) -> Recording:
     """The samples as a recording of one period."""
     count = len(samples[0])
     return Recording(
-        time=np.arange(count) * 1e-3,
+        time=np.arange(count, dtype=np.float64) * 1e-3,
         position=samples[0],
         torque=samples[3],
         sampling_period_s=1e-3,
@@ -215,7 +215,7 @@ class Figaroh:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                from figaroh.identification.base_identification import (  # type: ignore[import-untyped]
+                from figaroh.identification.base_identification import (  # type: ignore[import-untyped, import-not-found, unused-ignore]
                     BaseIdentification,
                 )
         except ImportError as error:

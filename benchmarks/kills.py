@@ -57,7 +57,7 @@ class Moment:
             arm="held" if self.process == "loop" else "ramp",
             outcome=None,
             exit_code=0,
-            steps=(Step(targets=(self.process,), number=signal, resume_after_s=resume, **place),),  # type: ignore[arg-type]
+            steps=(Step(targets=(self.process,), number=signal, resume_after_s=resume, **place),),
             session={"lockstep_cycle_s": 0.001},
             request={"periods": self.periods, "fit": self.process == "worker", "receive_timeout_s": 10.0},
         )

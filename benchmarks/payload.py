@@ -24,7 +24,7 @@ import numpy.typing as npt
 from fixtures.fake_robot.plant import Plant
 from fixtures.physics.settings import PhysicsSettings
 from identification.audit.payload import Body, weigh
-from identification.excitation import FourierTrajectory, default_trajectory, load_trajectory
+from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 
@@ -39,7 +39,7 @@ MASS_SHARE, CENTER_M = 0.01, 0.002
 
 
 def record(
-    file: Path, trajectory: FourierTrajectory, seconds: float, load_kg_m: tuple[float, ...], seed: int
+    file: Path, trajectory: Trajectory, seconds: float, load_kg_m: tuple[float, ...], seed: int
 ) -> Recording:
     """A run of the fake robot's plant with a load on its flange, at its 1 kHz; written to `file` as .npz."""
     samples = round(1e3 * seconds)

@@ -62,7 +62,7 @@ def _motions() -> list[tuple[str, FourierTrajectory]]:
 def _recording(trajectory: FourierTrajectory, plant: PhysicalParameters) -> Recording:
     robot = load_robot("iiwa14")
     samples = round(1000 * trajectory.period_s)
-    time = np.arange(samples) * 1e-3
+    time = np.arange(samples, dtype=np.float64) * 1e-3
     position, velocity, acceleration = trajectory.evaluate(time)
     model = robot.pinocchio_model.copy()
     for link in range(7):

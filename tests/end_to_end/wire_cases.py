@@ -36,9 +36,9 @@ def _cases() -> Iterator[FaultCase]:
     for trouble, meaning in TROUBLES.items():
         for share in SHARES:
             cell = (trouble, share)
-            expected = DRIVEN if cell in AT_LEAST_96 else NOT_BEGUN if cell in AT_MOST_64 else UNKNOWN
+            arm, outcome, code = DRIVEN if cell in AT_LEAST_96 else NOT_BEGUN if cell in AT_MOST_64 else UNKNOWN
             yield FaultCase(
-                f"{trouble}-{share:.0%}", f"{share:.0%} of {meaning}", *expected, clock=True, wire=cell,
+                f"{trouble}-{share:.0%}", f"{share:.0%} of {meaning}", arm, outcome, code, clock=True, wire=cell,
                 session=UNSEEN, request={"periods": 1, "command_timeout_s": 4.0},
             )  # fmt: skip
         if trouble != "flip":

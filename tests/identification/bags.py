@@ -78,7 +78,7 @@ def write_mcap(
             if message.topic not in channels:
                 channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
             writer.add_message(channels[message.topic], message.nanoseconds, message.pack(), message.nanoseconds)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 

@@ -375,7 +375,7 @@ def play(setting: Setting, moves: tuple[Move, ...]) -> Outcome:
             if world.stop_ns is not None and world.now >= world.stop_ns:
                 ring.request_stop(EventCode.OPERATOR_STOP)
 
-        loop._journal.record = record  # type: ignore[method-assign]
+        loop._journal.record = record  # type: ignore[method-assign, assignment]
         result = None
         with contextlib.suppress(WorldOver):
             result = loop.run()
