@@ -81,8 +81,8 @@ def fit_recordings(
     report("least squares", 0.5)
     estimator, estimate = estimate_nominal(model, processed, settings)
     delay = _delay(blocks, regressor, estimate, estimator)
+    shift = delay.of(settings.delay_correction)
     if settings.delay_correction != "no":
-        shift = delay.of(settings.delay_correction)
         processed = [
             replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
         ]
@@ -124,6 +124,7 @@ def fit_recordings(
         estimator=estimator,
         equation_15_std=estimate.ordinary.std,
         torque_delay=delay,
+        torque_shift=shift,
         constrained=constrained,
         consistent=consistent,
         feasibility=feasibility,

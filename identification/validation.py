@@ -6,8 +6,9 @@ fitted and held-out rows is a setting of the fit (`Split`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.fitting.blocks import Block, build_block, rms_over
+from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
@@ -41,6 +43,7 @@ def validate_model(
     """RMS per joint of a model on each recording: lines "NAME, base" and, where the model has them, "NAME, physical".
 
     settings: which pipeline the recordings go through; default the one of the model's fit (cutoffs and sign included).
+    A torque that the fit took earlier is taken earlier here, too.
     robot: overrides the robot the model names. Periodic recordings are compared on their mean period without any
     filter; the others through the low-pass of the aperiodic pipeline, on rows in which the joint moves.
     Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used or comes twice.
@@ -52,7 +55,7 @@ def validate_model(
         sets = {"base": model.values}
         if model.constrained is not None:
             sets["physical"] = model.constrained.base_values
-        chosen = settings if settings is not None else _of_fit(model.settings)
+        noted, shift = model.settings.to_json(), model.torque_shift
     else:
         robot = robot if robot is not None else model.load_robot()
         regressor = BaseRegressor(robot, model.options)
@@ -60,12 +63,15 @@ def validate_model(
         physical = model.physical_base_values(regressor)
         if physical is not None:
             sets["physical"] = physical
-        chosen = settings if settings is not None else _of_file(model)
+        provenance = model.data.get("provenance", {})
+        noted = provenance.get("settings", {})
+        shift = np.array(provenance.get("torque_shift_s") or np.zeros(robot.n), dtype=np.float64)
     rows = []
     for number, (recording, name) in enumerate(zip(recordings, recording_names(recordings), strict=True)):
         if progress is not None:
             progress(f"validating on {name}", number / len(recordings))
-        blocks = _blocks(recording, robot, regressor, chosen)
+        chosen = settings if settings is not None else _as_fitted(noted, recording)
+        blocks = _blocks(recording, robot, regressor, chosen, shift)
         parts = [block.evaluation for block in blocks]
         floors = np.array([block.signals.noise_floor_nm for block in blocks])
         floor = np.sqrt(np.mean(floors**2, axis=0))
@@ -119,29 +125,27 @@ def cross_validate(
     return RmsTable((*lines, *together))
 
 
-def _blocks(recording: Recording, robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> list[Block]:
+def _blocks(
+    recording: Recording, robot: RobotModel, regressor: BaseRegressor, settings: FitSettings, shift: FloatArray
+) -> list[Block]:
     stretches = process(recording, robot, settings).stretches
+    if shift.any():
+        stretches = tuple(earlier(stretch, shift) for stretch in stretches)
     built = [
         build_block(stretch, regressor, None, float(recording.time[0]), recording.duration_s) for stretch in stretches
     ]
     return [block for block in built if block is not None]
 
 
-def _of_fit(settings: FitSettings) -> FitSettings:
-    """The settings of a fit as far as they concern how a recording is processed."""
-    return FitSettings(
-        low_pass_hz=settings.low_pass_hz,
-        motion_bandwidth_hz=settings.motion_bandwidth_hz,
-        torque_bandwidth_hz=settings.torque_bandwidth_hz,
-        flip_torque=settings.flip_torque,
-    )
+def _as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:
+    """The settings of a fit as far as they concern how a recording is processed.
 
-
-def _of_file(model: Model) -> FitSettings:
-    noted = model.data.get("provenance", {}).get("settings", {})
-    known = {
-        name: noted[name]
-        for name in ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
-        if name in noted
-    }
-    return FitSettings(**known)
+    A recording without whole periods goes through the pipeline for such ones, whatever the fitted ones had.
+    """
+    names = ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
+    pipeline = noted.get("pipeline", "auto")
+    if noted.get("split") is not None:
+        pipeline = "aperiodic"
+    elif pipeline == "periodic" or not recording.is_periodic:
+        pipeline = "auto"
+    return FitSettings(pipeline=pipeline, **{name: noted[name] for name in names if name in noted})

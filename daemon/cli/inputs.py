@@ -34,21 +34,28 @@ ARM_WITHOUT_FILE = "--arm names one of the arms in a file: add --config FILE."
 ArmOption = Annotated[
     str | None, typer.Option("--arm", metavar="NAME", help="One of the arms that the file of --config names.")
 ]
+WALL = "wall: its +x (iiwa14, iiwa7: −x of base_link) points down"
 MountOption = Annotated[
     str | None,
-    typer.Option("--mount", metavar="floor|wall|ceiling", help="How the base is mounted; wall: its +x points down."),
+    typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}."),
 ]
-FoundMountOption = Annotated[
+FoundWALL = "wall: its +x (iiwa14, iiwa7: −x of base_link) points down"
+MountOption = Annotated[
     str | None,
     typer.Option(
         "--mount",
         metavar="floor|wall|ceiling|auto",
-        help="How the base is mounted; wall: its +x points down; auto: as the recordings say.",
+        help=f"How the base is mounted; {WALL}; auto: as the recordings say.",
     ),
 ]
 AUTO = "auto"
 GravityOption = Annotated[
-    str | None, typer.Option("--gravity", metavar="X,Y,Z", help="Gravity in the frame of the base, m/s².")
+    str | None,
+    typer.Option(
+        "--gravity",
+        metavar="X,Y,Z",
+        help="Gravity in the frame of the base, m/s²; iiwa14, iiwa7: the paper's, base_link turned by 180° about z.",
+    ),
 ]
 
 

@@ -12,7 +12,8 @@ from typing import Any
 from identification.base_parameters import BaseRegressor
 from identification.fitting.processing import Processed
 from identification.fitting.settings import FitSettings
-from identification.robots import RobotModel
+from identification.robots import BUILT_IN_ROBOTS, RobotModel
+from identification.robots.installation import FILE_BASE, PAPER_BASE
 
 WITHOUT_PART_IN_THE_BASE = ("physical", "bounds", "full_consistency", "starts", "seed", "check_torque_sign")
 """Settings that only the programs with constraints ask for, or none."""
@@ -43,7 +44,13 @@ def provenance(
             }
             for item in processed
         ],
-        "robot": {"name": robot.name, "source": Path(robot.source).name, "digest": robot.digest},
+        "robot": {
+            "name": robot.name,
+            "source": Path(robot.source).name,
+            "digest": robot.digest,
+            "gravity_m_s2": robot.gravity.tolist(),
+            "gravity_frame": PAPER_BASE if robot.name in BUILT_IN_ROBOTS else FILE_BASE,
+        },
         "regressor": regressor.options.to_json(),
         "settings": settings.to_json(),
         "digest": _digest(processed, robot, regressor, settings),

@@ -39,8 +39,9 @@ class FitResult:
     of real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base
     parameters; None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were
     held out. noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each
-    joint over its noise. torque_delay: of the torque against the position, before any correction. notes: sentences
-    for the reader. provenance: inputs, settings, versions, seed.
+    joint over its noise. torque_delay: of the torque against the position, before any correction. torque_shift: (n,) s
+    by which the torque was taken earlier, zeros without a correction. notes: sentences for the reader.
+    provenance: inputs, settings, versions, seed.
     """
 
     robot: RobotModel
@@ -57,6 +58,7 @@ class FitResult:
     misfit: Misfit
     torque_sign: TorqueSign
     torque_delay: TorqueDelay
+    torque_shift: FloatArray
     pipelines: tuple[str, ...]
     recordings: tuple[Recording, ...]
     notes: tuple[str, ...]
@@ -112,6 +114,7 @@ class FitResult:
                 "pipelines": list(self.pipelines),
                 "torque_sign": self.torque_sign.to_json(),
                 "torque_delay": self.torque_delay.to_json(),
+                "torque_shift_s": self.torque_shift.tolist(),
                 "notes": list(self.notes),
             },
         }

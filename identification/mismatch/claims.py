@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
-from identification.mismatch.aperiodic_evidence import weighted_by_result
+from identification.mismatch.aperiodic_evidence import weighted_by_joint
 from identification.mismatch.between_periods import Change
 from identification.mismatch.earned import earned
 from identification.mismatch.effects.base import CERTAIN, Estimate
@@ -20,7 +20,7 @@ from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.extension import Extension, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
-from identification.mismatch.heldout import Residuals, share_removed
+from identification.mismatch.heldout import Residuals, share_removed, worsened
 from identification.mismatch.library import Library
 from identification.mismatch.localisation import best_curve, where_of
 from identification.mismatch.prepared import Prepared
@@ -41,6 +41,10 @@ from identification.mismatch.verdict import (
 from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]
+
+MOST_REWEIGHTINGS = 20
+REWEIGHTING_TOLERANCE = 1e-3
+"""Relative change of a joint's noise up to which its weight stands still, as in `fit`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,35 +91,68 @@ def build_findings(
     unearned: list[str] = []
     if dependence is not None:
         trial, unearned = earned(exam, trial, dependence)
-    settled = partial(_by_own_weights, exam, fitted_role)
+    settled = partial(_as_fit_weighs, exam, fitted_role)
+    trial, harmful = harmless(exam, trial, settled)
     before = settled(())
-    now = exam.check(trial.members) if trial.members else before
+    now = settled(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
-    remarks += [*untenable, *unearned, *(_came_again(change) for change in again)]
+    remarks += [*untenable, *unearned, *harmful, *(_came_again(change) for change in again)]
     findings = [
         *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before, settled),
     ]
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
-        exam.check(result.trial.members).heldout_after if physics else None, tuple(remarks),
+        settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
     )  # fmt: skip
 
 
-def _by_own_weights(exam: Examination, fitted_role: Prepared, members: Sequence[Member]) -> Check:
-    """As `Examination.check`, but where no noise is measured by the weights of what these members leave.
+def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: Sequence[Member]) -> Check:
+    """As `Examination.check`, but where no noise is measured by the weights of `fit`: by joint, of what these leave.
 
-    By joint and band; `fit` weighs by joint alone. By the weights of what all effects leave, a joint that is misfitted
-    without one of them bends the parameters of the others, and what that does would count for the effect or against it.
+    One rule for the model with and without the members. By the weights of what all effects leave, a joint that is
+    misfitted without one of them bends the parameters of the others, and what that does would count for the effect or
+    against it.
     """
     if exam.problem.noise_is_measured:
         return exam.check(members)
-    evidences = weighted_by_result(fitted_role.evidences, fitted(exam.problem, members, exam.settings))
-    problem = replace(fitted_role, evidences=evidences).problem()
+    problem = exam.problem
+    for _ in range(MOST_REWEIGHTINGS):
+        own = fitted(problem, members, exam.settings).problem
+        left = own.residual.reshape(own.n, -1) / np.where(own.weight > 0.0, own.weight, np.inf)
+        taken_up = (own.basis**2).sum(axis=1).reshape(own.n, -1).sum(axis=1)
+        before = problem.noise
+        problem = replace(fitted_role, evidences=weighted_by_joint(fitted_role.evidences, left.T, taken_up)).problem()
+        if np.allclose(problem.noise, before, rtol=REWEIGHTING_TOLERANCE, atol=0.0):
+            break
     return replace(exam, problem=problem).check(members)
+
+
+def harmless(exam: Examination, trial: Trial, settled: Callable[[Sequence[Member]], Check]) -> tuple[Trial, list[str]]:
+    """The members that make no joint of a held-out recording worse than its noise allows, and sentences on the others.
+
+    settled: what a set of members leaves, as it stands in the result.
+    """
+    remarks: list[str] = []
+    while trial.members:
+        now = settled(trial.members).heldout_after
+        if now is None:
+            break
+        rest = [settled(without(trial.members, index)).heldout_after for index in range(len(trial.members))]
+        worse = [[] if item is None else np.flatnonzero(worsened(item, now)).tolist() for item in rest]
+        index = max(range(len(worse)), key=lambda place: len(worse[place]))
+        if not worse[index]:
+            break
+        member, joints = trial.members[index], ", ".join(str(joint + 1) for joint in worse[index])
+        remarks.append(
+            f"{name_of(member.effect.name, member.place.joint)} makes joint {joints} worse on data that were not "
+            "fitted than their noise allows: it is not claimed"
+        )
+        trial = fitted(exam.problem, without(trial.members, index), exam.settings)
+    return trial, remarks
 
 
 def _came_again(change: Change) -> str:

@@ -23,8 +23,11 @@ MOUNTS: dict[str, tuple[float, float, float]] = {
     "ceiling": (0.0, 0.0, _G),
     "wall": (_G, 0.0, 0.0),
 }
-"""Gravity in the base frame, m/s². On a wall the base's +x axis points down, which is A 0°, B 90°, C 0° at a KUKA
-cabinet; another turn about the base's z axis is another gravity, to be given in numbers."""
+"""Gravity in the base frame, m/s². On a wall the base's +x axis points down; another turn about the base's z axis is
+another gravity, to be given in numbers. The base frame of a built-in arm is `PAPER_BASE`: its +x is the cabinet's −x,
+so that its wall is A 0°, B −90°, C 0° there."""
+PAPER_BASE = "base frame of the paper's table: base_link of the public URDFs turned by 180° about z"
+FILE_BASE = "base frame of the robot's file"
 _PLAUSIBLE_GRAVITY = (9.7, 9.9)
 """m/s², anywhere on the ground."""
 

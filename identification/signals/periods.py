@@ -118,7 +118,6 @@ def period_table(recording: Recording) -> PeriodTable:
         tables.append(table)
     position, torque = tables
     notes: list[str] = []
-    filtered_hz = None
     keep = np.ones(numbers.size, dtype=np.bool_)
     coverage = np.isfinite(position[:, :, 0]).mean(axis=1)
     if np.any(coverage < 0.5) and np.any(coverage >= 0.5):
@@ -126,9 +125,9 @@ def period_table(recording: Recording) -> PeriodTable:
         notes.append(f"{int((~keep).sum())} of {numbers.size} periods hold less than half of their samples; left out")
     if recording.source.kind != "log":
         keep &= ~_transient(position, keep, notes)
-        filtered_hz = cutoff_hz(torque[keep], recording.period_s / torque.shape[1])
-        if filtered_hz is not None:
-            keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
+    filtered_hz = cutoff_hz(torque[keep], recording.period_s / torque.shape[1])
+    if filtered_hz is not None:
+        keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz)

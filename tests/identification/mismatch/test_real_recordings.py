@@ -11,9 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.prepared import prepare
 from identification.mismatch.second_encoder import compare_encoders
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
@@ -54,13 +58,14 @@ def test_the_coupling_brings_the_wrist_of_the_tx40_near_its_other_joints(tx40: t
 def test_the_coupling_makes_no_joint_of_the_tx40_worse_than_its_interval_allows(
     tx40: tuple[Diagnosis, np.ndarray],
 ) -> None:
-    """Before and after are each a fit by its own weights: joint 1 was 1.69 Nm before by weights of a fit in which
-    the wrist was explained already, and 1.90 after.
+    """Before and after are weighted alike, by joint, as `fit` weighs: joint 1 was 1.69 Nm before by weights of a fit in
+    which the wrist was explained already, and 1.90 after.
     """
     heldout = tx40[0].heldout
     assert heldout is not None
     (coupling,) = (item for item in tx40[0].findings if item.effect == "joint_coupling")
     assert np.all(heldout.ci95_after_nm[:, 0] <= heldout.rms_before_nm)
+    assert heldout.rms_after_nm[0] < 1.02 * heldout.rms_before_nm[0]
     np.testing.assert_allclose(coupling.heldout_gain_nm, heldout.rms_before_nm - heldout.rms_after_nm, atol=1e-9)
 
 
@@ -146,6 +151,25 @@ def test_classes_lower_the_tx40_s_error_on_rows_that_were_not_fitted(tx40: tuple
     model = tx40[0].class_model
     assert model is not None
     assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
+
+
+def test_before_is_what_fit_leaves_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray], shared_folder: Path) -> None:
+    """`fit --split` with the rows of the diagnosis held out, weighted by joint: weighted by joint and band, joint 5 was
+    left 0.140 Nm here, not 0.090, and the name of joint 7 got the credit of the difference. The diagnosis leaves free
+    what the fitted rows do not determine, which takes up to 7 % off what stays.
+    """
+    folder = shared_folder / "recordings"
+    recording, robot = read_recording(folder / "panda_excitation.npz"), load_robot(folder / "panda.urdf")
+    settings = DiagnosisSettings(low_pass_hz=panda[0].provenance["low_pass_hz"])
+    split = default_split([recording], settings)
+    text = ":".join(str(item) for item in (split.kind, *split.numbers))
+    fit = fit_recordings([recording], robot, FitSettings(physical=False, split=text, low_pass_hz=settings.low_pass_hz))
+    evidences = prepare([recording], robot, fit.regressor, settings, split, fit.values).evidences
+    rows = [np.where(item.used, item.torque - item.nominal @ fit.values, 0.0) for item in evidences]
+    left = np.sqrt((np.concatenate(rows) ** 2).sum(axis=0) / sum(item.samples for item in evidences))
+    heldout = panda[0].heldout
+    assert heldout is not None
+    np.testing.assert_allclose(heldout.rms_before_nm, left, rtol=0.1)
 
 
 def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(panda: tuple[Diagnosis, np.ndarray]) -> None:

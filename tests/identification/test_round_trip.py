@@ -1,0 +1,88 @@
+"""Every option of a fit survives model.json: validated on the fitted rows, the file leaves what the fit said it leaves.
+
+Truth: the fit's own table. The recording is a real one without periods, whose noise nobody measured (EMPS, published at
+nonlinearbenchmark.org), and a simulated one with periods.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from identification.estimators.physical import PhysicalParameters
+from identification.export import export_model
+from identification.model_file import Model, read_model, write_model
+from identification.recording_fit import FitResult, FitSettings, fit_recordings
+from identification.recordings import Recording, read_recording
+from identification.robots import RobotModel, load_robot
+from identification.validation import validate_model
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+
+RECORDINGS = Path(__file__).parents[2] / "fixtures" / "recordings"
+WITHOUT_PERIODS = (
+    {},
+    {"coulomb_velocity": 0.02},
+    {"rotor_inertia": "yes"},
+    {"rotor_inertia": "no"},
+    {"offset": "yes"},
+    {"offset": "no"},
+    {"low_pass_hz": 12.0},
+    {"delay_correction": "common"},
+    {"delay_correction": "per_joint"},
+    {"estimator": "ols"},
+    {"estimator": "huber"},
+    {"flip_torque": True, "check_torque_sign": False},
+)
+WITH_PERIODS = (
+    {"pipeline": "paper"},
+    {"pipeline": "aperiodic", "low_pass_hz": 8.0},
+    {"coulomb_velocity": 0.02},
+    {"delay_correction": "per_joint"},
+    {"motion_bandwidth_hz": 4.0, "torque_bandwidth_hz": 12.0},
+)
+
+
+def _written(fit: FitResult, folder: Path) -> Model:
+    return read_model(write_model(fit.to_model_json(), folder / "model.json"))
+
+
+@pytest.mark.parametrize("options", WITHOUT_PERIODS, ids=str)
+def test_an_option_of_a_fit_without_periods_is_kept(options: dict[str, Any], tmp_path: Path) -> None:
+    recording, robot = read_recording(RECORDINGS / "emps_a.npz"), load_robot(RECORDINGS / "emps.urdf")
+    fit = fit_recordings([recording], robot, FitSettings(physical=False, **options))
+    left = validate_model(_written(fit, tmp_path), [recording], robot=robot).rows[0].rms_nm
+    np.testing.assert_allclose(left, fit.rms.row("fit, base").rms_nm, rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def periodic(iiwa14: RobotModel, table3: PhysicalParameters) -> Recording:
+    """Four periods of a motion whose torque is 3 ms late."""
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=2000, seed=8)
+    late = np.fft.irfft(
+        np.fft.rfft(inverse_dynamics(iiwa14, table3, q, dq, ddq), axis=0)
+        * np.exp(-2j * np.pi * np.fft.rfftfreq(2000, 5e-3) * 3e-3)[:, None],
+        n=2000,
+        axis=0,
+    )
+    noise = 0.05 * np.random.default_rng(8).normal(size=(8000, 7))
+    return recording_of(np.tile(q, (4, 1)), np.tile(late, (4, 1)) + noise, period_s=10.0, periods=4)
+
+
+@pytest.mark.parametrize("options", WITH_PERIODS, ids=str)
+def test_an_option_of_a_fit_with_periods_is_kept(
+    options: dict[str, Any], periodic: Recording, iiwa14: RobotModel, tmp_path: Path
+) -> None:
+    fit = fit_recordings([periodic], iiwa14, FitSettings(physical=False, **options))
+    left = validate_model(_written(fit, tmp_path), [periodic]).rows[0].rms_nm
+    np.testing.assert_allclose(left, fit.rms.row("fit, base").rms_nm, rtol=1e-9)
+
+
+def test_the_width_of_friction_stands_beside_an_export_where_no_noise_was_measured(tmp_path: Path) -> None:
+    recording, robot = read_recording(RECORDINGS / "emps_a.npz"), load_robot(RECORDINGS / "emps.urdf")
+    fit = fit_recordings([recording], robot, FitSettings(coulomb_velocity=0.02))
+    exported = export_model(_written(fit, tmp_path), tmp_path / "arm.urdf", "urdf")
+    assert exported.effects_path is not None
+    assert '"velocity": 0.02' in exported.effects_path.read_text(encoding="utf-8")
