@@ -39,8 +39,7 @@ MountOption = Annotated[
     str | None,
     typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}."),
 ]
-FoundWALL = "wall: its +x (iiwa14, iiwa7: −x of base_link) points down"
-MountOption = Annotated[
+FoundMountOption = Annotated[
     str | None,
     typer.Option(
         "--mount",
