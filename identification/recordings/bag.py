@@ -7,17 +7,21 @@ decoded elsewhere (`fri_log`, `joint_states`).
 from __future__ import annotations
 
 import itertools
+import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -46,6 +50,10 @@ COMPRESSED = ".zstd"
 MOST_ENTRIES = 5000
 """In a folder: a bag that is split every minute has as many in three days, and a run's folder has some twenty."""
 _COPY_BYTES = 2**20
+_RECORD = struct.Struct("<BQ")
+"""Opcode and length of an MCAP record."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time of a message."""
 
 
 @dataclass(slots=True)
@@ -212,10 +220,29 @@ def _records(file: Path, allowance: Allowance) -> Iterator[McapRecord]:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records:
             if isinstance(record, Chunk):
                 data = allowance.unpack(record.data, record.compression, record.uncompressed_size)
-                record.data, record.compression = data, ""
-                yield from breakup_chunk(record)
+                yield from _in_chunk(data)
             else:
                 yield record
+
+
+def _in_chunk(data: bytes) -> list[McapRecord]:
+    """The records of an unpacked chunk. The library's own loop takes ten times as long on messages, which are most."""
+    records: list[McapRecord] = []
+    position = 0
+    while position < len(data):
+        kind, length = _RECORD.unpack_from(data, position)
+        first, position = position + _RECORD.size, position + _RECORD.size + length
+        if position > len(data):
+            raise EndOfFile
+        if kind == Opcode.MESSAGE:
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, first)
+            body = data[first + _MESSAGE.size : position]
+            records.append(Message(channel, log_time, body, publish_time, sequence))
+        elif kind == Opcode.SCHEMA:
+            records.append(Schema.read(ReadDataStream(BytesIO(data[first:position]))))
+        elif kind == Opcode.CHANNEL:
+            records.append(Channel.read(ReadDataStream(BytesIO(data[first:position]))))
+    return records
 
 
 def _topic_of(channel: Channel, schema: Schema | None, path: Path, bag: Bag) -> Topic | None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from array import array
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, Bag
+from identification.recordings.fixed_columns import fixed_columns
 from identification.recordings.npz_reader import resolve_robot
 from identification.recordings.recording import CLOCK_START, Finding, FloatArray, IntArray
 from identification.recordings.table import RawTable
@@ -27,6 +26,14 @@ _VECTORS = (
     "commanded_joint_position",
     "ipo_joint_position",
 )
+_FLAGS = (
+    "measured_joint_position_valid",
+    "measured_torque_valid",
+    "duplicate",
+    "out_of_order",
+    "robot_time_valid",
+    "send_period_ms",
+)
 _NUMBERS = ("sequence_counter", "robot_time_sec", "robot_time_nanosec", "motion_phase", "period", "sample_in_period")
 
 
@@ -35,38 +42,34 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
 
     Raises RecordingError where no message can be used.
     """
-    vectors = {name: array("d") for name in _VECTORS}
-    numbers = {name: array("q") for name in _NUMBERS}
-    bad: list[int] = []
-    clock_everywhere, send_period_ms = True, 0
-    for row, state in enumerate(bag.topics[FRI_STATE_TOPIC].decoded(path), start=1):
-        if not _usable(state):
-            bad.append(row)
-            continue
-        for name, values in vectors.items():
-            values.frombytes(np.asarray(getattr(state, name), dtype=np.float64).tobytes())
-        for name, items in numbers.items():
-            items.append(getattr(state, name))
-        clock_everywhere &= bool(state.robot_time_valid)
-        send_period_ms = send_period_ms or int(state.send_period_ms)
+    states = _states(path, bag)
+    usable = (
+        states["measured_joint_position_valid"]
+        & states["measured_torque_valid"]
+        & ~(states["duplicate"] | states["out_of_order"])
+    )
+    bad = np.flatnonzero(~usable) + 1
+    states = states[usable]
     findings: list[Finding] = []
-    if bad:
+    if bad.size:
         findings.append(
             Finding(
                 "unusable_message",
-                bad[0],
-                bad[-1],
-                len(bad),
-                f"{len(bad)} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
+                int(bad[0]),
+                int(bad[-1]),
+                bad.size,
+                f"{bad.size} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
                 "late; they were left out",
             )
         )
-    table = {name: np.frombuffer(values).reshape(-1, JOINTS) for name, values in vectors.items()}
-    label = {name: np.frombuffer(items, dtype=np.int64) for name, items in numbers.items()}
+    table = {name: np.ascontiguousarray(states[name], dtype=np.float64) for name in _VECTORS}
+    label = {name: states[name].astype(np.int64) for name in _NUMBERS}
+    stated = states["send_period_ms"][states["send_period_ms"] > 0]
+    send_period_ms = int(stated[0]) if stated.size else 0
     if not label["sequence_counter"].size:
         raise RecordingError(f"{path.name}: {FRI_STATE_TOPIC} holds no usable sample", file=path)
     _note_lost(label["sequence_counter"], findings)
-    clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if clock_everywhere else None
+    clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if states["robot_time_valid"].all() else None
     metadata = bag.metadata
     # KUKA measures the torque against the sign of the inverse dynamics; external torque is not turned.
     sign = 1.0 if metadata.get("torque_sign_convention", "vendor") == "inverse_dynamics" else -1.0
@@ -99,13 +102,22 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     return result
 
 
-def _usable(state: Any) -> bool:
-    return bool(
-        state.measured_joint_position_valid
-        and state.measured_torque_valid
-        and not (state.duplicate or state.out_of_order)
-        and len(state.measured_joint_position) == JOINTS
-    )
+def _states(path: Path, bag: Bag) -> np.ndarray:
+    """The messages of /fri/state as a table, one row each. Raises RecordingError where they are not what they say."""
+    topic = bag.topics[FRI_STATE_TOPIC]
+    wanted = (*_VECTORS, *_NUMBERS, *_FLAGS)
+    try:
+        states = fixed_columns(topic.definition or "", [data for _, data in topic.messages])
+        missing = [name for name in wanted if name not in (states.dtype.names or ())]
+        if missing or any(states.dtype[name].shape != (JOINTS,) for name in _VECTORS):
+            raise ValueError(f"it has no {', '.join(missing)}" if missing else f"its arrays are not of {JOINTS} joints")
+    except ValueError as error:
+        raise RecordingError(
+            f"{path.name}: the messages on {FRI_STATE_TOPIC} do not fit their schema {topic.type} ({error})",
+            file=path,
+            field=FRI_STATE_TOPIC,
+        ) from error
+    return states
 
 
 def number_in(metadata: dict[str, str], name: str) -> float | None:
