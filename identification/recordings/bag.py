@@ -217,12 +217,22 @@ def _records(file: Path, allowance: Allowance) -> Iterator[McapRecord]:
     """All records of a file, those in chunks too; no chunk becomes more bytes than it states and than may be."""
     with file.open("rb") as stream:
         # A record cannot be longer than the file; a length that says so must not be believed by an allocation.
-        for record in StreamReader(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records:
+        for record in _WithoutIndexes(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records:
             if isinstance(record, Chunk):
                 data = allowance.unpack(record.data, record.compression, record.uncompressed_size)
                 yield from _in_chunk(data)
             else:
                 yield record
+
+
+class _WithoutIndexes(StreamReader):
+    """Reads a file from front to back, so that what tells where its messages are need not be taken apart."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode in (Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX):
+            self._stream.read(length)
+            return None
+        return super()._read_record(opcode, length)
 
 
 def _in_chunk(data: bytes) -> list[McapRecord]:
