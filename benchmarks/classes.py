@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from fixtures.cases.arm import Arm, random_links
 from fixtures.cases.draw import PERIODS_A, PERIODS_B, RawRecording, draw_case
-from fixtures.cases.excitation import POOL, RATE_HZ, excitation
+from fixtures.cases.excitation import POOL, RATE_HZ, excitation, nominal_rows
 from fixtures.cases.files import write_recording
 from fixtures.cases.noise import draw_noise, measured_position
 from fixtures.cases.oracle import Oracle
@@ -139,7 +139,7 @@ def known(seed: int, number: int) -> Hidden:
         wave = np.zeros_like(scene.torque)
         wave[:, joint] = form(scene, joint, numbers)
         waves.append(wave)
-    size = np.sqrt(strength / Oracle(seed, motions[0], noise, PERIODS_A).detectability(waves[0]))
+    size = np.sqrt(strength / Oracle(nominal_rows(seed, *motions[0]), noise, PERIODS_A).detectability(waves[0]))
     made = []
     for scene, wave in zip(scenes, waves, strict=True):
         torque = np.tile(scene.torque + size * wave, (scene.periods, 1))

@@ -1,0 +1,176 @@
+"""Hypotheses as torque columns, and recordings, made or planned, as normal equations of them and the base parameters.
+
+Normal equations of several recordings add up, so that "all evidence and one motion more" is a sum of two matrices.
+Here: the columns on recorded and planned rows, and the sums. Not here: which hypotheses there are (`hypotheses`), nor
+what follows from the sums (`separation`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.mismatch.detectability import PlannedRows, Rows
+from identification.mismatch.effects import EFFECTS, effect_named
+from identification.mismatch.effects.base import Effect, Place
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.motion import Motion
+from identification.signals.periodic import differentiate_harmonics, to_lines
+from identification.signals.standstill import over_standstills
+
+FloatArray = npt.NDArray[np.float64]
+
+PLAN_RATE_HZ = 250.0
+"""Rate at which planned motions are looked at: four times the widest compared band."""
+_RANK = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """One torque that may be missing: an effect of the library at a place with its nonlinear parameters fixed."""
+
+    effect: str
+    place: Place
+    shape: tuple[tuple[str, float], ...]
+
+    @classmethod
+    def of(cls, effect: str, place: Place, shape: Mapping[str, float]) -> Form:
+        """The form with these nonlinear parameters."""
+        return cls(effect, place, tuple(sorted(shape.items())))
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return len(effect_named(self.effect).units)
+
+
+def forms_of(motion: Motion, effects: Sequence[Effect] = EFFECTS) -> Iterator[tuple[Effect, Place, tuple[Form, ...]]]:
+    """Every repeatable effect at every place, with a form for each point of its grid."""
+    for effect in effects:
+        if effect.stage != "repeatable":
+            continue
+        for place in effect.places(motion):
+            parameters = effect.shape_parameters(motion, place)
+            names = [item.name for item in parameters]
+            points = product(*(item.grid for item in parameters))
+            yield effect, place, tuple(Form.of(effect.name, place, dict(zip(names, p, strict=True))) for p in points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """Normal equations of base parameters (p) and of the columns of some forms (m): gram (p + m, p + m), and p."""
+
+    gram: FloatArray
+    base: int
+
+    def __add__(self, other: Sums) -> Sums:
+        """Those of both recordings together."""
+        return Sums(self.gram + other.gram, self.base)
+
+    def projected(self) -> FloatArray:
+        """(m, m) of the columns after base parameters took up what they can."""
+        base, p = self.gram[: self.base, : self.base], self.base
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
+        inverse = np.linalg.pinv(base * np.outer(scale, scale), _RANK, hermitian=True) * np.outer(scale, scale)
+        across = self.gram[:p, p:]
+        rest = self.gram[p:, p:] - across.T @ inverse @ across
+        return np.asarray(0.5 * (rest + rest.T))
+
+
+def sums_of(rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None) -> Sums:
+    """Normal equations of one recording. extra: (R, n, k) further columns, put behind those of the forms."""
+    parts = [rows.nominal, *(form_rows(rows, form) for form in forms)]
+    if extra is not None:
+        parts.append(extra)
+    whitened = np.concatenate(parts, axis=2) / rows.noise[..., None]
+    used = getattr(rows, "used", None)
+    if used is not None:
+        whitened = np.where(used[..., None], whitened, 0.0)
+    flat = whitened.reshape(-1, whitened.shape[2])
+    return Sums(flat.T @ flat, rows.nominal.shape[2])
+
+
+def form_rows(rows: Rows, form: Form) -> FloatArray:
+    """(R, n, m) Nm per unit of each coefficient; zeros where the motion does not let the effect act."""
+    result = np.zeros((*rows.noise.shape, form.size))
+    columns = effect_named(form.effect).columns(rows.motion, form.place, dict(form.shape))
+    if columns is not None:
+        result[:, list(columns.joints)] = rows.project(columns.values)
+    return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseLevel:
+    """Noise at each line, (L + 1, n) Nm in rows of a recording sampled at rate_hz.
+
+    deviation: of one period, which the mean of K periods has 1/√K of. misfit: what comes again with every period.
+    """
+
+    frequency: FloatArray
+    deviation: FloatArray
+    misfit: FloatArray
+    rate_hz: float
+
+    @classmethod
+    def of(cls, evidence: Evidence, inflated: Evidence) -> NoiseLevel:
+        """Of a recording whose periods were averaged; inflated: the same, its noise with the misfit in it."""
+        lines = np.r_[0, np.arange(1, len(evidence.frequency), 2)]
+        noise, whole = evidence.noise[lines], inflated.noise[lines]
+        misfit = np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+        rate = 1.0 / evidence.motion.sampling_period_s
+        return cls(evidence.frequency[lines], noise * np.sqrt(evidence.periods), misfit, rate)
+
+    def of_mean(self, frequency: FloatArray, periods: int, rate_hz: float) -> FloatArray:
+        """(R, n) standard deviation of rows at these frequencies of the mean of so many periods at another rate.
+
+        Rows are orthonormal: sampled less often, they are smaller by the square root.
+        """
+        whole = np.sqrt(self.deviation**2 / periods + self.misfit**2) * np.sqrt(rate_hz / self.rate_hz)
+        return np.stack([np.interp(frequency, self.frequency, column) for column in whole.T], axis=1)
+
+
+def planned(
+    states: tuple[FloatArray, FloatArray, FloatArray],
+    period_s: float,
+    like: Motion,
+    regressor: BaseRegressor,
+    values: FloatArray,
+    noise: NoiseLevel,
+    periods: int,
+) -> PlannedRows:
+    """Rows of a motion that nobody drove yet. states: q, q̇, q̈ (S, n) of one period at PLAN_RATE_HZ.
+
+    like: a recorded motion of the arm. values: base parameters (p,), whose torque the effects see.
+    """
+    position, velocity, acceleration = states
+    samples = len(position)
+    step = period_s / samples
+    lines = min(int(noise.frequency[-1] * period_s), (samples - 1) * 4 // 10)
+    matrix = regressor.matrix(position, velocity, acceleration)
+    motion = replace(
+        like,
+        time=np.arange(samples, dtype=np.float64) * step,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=matrix @ values,
+        full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
+        periodic=True,
+        start_s=period_s * np.arange(periods, dtype=np.float64),
+        command_position=None,
+        link_position=None,
+    )
+    bridge = over_standstills(velocity, step)
+    frequency = np.repeat(np.arange(lines + 1) / period_s, 2)[1:]
+    deviation = noise.of_mean(frequency, periods, samples / period_s)
+    return PlannedRows(motion, lambda part: to_lines(bridge(part), lines), to_lines(bridge(matrix), lines), deviation)
+
+
+def states_of_table(table: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and acceleration of one period of positions (S, n), derivatives by its harmonics."""
+    return differentiate_harmonics(table, period_s, len(table) // 2 - 1)

@@ -1,0 +1,84 @@
+"""How far a motion tells hypotheses apart: λ of each pair, base parameters and the rival's own size refitted.
+
+λ of truth h against rival r is min over base parameters and r's coefficients of the squared distance, in units of the
+noise, of what h predicts on all recordings together. Half of it is the expected log odds (T-optimality: Atkinson and
+Fedorov, Biometrika 62, 1975). Matrices only; called by the choice of a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.investigation.columns import Form, Sums
+from identification.investigation.hypotheses import Hypothesis
+
+FloatArray = npt.NDArray[np.float64]
+
+SAME = 1e-6
+"""Share of its own λ below which what tells one hypothesis from another is rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Which columns of normal equations belong to which form."""
+
+    forms: tuple[Form, ...]
+
+    @property
+    def places(self) -> Mapping[Form, slice]:
+        """Columns of each form behind those of the base parameters."""
+        found, start = {}, 0
+        for form in self.forms:
+            found[form] = slice(start, start + form.size)
+            start += form.size
+        return found
+
+    @classmethod
+    def of(cls, hypotheses: Sequence[Hypothesis], shapes: int = 3) -> Layout:
+        """The best shape of each hypothesis and its neighbours on the grid."""
+        forms: dict[Form, None] = {}
+        for item in hypotheses:
+            if item.best is None:
+                continue
+            middle = item.forms.index(item.best) if item.best in item.forms else 0
+            near = sorted(range(len(item.forms)), key=lambda number: abs(number - middle))[:shapes]
+            forms.update(dict.fromkeys([item.best, *(item.forms[number] for number in near)]))
+        return cls(tuple(forms))
+
+
+def separations(sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis]) -> FloatArray:
+    """(H, H) λ of each hypothesis (row), were it true, against each rival (column); 0 on the diagonal.
+
+    Against "nothing more" it is what is visible of the effect at all. In the row of "nothing more" stands what a rival
+    of the size that it has now would show: so much speaks against it where it is not there.
+    """
+    rest = sums.projected()
+    places = layout.places
+    count = len(hypotheses)
+    result = np.zeros((count, count))
+    for i, truth in enumerate(hypotheses):
+        if truth.best is None:
+            continue
+        own, size = places[truth.best], truth.coefficients
+        whole = float(size @ rest[own, own] @ size)
+        for j, rival in enumerate(hypotheses):
+            if i == j:
+                continue
+            if rival.best is None:
+                result[i, j] = result[j, i] = max(0.0, whole)
+                continue
+            taken = max(_explained(rest, own, places[form], size) for form in rival.forms if form in places)
+            result[i, j] = max(0.0, whole - taken)
+    return result
+
+
+def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> float:
+    """What of a hypothesis's λ a form takes up."""
+    block = rest[other, other]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-300))
+    across = (rest[other, own] @ size) * scale
+    return float(across @ np.linalg.pinv(block * np.outer(scale, scale), 1e-9, hermitian=True) @ across)

@@ -1,0 +1,162 @@
+"""What is known after some recordings, and what is open: the diagnosis, the hypotheses alive, and the answer so far.
+
+The diagnosis alone gives names; the hypotheses say what could still take a name's place, and what weak effect may be
+there that no name stands out for. Here: both of the same recordings, and the questions they leave. Not here: the next
+motion (`choice`). Called by the loop after each recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import RecordingError
+from identification.investigation.choice import Chooser
+from identification.investigation.columns import Form
+from identification.investigation.hypotheses import Assessment, assess, describe
+from identification.mismatch.data_faults import stops_physics
+from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Place
+from identification.mismatch.evidence import build_evidence, fit_parameters, with_parameters
+from identification.mismatch.findings import Diagnosis, Finding
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings.recording import Recording
+from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+CERTAIN = 0.95
+"""Probability from which on the leading hypothesis is taken for the answer."""
+FEWEST_PERIODS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One thing that is open, in words, and how it is answered where motion alone will not do."""
+
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study:
+    """diagnosis: of all recordings together. assessment: hypotheses on what is not settled. questions: what is open."""
+
+    diagnosis: Diagnosis
+    assessment: Assessment
+    chooser: Chooser
+    questions: tuple[Question, ...]
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is open."""
+        return not self.questions
+
+    @property
+    def answer(self) -> str:
+        """What is known, in one sentence."""
+        found = [finding.sentence for finding in self.diagnosis.findings]
+        if found:
+            return " ".join(found)
+        if self.diagnosis.classes:
+            return " ".join(item.sentence for item in self.diagnosis.classes)
+        return "No effect of the library stands out from the nominal model and its noise."
+
+
+def study(
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    *,
+    heldout: Sequence[Recording] = (),
+    settings: DiagnosisSettings | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Diagnose recordings with periods and weigh every hypothesis on all of them, held-out ones too.
+
+    Raises RecordingError for a recording without periods (its noise is not known, so that nothing can be foretold) or
+    with a fault that makes every name worthless, and the errors of `diagnose`.
+    """
+    for item in (*recordings, *heldout):
+        if not item.repeats:
+            raise RecordingError(
+                f"{item.source.path} has no periods, so that its noise is not known; record a periodic motion, four "
+                "periods or more",
+                file=item.source.path,
+            )
+    settings = settings or DiagnosisSettings()
+    diagnosis = diagnose(recordings, robot, heldout=heldout, settings=settings, progress=progress)
+    if stops_physics(diagnosis.data_faults):
+        raise RecordingError(diagnosis.data_faults[0].sentence, file=diagnosis.data_faults[0].recording)
+    regressor = BaseRegressor(robot)
+    evidences = [part for item in (*recordings, *heldout) for part in build_evidence(item, robot, regressor, settings)]
+    values = fit_parameters(evidences)
+    evidences = [with_parameters(item, regressor, values) for item in evidences]
+    known = [form_of(item) for item in diagnosis.findings if _is_settled(item) and _repeats(item)]
+    assessment = assess(evidences, known, _asked(diagnosis))
+    chooser = Chooser.of(assessment, evidences, regressor, values, known)
+    return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment))
+
+
+def form_of(finding: Finding) -> Form:
+    """The torque that a finding claims."""
+    return Form.of(finding.effect, finding.place, finding.shape)
+
+
+def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question, ...]:
+    """What a diagnosis and the hypotheses on the same recordings leave open."""
+    found = []
+    for finding in diagnosis.findings:
+        name = describe(finding.effect, finding.place)
+        if finding.alternatives:
+            others = " or ".join(
+                describe(item.effect, finding.place if item.joint == finding.place.joint else _at(item.joint))
+                for item in finding.alternatives
+            )
+            found.append(Question(f"{name.capitalize()}, or {others}?"))
+        elif finding.confirmed is not True:
+            found.append(Question(f"{name.capitalize()}: is it there on another motion too?"))
+    named = {(item.effect, item.place.joint) for item in diagnosis.findings}
+    leader = assessment.leader
+    if leader.effect is not None and (leader.effect, leader.place.joint) not in named:
+        rivals = [item.name for item in assessment.alive[1:3] if item.probability > 0.01]
+        others = "".join(f", or {name}" for name in rivals)
+        found.append(Question(f"{leader.name.capitalize()}{others}? Nothing has a name yet."))
+    elif leader.effect is None and assessment.certain < CERTAIN:
+        rival = assessment.alive[1]
+        found.append(
+            Question(f"Is there {rival.name}, at {100 * rival.probability:.0f} % probability, or nothing more?")
+        )
+    if not found and diagnosis.verdict in ("partly_explained", "unexplained", "undecided"):
+        found.append(Question(f"Something without a name is left: {diagnosis.remaining}"))
+    return tuple(found)
+
+
+def _is_settled(finding: Finding) -> bool:
+    return finding.confirmed is True and not finding.alternatives
+
+
+def _repeats(finding: Finding) -> bool:
+    return effect_named(finding.effect).stage == "repeatable"
+
+
+def _asked(diagnosis: Diagnosis) -> set[tuple[str, int | None]]:
+    """Effects with their joints that stay alive: claimed but open, their alternatives, nearest forms of classes."""
+    asked: set[tuple[str, int | None]] = set()
+    for finding in diagnosis.findings:
+        if not _is_settled(finding):
+            asked.add((finding.effect, finding.place.joint))
+            asked.update((item.effect, item.joint) for item in finding.alternatives)
+    settled = {item.place.joint for item in diagnosis.findings if _is_settled(item)}
+    for claim in diagnosis.classes:
+        if claim.joint not in settled:
+            asked.update((form.effect, claim.joint) for form in claim.nearest_forms)
+    return asked
+
+
+def _at(joint: int | None) -> Place:
+    return Place(joint)
