@@ -62,7 +62,7 @@ def test_arrows_run_down_only(package: str) -> None:
 
 ROOMS = {
     "fri_client": ("wire", "handover", "session", "motion", "loop"),
-    "daemon": ("motion", "log", "live", "doctor", "jobs", "run", "queue", "proof", "cli"),
+    "daemon": ("motion", "log", "live", "doctor", "jobs", "run", "queue", "investigate", "proof", "cli"),
 }
 """From the bottom up: a room imports from those before it alone, also inside functions and under TYPE_CHECKING."""
 

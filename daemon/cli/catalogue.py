@@ -26,6 +26,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("doctor", "examination", "Examine host, network, real-time limits and link."),
         Entry("check", "acquisition", "Preflight of a motion: is it safe?"),
         Entry("run", "run", "Move the arm, record at 1 kHz, then fit."),
+        Entry("investigate", "investigate", "Drive the motions that settle what a recording leaves open."),
         Entry("watch", "watch", "See the run that goes on; it only reads."),
         Entry("recover", "acquisition", "Make a broken-off log whole again."),
         Entry("judge", "acquisition", "Were all commands inside the limits at the robot?"),

@@ -45,6 +45,11 @@ def prove(
         float | None,
         typer.Option("--minutes", min=0.0, help="Begin no further case after this time; score those done."),
     ] = None,
+    closed_loop: Annotated[
+        int | None,
+        typer.Option("--closed-loop", metavar="N", min=1, help="N cases that ask for their own motions, three arms."),
+    ] = None,
+    first: Annotated[int, typer.Option("--first", min=0, help="Number of the first case of --closed-loop.")] = 0,
     report: Annotated[
         bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
     ] = False,
@@ -61,6 +66,9 @@ def prove(
 
     Example: iiwa-ident prove --cases 600 --seed 1000000 --json proof.json
     """
+    if closed_loop is not None:
+        _close_the_loop(seed, range(first, first + closed_loop), json_file)
+        return
     worlds = tuple(dict.fromkeys(world or ["library"]))
     for name in worlds:
         if name not in WORLDS:
@@ -79,6 +87,31 @@ def prove(
             _show(source, proven, folder)
     if json_file is not None:
         write_json(json_file, results[0] if len(results) == 1 else {"format": FORMAT, "worlds": results})
+
+
+def _close_the_loop(seed: int, indices: range, json_file: Path | None) -> None:
+    """The proof of `investigate`: motions chosen, random ones and the shipped one repeated, on one set of cases."""
+    import tempfile
+
+    from daemon.proof.closed_loop import prove_closed_loop
+    from daemon.proof.closed_loop_table import loop_rows, loop_summary, reliability_rows
+
+    with tempfile.TemporaryDirectory(prefix="iiwa-ident-prove-") as scratch:
+        cases = prove_closed_loop(seed, indices, Path(scratch), tell=message)
+    summary = loop_summary(cases)
+    if json_file is not None:
+        write_json(json_file, plain({"format": FORMAT, "closed_loop": True, "seed": seed, **summary}))
+    if wants_json_on_stdout(json_file):
+        return
+    table = Table("group", "motions", "named rightly", "leader right", "wrong names", "s of motion", "limits broken")
+    for row in loop_rows(summary):
+        table.add_row(*row)
+    show_table(table)
+    data("Forecasts: the probability that the truth would stand out, and how often it did:")
+    table = Table("foretold", "motions", "mean", "came true")
+    for row in reliability_rows(summary):
+        table.add_row(*row)
+    show_table(table)
 
 
 def _run(

@@ -28,7 +28,7 @@ from typing import Any
 from daemon.errors import ProofProcessError, SealBrokenError
 from daemon.proof.score import CaseScore, score_case
 
-__all__ = ["GENERATOR", "WORKER", "ProvenCase", "Source", "page_name", "prove", "select_cases"]
+__all__ = ["GENERATOR", "WORKER", "LineProcess", "ProvenCase", "Source", "page_name", "prove", "select_cases"]
 
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.proof.worker")
@@ -51,7 +51,7 @@ class ProvenCase:
     error: str | None = None
 
 
-class _LineProcess:
+class LineProcess:
     """A child that answers one JSON line with one JSON line."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -91,7 +91,7 @@ class _Diagnoser:
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
-        self._process = _LineProcess(arguments)
+        self._process = LineProcess(arguments)
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
         """The diagnosis, or {"error": …}."""
@@ -99,7 +99,7 @@ class _Diagnoser:
             return self._process.ask(request)
         except ProofProcessError as error:
             self._process.close()
-            self._process = _LineProcess(self._arguments)
+            self._process = LineProcess(self._arguments)
             return {"error": str(error)}
 
     def close(self) -> None:
@@ -132,7 +132,7 @@ def select_cases(source: Source, cases: int, only: str | None) -> list[int]:
         return list(range(cases))
     group, _, family = only.partition("/")
     chosen: list[int] = []
-    with contextlib.closing(_LineProcess(source.arguments)) as generator:
+    with contextlib.closing(LineProcess(source.arguments)) as generator:
         for index in range(200 * cases + 1000):
             plan = generator.ask({"plan": index})
             names = (*plan["families"], plan["kind"])
@@ -178,13 +178,13 @@ def prove(
     ):
         processes = [
             (
-                stack.enter_context(contextlib.closing(_LineProcess(source.arguments))),
+                stack.enter_context(contextlib.closing(LineProcess(source.arguments))),
                 stack.enter_context(contextlib.closing(_Diagnoser(worker))),
             )
             for _ in range(lanes)
         ]
 
-        def run_lane(generator: _LineProcess, diagnoser: _Diagnoser) -> list[dict[str, Any]]:
+        def run_lane(generator: LineProcess, diagnoser: _Diagnoser) -> list[dict[str, Any]]:
             done = []
             for index in _drain(waiting, end):
                 done.append(_diagnose_blind(generator, diagnoser, index, Path(scratch), publish, report, pages))
@@ -218,7 +218,7 @@ def _drain(waiting: SimpleQueue[int], end: float) -> Iterator[int]:
 
 
 def _diagnose_blind(
-    generator: _LineProcess,
+    generator: LineProcess,
     diagnoser: _Diagnoser,
     index: int,
     scratch: Path,

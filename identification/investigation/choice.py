@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
+from identification.investigation.equivalences import Equivalence, action_for, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
-from identification.investigation.hypotheses import Assessment
+from identification.investigation.hypotheses import Assessment, Hypothesis
 from identification.investigation.separation import Layout, separations
 from identification.mismatch.detectability import PlannedRows
 from identification.mismatch.evidence import Evidence
@@ -44,6 +45,14 @@ class Choice:
     def seconds(self) -> float:
         """Length of the recorded motion."""
         return self.periods * PERIOD_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """choices: motions, the best first. equivalences: hypotheses that none of all motions tried tells apart."""
+
+    choices: tuple[Choice, ...]
+    equivalences: tuple[Equivalence, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +98,8 @@ class Chooser:
 
     def foretell(self, experiment: Experiment, periods: int) -> Forecast:
         """What a motion would tell, in addition to all recordings."""
-        alive = self.assessment.alive
         after = self.recorded + sums_of(self.rows(experiment, periods), self.layout.forms)
+        alive = self.assessment.alive
         return forecast(alive, self.separated, separations(after, self.layout, alive))
 
     @cached_property
@@ -105,19 +114,22 @@ class Chooser:
         seconds_left: float,
         others: Sequence[Experiment] = (),
         progress: Callable[[float], None] | None = None,
-    ) -> tuple[Choice, ...]:
-        """The best motions of at most seconds_left, the best first; empty where none fits into the time.
+    ) -> Design:
+        """The best motions of at most seconds_left; none where none fits into the time.
 
         others: motions to weigh beside those that are drawn (the shipped ones).
         """
         possible = [count for count in PERIODS if count * PERIOD_S <= seconds_left]
         if not possible:
-            return ()
+            return Design((), ())
         stream = experiments(random, room, self._joints())
         tried: list[tuple[float, Experiment]] = []
+        best_gain = np.zeros_like(self.separated)
 
         def look(experiment: Experiment) -> None:
-            tried.append((self._value(self.foretell(experiment, possible[0])), experiment))
+            found = self.foretell(experiment, possible[0])
+            np.maximum(best_gain, found.gain, out=best_gain)
+            tried.append((self._value(found), experiment))
             if progress is not None:
                 progress(len(tried) / (TRIALS + IMPROVEMENTS + len(others)))
 
@@ -129,7 +141,10 @@ class Chooser:
         for number in range(IMPROVEMENTS):
             best = ordered()[:KEPT]
             look(varied(random, room, best[number % len(best)], 0.5 * 0.97**number))
-        return tuple(self._repeated(one, possible) for one in ordered()[:KEPT])
+        choices = tuple(self._repeated(one, possible) for one in ordered()[:KEPT])
+        alive = self.assessment.alive
+        pairs = inseparable(alive, self.separated + best_gain)
+        return Design(choices, tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
 
     def _value(self, found: Forecast) -> float:
         """Probability to tell, and where that is none or all, how many nats are gained where they are fewest."""
@@ -150,3 +165,7 @@ class Chooser:
         """Joints, from 0, of the hypotheses that are alive, the most probable first; all where none has a joint."""
         named = [item.place.joint - 1 for item in self.assessment.alive if item.place.joint is not None]
         return list(dict.fromkeys(named))[:3] or list(range(self.assessment.evidences[0].n))
+
+
+def _equivalence(first: Hypothesis, second: Hypothesis) -> Equivalence:
+    return Equivalence(first.name, second.name, action_for(first.effect or "", second.effect or ""))

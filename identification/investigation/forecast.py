@@ -63,6 +63,12 @@ def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatA
     return Forecast(float(weights @ one), float(weights @ now), hardest, gain)
 
 
+def stands_out(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Whether the leading hypothesis leads every other one by so much that it is the answer."""
+    first, *others = sorted((item.log_odds for item in hypotheses), reverse=True)
+    return not others or first - others[0] >= STANDS_OUT
+
+
 def _told(hypotheses: Sequence[Hypothesis], truth: int, gain: FloatArray) -> FloatArray:
     """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; 1 in its own place."""
     own = hypotheses[truth]

@@ -23,13 +23,13 @@ FloatArray = npt.NDArray[np.float64]
 
 __all__ = ["NOTHING", "Assessment", "Hypothesis", "assess", "describe"]
 
-PRIOR_COST = 4.0
-"""Nats of prior odds against each effect at each place (1:50), as for names and classes of the diagnosis."""
+NOTHING_MORE = 4.0
+"""Prior odds of "nothing more" against everything else together, which all effects at all places share evenly."""
 USUAL_STRENGTH = 1000.0
 """λ that an effect of usual size has; a coefficient costs half its logarithm (Occam)."""
 WITHIN = 7.0
 """Nats below the most probable hypothesis up to which one is alive: odds of a thousand to one."""
-MOST_ALIVE = 8
+MOST_ALIVE, MOST_WEIGHED_ANEW = 8, 24
 BANDS_HZ = (0.0, 0.55, 2.05, 10.05, math.inf)
 """Bands in which a misfit without a name is taken for noise of its own strength."""
 _VISIBLE = 1e-6
@@ -123,7 +123,11 @@ def assess(
         rows = tuple(_inflated(item, evidence, inflation) for item, evidence in zip(rows, evidences, strict=True))
         if np.all(inflation == 1.0):
             break
-        weighed = _weigh(rows, skip)
+        # Noise that is larger than it was makes all evidence less: what had little stays behind.
+        ordered = sorted(weighed, key=lambda item: -item.log_odds)
+        among = {(item.effect or "", item.place) for item in ordered[:MOST_WEIGHED_ANEW]}
+        among |= {(item.effect or "", item.place) for item in weighed if (item.effect, item.place.joint) in asked}
+        weighed = _weigh(rows, skip, among)
     return Assessment(_alive(weighed, asked), rows, inflation)
 
 
@@ -141,8 +145,10 @@ def _alive(weighed: Sequence[Hypothesis], asked: Collection[tuple[str, int | Non
     return tuple(replace(item, probability=item.probability / share) for item in kept)
 
 
-def _weigh(rows: Sequence[Evidence], skip: set[tuple[str, Place]]) -> list[Hypothesis]:
-    """Every effect at every place with its evidence against nothing."""
+def _weigh(
+    rows: Sequence[Evidence], skip: Collection[tuple[str, Place]], among: Collection[tuple[str, Place]] | None = None
+) -> list[Hypothesis]:
+    """Every effect at every place with its evidence against nothing. among: these alone, None for all."""
     nominal = [_whitened(item.nominal, item) for item in rows]
     torque = [_whitened(item.torque[..., None], item)[..., 0] for item in rows]
     gram = sum(np.einsum("rnp,rnq->pq", part, part, optimize=True) for part in nominal)
@@ -151,8 +157,10 @@ def _weigh(rows: Sequence[Evidence], skip: set[tuple[str, Place]]) -> list[Hypot
     values = inverse @ sum(np.einsum("rnp,rn->p", part, t) for part, t in zip(nominal, torque, strict=True))
     left = [t - part @ values for part, t in zip(nominal, torque, strict=True)]
     found = []
-    for effect, place, forms in forms_of(rows[0].motion):
-        if (effect.name, place) in skip:
+    everything = tuple(forms_of(rows[0].motion))
+    count = len(everything)
+    for effect, place, forms in everything:
+        if (effect.name, place) in skip or (among is not None and (effect.name, place) not in among):
             continue
         scored = []
         for form in forms:
@@ -185,7 +193,7 @@ def _weigh(rows: Sequence[Evidence], skip: set[tuple[str, Place]]) -> list[Hypot
         freedom = best[1].size
         shrink = USUAL_STRENGTH / (1.0 + USUAL_STRENGTH)
         evidence = float(gains.max()) * shrink + math.log(float(np.mean(np.exp(gains - gains.max()))))
-        log_odds = evidence - PRIOR_COST - 0.5 * freedom * math.log1p(USUAL_STRENGTH)
+        log_odds = evidence - 0.5 * freedom * math.log1p(USUAL_STRENGTH) - math.log(NOTHING_MORE * count)
         found.append(Hypothesis(effect.name, place, forms, best[1], best[2], best[3], log_odds))
     return found
 

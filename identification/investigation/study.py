@@ -22,8 +22,9 @@ from identification.mismatch.data_faults import stops_physics
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import build_evidence, fit_parameters, with_parameters
+from identification.mismatch.evidence import fit_parameters, with_parameters
 from identification.mismatch.findings import Diagnosis, Finding
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -31,9 +32,8 @@ from identification.robots import RobotModel
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-CERTAIN = 0.95
-"""Probability from which on the leading hypothesis is taken for the answer."""
-FEWEST_PERIODS = 2
+CERTAIN = 0.8
+"""Probability from which on "nothing more" is taken for the answer: a motion more is asked for below it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,176 @@
+"""The command `investigate`: ask the arm what a recording leaves open, one motion after the other."""
+
+from __future__ import annotations
+
+import ipaddress
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from daemon.cli.acquisition import RobotOption, ToolOption, WorkspaceOption, parse_bind, tool_from
+from daemon.cli.app import app
+from daemon.cli.inputs import GravityOption, MountOption, installation_of
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.progress import progress_shown
+from daemon.cli.run import confirm_motion
+
+if TYPE_CHECKING:
+    from daemon.investigate.account import Account, Motion
+    from daemon.investigate.driver import FriDriver
+    from daemon.motion.preparation import PreparedMotion
+
+
+@app.command()
+def investigate(
+    given: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Recording or run folder at hand; may be given repeatedly. Without: from nothing."),
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option("--budget", metavar="MINUTES", min=0.0, help="Minutes of motion at most.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder; one that exists is gone on with.")] = Path(
+        "investigation"
+    ),
+    bind: Annotated[str, typer.Option("--bind", help="Address and port the robot sends to.")] = "127.0.0.1:30200",
+    fri_version: Annotated[str, typer.Option("--fri-version", help="As of `run`.")] = "1.15",
+    robot: RobotOption = None,
+    workspace: WorkspaceOption = None,
+    tool: ToolOption = None,
+    mount: MountOption = None,
+    gravity: GravityOption = None,
+    plan_only: Annotated[
+        bool, typer.Option("--plan-only", help="Design and show the next motion; move nothing.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")] = False,
+    after_drop: Annotated[
+        bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
+    ] = False,
+    acted: Annotated[bool, typer.Option("--acted", help="What was asked for is done: go on.")] = False,
+    serial: Annotated[str | None, typer.Option("--serial", help="Serial number of the arm, as of `run`.")] = None,
+    start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search for motions.")] = 1,
+    json_file: JsonOption = None,
+) -> None:
+    """Design, drive and diagnose the motions that settle what recordings leave open, until nothing is or time is used.
+
+    Each motion is shown with what it will tell, and asked for. Ctrl-C brings the arm to rest; the same command goes on
+    from there. Exit code 0: settled; 1: something is open, and the page says what to do.
+
+    Example: iiwa-ident investigate --from runs/first --from runs/second --budget 4 --out question
+    """
+    from daemon.errors import ConfigurationError
+    from daemon.investigate.account import read_account, save
+    from daemon.investigate.loop import Investigation
+    from daemon.investigate.story import write_story
+
+    host, port = parse_bind(bind)
+    simulation = ipaddress.ip_address(host).is_loopback
+    if yes and not simulation:
+        raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
+    account = read_account(out)
+    resumed = account is not None
+    if account is None:
+        account = save(out, _begun(given or [], robot, budget, seed))
+    elif given:
+        raise ConfigurationError(
+            "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
+        )
+    elif budget is not None:
+        import msgspec
+
+        account = msgspec.structs.replace(account, budget_s=60.0 * budget)
+    driver = _driver(account.robot, workspace, tool, mount, gravity, host, port, simulation,
+                     fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
+
+    def ask(motion: Motion) -> bool:
+        del motion  # the loop has told of it
+        if yes or not simulation:  # a real arm asks before each rung of its ladder, in the driver
+            return True
+        if not sys.stdin.isatty():
+            raise typer.BadParameter("the arm will move, and nobody can be asked here: add --yes or --plan-only.")
+        return typer.confirm("Drive it", err=True)
+
+    with progress_shown(lines=False) as show:
+        loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show, plan_only=plan_only)
+        if resumed:
+            loop.resume(after_drop=after_drop, acted=acted)
+        account = loop.run()
+    page = write_story(out, account)
+    if json_file is not None:
+        import msgspec
+
+        write_json(json_file, msgspec.to_builtins(account))
+    if not wants_json_on_stdout(json_file):
+        data(account.sentence)
+        for action in account.actions:
+            data(action)
+        data(f"The page to open: {page}")
+    if code := exit_code(account):
+        raise typer.Exit(code)
+
+
+def exit_code(account: Account) -> int:
+    """0: settled or only planned; of a motion that was not completed that of its run; 1: something is open."""
+    from daemon.investigate.states import State
+
+    if account.state in (State.INTERRUPTED, State.DROPPED):
+        return account.exit_code
+    return 0 if account.state in (State.SETTLED, State.PLANNED) else 1
+
+
+def _begun(given: list[Path], robot: str | None, budget: float | None, seed: int) -> Account:
+    """The account of a new investigation, its recordings read once so that what is wrong is said before anything."""
+    from daemon.errors import ConfigurationError
+    from daemon.investigate.account import Account, Recorded
+    from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
+    from identification.recordings.reader import read_recording, recording_file
+
+    if budget is None:
+        raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
+    least = smallest_budget_s(len(given))
+    if 60.0 * budget < least:
+        raise ConfigurationError(
+            f"{budget:g} minutes are too short: {least / 60.0:.1f} are the least with {len(given)} recordings at hand.",
+            field="--budget",
+        )
+    read = [read_recording(file) for file in given]
+    refuse_other_arms(read)
+    named = {item.robot for item in read if item.robot}
+    arm = robot or (named.pop() if len(named) == 1 else "iiwa14")
+    files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
+    return Account(robot=arm, seed=seed, budget_s=60.0 * budget, recordings=files)
+
+
+def _driver(
+    robot: str,
+    workspace: Path | None,
+    tool: str | None,
+    mount: str | None,
+    gravity: str | None,
+    host: str,
+    port: int,
+    simulation: bool,
+    **settings: object,
+) -> FriDriver:
+    from daemon.investigate.driver import FriDriver
+
+    def agree(motion: PreparedMotion, periods: int) -> bool:
+        try:
+            confirm_motion(motion, periods)
+        except typer.Abort:
+            return False
+        return True
+
+    return FriDriver(
+        robot=robot,
+        workspace=workspace,
+        tool=tool_from(tool),
+        installation=installation_of(gravity, mount, None),
+        settings={"bind_host": host, "bind_port": port, **settings},
+        simulation=simulation,
+        observe=lambda event: message(event.sentence),
+        agree=agree,
+    )

@@ -1,0 +1,136 @@
+"""What an investigation knows, on disk: one JSON file, written whole after every step, from which it goes on.
+
+Value objects and their file. Called by the loop, which alone writes it, and read by the story and by users.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from daemon.errors import ConfigurationError, LogIOError
+from daemon.investigate.states import State
+from daemon.json_files import read_json, write_json
+
+__all__ = ["FORMAT", "Account", "Alive", "Motion", "Named", "Recorded", "Step", "read_account", "save"]
+
+FORMAT = "iiwa-ident/investigation/1"
+NAME = "investigation.json"
+
+
+class _Entry(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all: immutable, keywords only."""
+
+
+class Alive(_Entry, frozen=True, kw_only=True):
+    """One hypothesis: name in words, effect and joint as in diagnosis.json, probability, nats against nothing more."""
+
+    name: str
+    effect: str | None
+    joint: int | None
+    probability: float
+    log_odds: float
+
+
+class Motion(_Entry, frozen=True, kw_only=True):
+    """A motion that was chosen. purpose: in words. tells: the pair it is to tell apart.
+
+    forecast: probability that the truth stands out afterwards; now: the same without it; None where nothing is foretold
+    (the first two motions). seconds: of recorded motion. trajectory: file in the folder.
+    """
+
+    number: int
+    kind: str
+    purpose: str
+    trajectory: str
+    periods: int
+    seconds: float
+    forecast: float | None = None
+    now: float | None = None
+    tells: tuple[str, str] | None = None
+
+
+class Recorded(_Entry, frozen=True, kw_only=True):
+    """A recording. motion: None for one that was given. stood_out: whether afterwards some hypothesis stood out.
+
+    added_mass: kg and m from the flange of a known mass that was on it.
+    """
+
+    file: str
+    motion: Motion | None = None
+    added_mass: tuple[float, float, float, float] | None = None
+
+
+class Named(_Entry, frozen=True, kw_only=True):
+    """One finding of the diagnosis: effect and joint, and the effects that could stand in its place."""
+
+    effect: str
+    joint: int | None
+    alternatives: tuple[str, ...] = ()
+
+
+class Step(_Entry, frozen=True, kw_only=True):
+    """What was known after so many recordings. stands_out: whether the leading hypothesis led all others."""
+
+    recordings: int
+    verdict: str
+    answer: str
+    alive: tuple[Alive, ...]
+    questions: tuple[str, ...]
+    findings: tuple[Named, ...]
+    stands_out: bool
+    remaining: str
+
+
+class Account(_Entry, frozen=True, kw_only=True):
+    """All of it. pending: the motion that is chosen, not recorded. attempts: folders of motions begun so far.
+
+    confirming: motions in a row that were to add evidence where the hypotheses were told apart already.
+    sentence: how it ended, or stands. exit_code: of the last motion that was not completed.
+    """
+
+    robot: str
+    seed: int
+    budget_s: float
+    state: State = State.DIAGNOSING
+    recordings: tuple[Recorded, ...] = ()
+    steps: tuple[Step, ...] = ()
+    pending: Motion | None = None
+    attempts: int = 0
+    confirming: int = 0
+    sentence: str = ""
+    actions: tuple[str, ...] = ()
+    exit_code: int = 1
+    format: str = FORMAT
+
+    @property
+    def used_s(self) -> float:
+        """Seconds of motion that were driven and recorded."""
+        return sum(item.motion.seconds for item in self.recordings if item.motion is not None)
+
+    @property
+    def left_s(self) -> float:
+        """Seconds of motion left."""
+        return self.budget_s - self.used_s
+
+
+def read_account(folder: Path) -> Account | None:
+    """The account in a folder; None where there is none. Raises ConfigurationError for one that cannot be read."""
+    file = folder / NAME
+    if not file.is_file():
+        return None
+    account = read_json(file, Account)
+    if account.format != FORMAT:
+        raise ConfigurationError(f"its format is '{account.format}', this version reads '{FORMAT}'.", file=str(file))
+    return account
+
+
+def save(folder: Path, account: Account) -> Account:
+    """Write the account; the same, so that a step can end with it. Raises LogIOError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / NAME, account)
+    except OSError as error:
+        raise LogIOError(str(folder / NAME), error) from error
+    return account

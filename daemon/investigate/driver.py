@@ -1,0 +1,95 @@
+"""Drives a motion of an investigation over FRI, with every guard that `run` has: preflight, ladder, gate, stop ramps.
+
+On a real arm a new motion climbs the commissioning ladder first. Called by the command line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from daemon.api import RUN_NAME, RunEvent, RunOutcome
+from daemon.errors import DaemonError
+from daemon.investigate.account import Motion
+from daemon.investigate.loop import Drive
+from daemon.json_files import read_json
+from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
+from daemon.motion.tool import Tool
+from daemon.run.commissioning import RUNGS
+from daemon.run.service import run_acquisition
+from identification.robots import Installation
+
+__all__ = ["FriDriver"]
+
+
+@dataclass(frozen=True, slots=True)
+class FriDriver:
+    """settings: fields of RunRequest. simulation: a fake robot on loopback, which needs no ladder.
+
+    agree: asks before each rung of the ladder on a real arm.
+    """
+
+    robot: str
+    workspace: Path | None
+    tool: Tool | None
+    installation: Installation | None
+    settings: dict[str, Any]
+    simulation: bool
+    observe: Callable[[RunEvent], None]
+    agree: Callable[[PreparedMotion, int], bool]
+
+    def objection(self, trajectory: Path) -> str:
+        """The preflight's sentence on a motion; empty where it is safe."""
+        report = self._prepared(trajectory, 1.0).preflight
+        return "" if report.safe else report.failures[0].sentence
+
+    def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
+        """On a real arm the lower rungs of the ladder, one period each; then the motion itself."""
+        rungs = () if self.simulation else RUNGS[:-1]
+        for rung in rungs:
+            prepared = self._prepared(trajectory, rung)
+            if not self.agree(prepared, 1):
+                return Drive("stopped", None, f"The rung of amplitude {rung:g} was declined; nothing moved.")
+            outcome = self._run(prepared, folder.with_name(f"{folder.name}-amplitude-{rung:g}"), 1)
+            if outcome.outcome != "completed" or outcome.exit_code:
+                return _drive_of(outcome)
+        prepared = self._prepared(trajectory, 1.0)
+        if rungs and not self.agree(prepared, motion.periods):
+            return Drive("stopped", None, "The motion was declined; nothing moved.")
+        return _drive_of(self._run(prepared, folder, motion.periods))
+
+    def finished(self, folder: Path) -> Path | None:
+        """The recording of a run that was completed, as its run.json says."""
+        try:
+            outcome = read_json(folder / RUN_NAME, RunOutcome)
+        except DaemonError:
+            return None
+        drive = _drive_of(outcome)
+        return drive.recording if drive.outcome == "recorded" else None
+
+    def _prepared(self, trajectory: Path, amplitude: float) -> PreparedMotion:
+        return prepare_motion(
+            trajectory,
+            robot=self.robot,
+            amplitude=amplitude,
+            workspace=self.workspace,
+            tool=self.tool,
+            installation=self.installation,
+        )
+
+    def _run(self, prepared: PreparedMotion, folder: Path, periods: int) -> RunOutcome:
+        request = write_run_request(
+            prepared, folder, periods=periods, fit=False, simulation=self.simulation, **self.settings
+        )
+        return run_acquisition(request, observe=self.observe)
+
+
+def _drive_of(outcome: RunOutcome) -> Drive:
+    recording = Path(outcome.recordings[0]) if outcome.recordings else None
+    sentence = " ".join(outcome.sentences)
+    if outcome.outcome == "completed" and not outcome.exit_code:
+        return Drive("recorded", recording, sentence)
+    how: Literal["dropped", "stopped"] = "dropped" if outcome.outcome == "dropped" else "stopped"
+    return Drive(how, recording, sentence, outcome.exit_code)

@@ -1,0 +1,161 @@
+"""The story of an investigation as a page: what was known, what was asked and why, what came of it; the verdict on top.
+
+Value objects in, a document out (`identification.report.document`); nothing is decided here. Written after each rest.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daemon.investigate.account import Account, Recorded, Step
+from daemon.investigate.states import State
+from daemon.json_files import write_bytes_atomically
+from identification.report.document import (
+    Block,
+    Document,
+    Facts,
+    Figure,
+    Line,
+    Panel,
+    Paragraph,
+    Section,
+    Table,
+    Tone,
+)
+from identification.report.page import render
+
+__all__ = ["story_of", "write_story"]
+
+NAME = "story.html"
+TITLES: dict[State, str] = {
+    State.SETTLED: "Settled",
+    State.NEEDS_ACTION: "No motion settles this: something about the arm has to change",
+    State.UNDECIDED: "Open: no motion of this arm would tell more",
+    State.OUT_OF_BUDGET: "Open: the time is used",
+    State.BLOCKED: "Open: no motion that would tell more is safe here",
+    State.DECLINED: "Open: the motion was declined",
+    State.PLANNED: "Planned, not driven",
+    State.INTERRUPTED: "Broken off; everything recorded is kept",
+    State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
+}
+_SHOWN = 6
+
+
+def write_story(folder: Path, account: Account) -> Path:
+    """Write the page beside the account."""
+    file = folder / NAME
+    write_bytes_atomically(str(file), render(story_of(account)).encode())
+    return file
+
+
+def story_of(account: Account) -> Document:
+    """The page of an account."""
+    title = TITLES.get(account.state, account.state.value.replace("_", " ").capitalize())
+    tone: Tone = "good" if account.state is State.SETTLED else "attention"
+    sections = [_now(account), *(_chapter(account, number) for number in range(len(account.recordings)))]
+    if any(item.motion is not None and item.motion.forecast is not None for item in account.recordings):
+        sections.append(_reckoning(account))
+    return Document("Investigation", title, tuple(sections), tone)
+
+
+def _now(account: Account) -> Section:
+    blocks: list[Block] = []
+    if account.sentence:
+        blocks.append(Paragraph(account.sentence, "lead"))
+    blocks += [Paragraph(text, "warning") for text in account.actions]
+    if account.pending is not None and account.state is not State.SETTLED:
+        blocks.append(Paragraph(f"Next: {account.pending.purpose}, {account.pending.seconds:.0f} s."))
+    blocks.append(
+        Facts(
+            (
+                ("Motion used", f"{account.used_s / 60.0:.1f} of {account.budget_s / 60.0:.1f} minutes"),
+                ("Recordings", str(len(account.recordings))),
+                ("Robot", account.robot),
+                ("Seed", str(account.seed)),
+            )
+        )
+    )
+    if len(account.steps) > 1:
+        blocks.append(_course(account))
+    return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _course(account: Account) -> Figure:
+    """Probability of each hypothesis over the recordings."""
+    last = account.steps[-1]
+    names = [item.name for item in last.alive[:_SHOWN]]
+    recordings = np.array([step.recordings for step in account.steps], dtype=np.float64)
+    panels = []
+    for name in names[:3]:
+        course = [next((item.probability for item in step.alive if item.name == name), 0.0) for step in account.steps]
+        panels.append(
+            Panel(
+                name.capitalize(),
+                "recordings",
+                "probability",
+                (
+                    Line("fitted", recordings, np.array(course), marks="dots"),
+                    Line("fitted", recordings, np.array(course)),
+                ),
+                f"Probability of {name} after {', '.join(str(int(n)) for n in recordings)} recordings: "
+                + ", ".join(f"{value:.2f}" for value in course),
+            )
+        )
+    return Figure("How the hypotheses fared as recordings came in.", tuple(panels))
+
+
+def _chapter(account: Account, number: int) -> Section:
+    """One recording: why it was made, and what was known after it."""
+    recorded = account.recordings[number]
+    step = next((item for item in account.steps if item.recordings == number + 1), None)
+    blocks: list[Block] = [Paragraph(_why(recorded))]
+    if step is not None:
+        blocks += _known(step)
+    elif number == 0:
+        blocks.append(Paragraph("A second motion is needed before a name can be checked.", "note"))
+    title = "given" if recorded.motion is None else recorded.motion.purpose
+    return Section(f"recording-{number + 1}", f"Recording {number + 1}: {title}", tuple(blocks))
+
+
+def _why(recorded: Recorded) -> str:
+    motion = recorded.motion
+    if motion is None:
+        return f"Given: {recorded.file}."
+    text = f"{motion.periods} periods, {motion.seconds:.0f} s of motion."
+    if motion.forecast is not None and motion.tells is not None:
+        text += (
+            f" Chosen to tell {motion.tells[0]} from {motion.tells[1]}: foretold with {100 * motion.forecast:.0f} %, "
+            f"where it was {100 * (motion.now or 0.0):.0f} % before."
+        )
+    return text
+
+
+def _known(step: Step) -> list[Block]:
+    rows = tuple(
+        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{item.log_odds:+.1f}")
+        for item in step.alive[:_SHOWN]
+    )
+    blocks: list[Block] = [
+        Paragraph(step.answer),
+        Table("Hypotheses alive beside what is settled", ("hypothesis", "probability", "nats against nothing"), rows),
+    ]
+    blocks += [Paragraph(f"Open: {text}", "note") for text in step.questions]
+    return blocks
+
+
+def _reckoning(account: Account) -> Section:
+    """Forecast against outcome."""
+    rows = []
+    for number, recorded in enumerate(account.recordings, start=1):
+        motion = recorded.motion
+        step = next((item for item in account.steps if item.recordings == number), None)
+        if motion is None or motion.forecast is None or step is None:
+            continue
+        outcome = f"{step.alive[0].name} stands out" if step.stands_out else "not told apart"
+        rows.append((str(number), motion.kind.replace("_", " "), f"{motion.seconds:.0f} s",
+                     f"{100 * motion.forecast:.0f} %", outcome))  # fmt: skip
+    head = ("recording", "motion", "time", "foretold", "came out")
+    table = Table("Forecast against outcome", head, tuple(rows), "words")
+    return Section("forecasts", "Forecasts and what came of them", (table,))

@@ -1,0 +1,247 @@
+"""The proof of the closed loop: sealed cases that are recorded on request, investigated by three arms of equal motion.
+
+Ours chooses its motions; the second drives random admissible ones; the third repeats the shipped excitation. All three
+begin with the same two recordings and have the same minutes after them. The label stays in the process that plays the
+robot until the last arm has given its answer. Simulated time: nothing here waits. Called by ``prove --closed-loop``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from daemon.errors import SealBrokenError
+from daemon.investigate.account import Account, Motion, Recorded, Step
+from daemon.investigate.loop import FIRST_PERIODS, SECOND_PERIODS, Drive, Investigation
+from daemon.investigate.states import State
+from daemon.motion.preparation import check_table
+from daemon.proof.prove import LineProcess
+from identification.excitation import (
+    Trajectory,
+    default_trajectory,
+    iiwa_limits,
+    load_trajectory,
+    validation_trajectory,
+)
+from identification.investigation.experiments import PERIOD_S, Room, experiment
+
+__all__ = ["ARMS", "Answer", "LoopCase", "prove_closed_loop", "reliability"]
+
+ROBOT = "iiwa14"
+Arm = Literal["chosen", "random", "repeated"]
+ARMS: tuple[Arm, ...] = ("chosen", "random", "repeated")
+FURTHER_S = 120.0
+_ONE_MOTION = 4
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What one arm says in the end. named: the hidden effect, alone, with its joint. wrong: names that are not true.
+
+    leader_right: whether the leading hypothesis stands out and is the hidden effect. seconds: of motion after the first
+    two recordings. limits_broken: at the robot's side, over all its motions.
+    """
+
+    arm: Arm
+    named: bool
+    wrong: tuple[str, ...]
+    leader_right: bool
+    seconds: float
+    state: str
+    limits_broken: int
+
+
+@dataclass(frozen=True, slots=True)
+class LoopCase:
+    """One case: what was known before, the answers of the arms, and (forecast, came true) of each chosen motion."""
+
+    index: int
+    commitment: str
+    label: dict[str, Any]
+    before: Answer
+    answers: tuple[Answer, ...]
+    forecasts: tuple[tuple[float, bool], ...]
+
+
+class _RequestDriver:
+    """Drives motions by asking the process that plays the robot; the preflight is the true one."""
+
+    def __init__(self, robot: LineProcess) -> None:
+        self._robot = robot
+        self.broken = 0
+
+    def objection(self, trajectory: Path) -> str:
+        report = check_table(load_trajectory(trajectory).table(), ROBOT)
+        return "" if report.safe else report.failures[0].sentence
+
+    def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
+        out = self.record(load_trajectory(trajectory), motion.periods, folder)
+        return Drive("recorded", out, "")
+
+    def finished(self, folder: Path) -> Path | None:
+        del folder
+        return None
+
+    def record(self, trajectory: Trajectory, periods: int, folder: Path) -> Path:
+        """One recording in a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        table, out = folder / "table.npy", folder / "recording.npz"
+        np.save(table, trajectory.table())
+        answer = self._robot.ask({"record": str(table), "periods": periods, "out": str(out)})
+        self.broken = int(answer["limits_broken"])
+        return out
+
+
+def prove_closed_loop(
+    seed: int, indices: Sequence[int], scratch: Path, *, tell: Tell, arms: Sequence[Arm] = ARMS
+) -> list[LoopCase]:
+    """Investigate cases of a seed. scratch: folder for what is recorded. Raises SealBrokenError, ProofProcessError."""
+    cases = []
+    with contextlib.closing(LineProcess(("-m", "fixtures.cases", "--serve-requests", "--seed", str(seed)))) as robot:
+        for index in indices:
+            folder = scratch / f"case-{index:03d}"
+            cases.append(_one_case(robot, seed, index, folder, arms, tell))
+            shutil.rmtree(folder)
+    return cases
+
+
+def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Sequence[Arm], tell: Tell) -> LoopCase:
+    driver = _RequestDriver(robot)
+    first, second = default_trajectory(ROBOT), validation_trajectory(ROBOT)
+    folder.mkdir(parents=True)
+    np.save(folder / "first.npy", first.table())
+    begun = robot.ask({"begin": index, "table": str(folder / "first.npy"), "periods": FIRST_PERIODS})
+    tell(f"case {index}: label sealed, sha256 {begun['commitment']}")
+    recordings = tuple(
+        Recorded(file=str(driver.record(motion, periods, folder / name)))
+        for motion, periods, name in ((first, FIRST_PERIODS, "first"), (second, SECOND_PERIODS, "second"))
+    )
+    start = Account(robot=ROBOT, seed=seed + index, budget_s=FURTHER_S, recordings=recordings)
+    accounts, broken = {}, {}
+    for arm in arms:
+        before = driver.broken
+        accounts[arm] = _ARMS[arm](start, driver, folder / arm, tell)
+        broken[arm] = driver.broken - before
+    seal = robot.ask({"open": index})
+    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != begun["commitment"]:
+        raise SealBrokenError(str(index))
+    label = json.loads(seal["label"])
+    answers = tuple(_answer(arm, account, account.steps[-1], label, broken[arm]) for arm, account in accounts.items())
+    chosen = accounts.get("chosen") or next(iter(accounts.values()))
+    known_before = _answer("chosen", start, chosen.steps[0], label, 0)
+    forecasts = _forecasts(chosen, label) if "chosen" in accounts else ()
+    return LoopCase(index, begun["commitment"], label, known_before, answers, forecasts)
+
+
+def _chosen(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
+    return Investigation(folder, start, driver, ask=lambda _: True, tell=tell, progress=_silent).run()
+
+
+def _random(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
+    """Random Fourier motions that the preflight accepts, as many as there is time for, and one diagnosis of them."""
+    random = np.random.default_rng([start.seed, 7])
+    room = Room(iiwa_limits(ROBOT), default_trajectory(ROBOT).offset)
+    recordings = start.recordings
+    while sum(_seconds(item) for item in recordings) + _ONE_MOTION * PERIOD_S <= start.budget_s:
+        trajectory = experiment(random, room, "fourier", None).trajectory(ROBOT)
+        if not check_table(trajectory.table(), ROBOT).safe:
+            continue
+        out = driver.record(trajectory, _ONE_MOTION, folder / f"random-{len(recordings)}")
+        recordings = (*recordings, _recorded(out, "random", _ONE_MOTION))
+    return _known(start, recordings, driver, folder, tell)
+
+
+def _repeated(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
+    """The shipped excitation again for all the time there is."""
+    periods = int(start.budget_s / PERIOD_S)
+    out = driver.record(default_trajectory(ROBOT), periods, folder / "repeated")
+    return _known(start, (*start.recordings, _recorded(out, "repeated", periods)), driver, folder, tell)
+
+
+_ARMS: dict[Arm, Callable[[Account, _RequestDriver, Path, Tell], Account]] = {
+    "chosen": _chosen,
+    "random": _random,
+    "repeated": _repeated,
+}
+
+
+def _known(
+    start: Account, recordings: tuple[Recorded, ...], driver: _RequestDriver, folder: Path, tell: Tell
+) -> Account:
+    """What is known of recordings when no motion more is asked for."""
+    account = msgspec.structs.replace(start, recordings=recordings, state=State.DIAGNOSING)
+    return Investigation(
+        folder, account, driver, ask=lambda _: False, tell=tell, progress=_silent, plan_only=True
+    ).know()
+
+
+def _recorded(file: Path, kind: str, periods: int) -> Recorded:
+    motion = Motion(number=0, kind=kind, purpose=kind, trajectory="", periods=periods, seconds=periods * PERIOD_S)
+    return Recorded(file=str(file), motion=motion)
+
+
+def _seconds(item: Recorded) -> float:
+    return 0.0 if item.motion is None else item.motion.seconds
+
+
+def _answer(arm: Arm, account: Account, step: Step, label: dict[str, Any], broken: int) -> Answer:
+    truths = [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
+    named = all(
+        any(f.effect in names and f.joint == joint and not f.alternatives for f in step.findings)
+        for names, joint in truths
+    )
+    wrong = tuple(
+        f"{f.effect} at joint {f.joint}"
+        for f in step.findings
+        if not any(({f.effect, *f.alternatives} & names) and f.joint == joint for names, joint in truths)
+    )
+    used = account.used_s if account.recordings else 0.0
+    return Answer(arm, named and not wrong, wrong, _leads(step, label), used, account.state.value, broken)
+
+
+def _leads(step: Step, label: dict[str, Any]) -> bool:
+    """Whether what is settled or leads is what was hidden."""
+    known = {(item.effect, item.joint) for item in step.findings if not item.alternatives}
+    if not label["effects"]:
+        return not known and step.alive[0].effect is None
+    truths = [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
+    leader = (step.alive[0].effect, step.alive[0].joint)
+    seen = known | ({leader} if step.stands_out else set())
+    return all(any(effect in names and joint == place for effect, place in seen) for names, joint in truths)
+
+
+def _forecasts(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:
+    found = []
+    for number, recorded in enumerate(account.recordings, start=1):
+        step = next((item for item in account.steps if item.recordings == number), None)
+        if recorded.motion is not None and recorded.motion.forecast is not None and step is not None:
+            found.append((recorded.motion.forecast, _leads(step, label)))
+    return tuple(found)
+
+
+def reliability(
+    forecasts: Sequence[tuple[float, bool]], edges: Sequence[float] = (0.0, 0.5, 0.8, 0.95, 1.0)
+) -> list[tuple[str, int, float, float]]:
+    """Per bin of forecasts: its range, how many, their mean, and the share that came true."""
+    table = []
+    for low, high in itertools.pairwise(edges):
+        inside = [(p, came) for p, came in forecasts if low <= p < high or (high == edges[-1] and p == high)]
+        if inside:
+            mean, share = (float(np.mean([item[k] for item in inside])) for k in (0, 1))
+            table.append((f"{100 * low:.0f} to {100 * high:.0f} %", len(inside), mean, share))
+    return table
+
+
+def _silent(phase: str, share: float) -> None:
+    del phase, share

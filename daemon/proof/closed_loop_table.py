@@ -1,0 +1,73 @@
+"""Sums up the proof of the closed loop: what each arm reached with the same minutes, and whether forecasts came true.
+
+Pure: cases in, figures and rows out. Called by ``prove --closed-loop``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from daemon.proof.closed_loop import ARMS, Answer, LoopCase, reliability
+from daemon.proof.table import rate
+
+__all__ = ["loop_rows", "loop_summary", "reliability_rows"]
+
+GROUPS = ("confusable", "weak", "background", "nothing")
+
+
+def _answers(cases: Sequence[LoopCase], arm: str) -> list[Answer]:
+    if arm == "before":
+        return [case.before for case in cases]
+    return [answer for case in cases for answer in case.answers if answer.arm == arm]
+
+
+def loop_summary(cases: Sequence[LoopCase]) -> dict[str, Any]:
+    """Per group and arm: named rightly, the leading hypothesis right, wrong names, seconds of motion; forecasts."""
+    found: dict[str, Any] = {"cases": len(cases)}
+    for group in (*GROUPS, "all"):
+        members = [case for case in cases if group in ("all", case.label["group"])]
+        if not members:
+            continue
+        found[group] = {"cases": len(members)}
+        for arm in ("before", *ARMS):
+            answers = _answers(members, arm)
+            if answers:
+                found[group][arm] = {
+                    "named": rate(answer.named for answer in answers),
+                    "leader_right": rate(answer.leader_right for answer in answers),
+                    "wrong_names": rate(bool(answer.wrong) for answer in answers),
+                    "seconds_mean": sum(answer.seconds for answer in answers) / len(answers),
+                    "limits_broken": sum(answer.limits_broken for answer in answers),
+                }
+    forecasts = [pair for case in cases for pair in case.forecasts]
+    found["forecasts"] = [
+        {"range": name, "count": count, "foretold": mean, "came_true": share}
+        for name, count, mean, share in reliability(forecasts)
+    ]
+    found["each"] = [asdict(case) for case in cases]
+    return found
+
+
+def loop_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
+    """A row for each group and arm: cases, named, leader right, wrong names, mean seconds, limits broken."""
+    rows: list[tuple[str, ...]] = []
+    for group in (*GROUPS, "all"):
+        for arm in ("before", *ARMS):
+            part = summary.get(group, {}).get(arm)
+            if part is None:
+                continue
+            named, leader, wrong = (
+                f"{part[name].hits} of {part[name].count}" for name in ("named", "leader_right", "wrong_names")
+            )
+            rows.append((group, arm, named, leader, wrong, f"{part['seconds_mean']:.0f}", str(part["limits_broken"])))
+    return rows
+
+
+def reliability_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
+    """A row for each range of forecasts."""
+    return [
+        (item["range"], str(item["count"]), f"{100 * item['foretold']:.0f} %", f"{100 * item['came_true']:.0f} %")
+        for item in summary["forecasts"]
+    ]

@@ -1,0 +1,123 @@
+"""What no motion settles, and what an operator can do about it instead.
+
+Two hypotheses are one torque on every motion when the columns of one are combinations of the other's and of the base
+parameters, whatever the motion: the rank test asks that of every motion tried, random ones too. Then something about
+the arm has to change: what it carries, how it stands, how warm it is. Called by the choice and by the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.investigation.hypotheses import Hypothesis
+
+FloatArray = npt.NDArray[np.float64]
+
+ONE_TORQUE = 1e-3
+"""Share of a hypothesis's λ that tells it from a rival, on the best of all motions, below which the two are one."""
+
+
+class Action(StrEnum):
+    """What an operator can do that no motion can."""
+
+    ADD_MASS = "add_mass"
+    TURN_TOOL = "turn_tool"
+    LEVEL_BASE = "level_base"
+    WARM_UP = "warm_up"
+
+
+ASK = {
+    Action.ADD_MASS: "Fasten a known mass to the flange and record again with --added-mass KG@X,Y,Z (kg and m from the "
+    "flange): what is proportional to the torque grows with it, what is not stays.",
+    Action.TURN_TOOL: "Turn the tool by half a turn on the flange and record again: a load turns with the tool, the "
+    "last link does not.",
+    Action.LEVEL_BASE: "Level the base with an inclinometer and record again: a tilt goes, all else stays.",
+    Action.WARM_UP: "Warm the arm up by half an hour of motion and record again: friction falls with temperature, an "
+    "offset of the sensor stays.",
+}
+"""The question to the operator, in plain words."""
+
+_BY_PAIR = {
+    frozenset(pair): action
+    for action, pairs in {
+        Action.ADD_MASS: (
+            ("torque_sensor_gain", "cable_spring"),
+            ("torque_sensor_gain", "payload"),
+            ("torque_sensor_gain", "bending_crosstalk"),
+            ("torque_sensor_gain", "joint_crosstalk"),
+            ("bending_crosstalk", "joint_crosstalk"),
+            ("cable_spring", "joint_elasticity"),
+            ("cable_spring", "position_dependent_torque"),
+            ("load_dependent_friction", "position_dependent_friction"),
+        ),
+        Action.TURN_TOOL: (("payload", "payload"), ("payload", "joint_zero_offset")),
+        Action.LEVEL_BASE: (
+            ("base_tilt", "joint_crosstalk"),
+            ("base_tilt", "joint_zero_offset"),
+            ("base_tilt", "torque_offset"),
+        ),
+        Action.WARM_UP: (("torque_offset", "torque_offset"), ("torque_offset", "asymmetric_viscous_friction")),
+    }.items()
+    for pair in pairs
+}
+
+ALWAYS_ONE = {
+    "torque_offset": ("Coulomb friction that differs between the two directions", Action.WARM_UP),
+    "payload": ("other parameters of the last link", Action.TURN_TOOL),
+}
+"""Effects that have a twin without an entry in the library: the twin in words, and what tells the two apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalence:
+    """Two names for one torque on every motion. action: what settles it; None: nothing that this program knows."""
+
+    first: str
+    second: str
+    action: Action | None
+
+    @property
+    def sentence(self) -> str:
+        """For the operator."""
+        known = "" if self.action is None else f" {ASK[self.action]}"
+        return f"No motion tells {self.first} from {self.second}: their torques are one on every motion tried.{known}"
+
+
+def action_for(first: str, second: str) -> Action | None:
+    """What tells two effects apart where no motion does."""
+    return _BY_PAIR.get(frozenset((first, second)))
+
+
+def twins_of(effects: Sequence[str]) -> tuple[Equivalence, ...]:
+    """Equivalences of claimed effects with what the library has no entry for."""
+    return tuple(
+        Equivalence(effect.replace("_", " "), *ALWAYS_ONE[effect])
+        for effect in dict.fromkeys(effects)
+        if effect in ALWAYS_ONE
+    )
+
+
+def inseparable(
+    hypotheses: Sequence[Hypothesis], best: FloatArray, likely: float = 0.02
+) -> tuple[tuple[int, int], ...]:
+    """Pairs of likely hypotheses that no motion tells apart.
+
+    best: (H, H) largest λ of each against each over all motions tried, each with all recordings; in the column of
+    "nothing more" what is visible of it at all.
+    """
+    nothing = next(number for number, item in enumerate(hypotheses) if item.effect is None)
+    found = []
+    for i, first in enumerate(hypotheses):
+        for j in range(i + 1, len(hypotheses)):
+            second = hypotheses[j]
+            if nothing in (i, j) or min(first.probability, second.probability) < likely:
+                continue
+            visible = max(best[i, nothing], best[j, nothing])
+            if visible > 0.0 and max(best[i, j], best[j, i]) < ONE_TORQUE * visible:
+                found.append((i, j))
+    return tuple(found)

@@ -1,0 +1,295 @@
+"""Claims about the loop of `investigate`: its table of states, resuming after a kill in any of them, drops, bad input.
+
+Truth: the table below, written from the operator's side. The mathematics is replaced by a study with a fixed answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from daemon.cli.app import main
+from daemon.errors import ConfigurationError
+from daemon.investigate import loop as loop_module
+from daemon.investigate.account import Account, Motion, Recorded, read_account, save
+from daemon.investigate.loop import Drive, Investigation
+from daemon.investigate.states import TABLE, Event, State, TransitionError, after
+from daemon.investigate.story import write_story
+from identification.excitation import iiwa_limits
+from identification.investigation.choice import Choice, Design
+from identification.investigation.experiments import Room, experiment
+from identification.investigation.forecast import Forecast
+from identification.investigation.hypotheses import NOTHING
+
+WAYS = """
+diagnosing  nothing_open     settled
+diagnosing  open             choosing
+diagnosing  resumed          diagnosing
+choosing    chosen           checking
+choosing    no_time          out_of_budget
+choosing    nothing_tells    undecided
+choosing    no_motion_tells  needs_action
+choosing    resumed          choosing
+checking    safe             asking
+checking    unsafe           blocked
+checking    resumed          choosing
+asking      agreed           recording
+asking      refused          declined
+asking      only_planned     planned
+asking      resumed          asking
+recording   recorded         diagnosing
+recording   stopped          interrupted
+recording   dropped          dropped
+recording   resumed          asking
+interrupted resumed          asking
+declined    resumed          asking
+planned     resumed          asking
+dropped     released         asking
+blocked     resumed          choosing
+out_of_budget resumed        choosing
+undecided   resumed          choosing
+needs_action acted           diagnosing
+"""
+ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
+
+
+def test_the_table_of_states_is_the_one_written_here() -> None:
+    ways = {(State(a), Event(e)): State(b) for a, e, b in (line.split() for line in WAYS.strip().splitlines())}
+    assert ways == TABLE
+
+
+def test_nothing_moves_but_by_an_operator_who_agreed() -> None:
+    assert {pair for pair, state in TABLE.items() if state is State.RECORDING} == {(State.ASKING, Event.AGREED)}
+
+
+def test_after_a_drop_only_a_release_leads_on() -> None:
+    assert {event for state, event in TABLE if state is State.DROPPED} == {Event.RELEASED}
+    with pytest.raises(TransitionError):
+        after(State.DROPPED, Event.RESUMED)
+
+
+class ScriptedDriver:
+    """Drives nothing: each motion ends as the script says, and leaves a file."""
+
+    def __init__(self, *outcomes: str, objection: str = "") -> None:
+        self.outcomes, self.driven, self._objection = list(outcomes), 0, objection
+
+    def objection(self, trajectory: Path) -> str:
+        assert trajectory.is_file()
+        return self._objection
+
+    def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
+        del motion, trajectory
+        self.driven += 1
+        outcome = self.outcomes.pop(0) if self.outcomes else "recorded"
+        if outcome == "kill":
+            raise KeyboardInterrupt
+        folder.mkdir(parents=True)
+        (folder / "recording.npz").write_bytes(b"")
+        return Drive(outcome, folder / "recording.npz", f"It was {outcome}.")  # type: ignore[arg-type]
+
+    def finished(self, folder: Path) -> Path | None:
+        file = folder / "recording.npz"
+        return file if file.is_file() else None
+
+
+def scripted_study(settled_after: int) -> Any:
+    """A study that is settled once there are so many recordings."""
+
+    def of(self: Investigation) -> Any:
+        count = len(self.account.recordings)
+        found = experiment(np.random.default_rng(1), ROOM, "two_speeds", 3)
+        choice = Choice(found, 4, Forecast(0.9, 0.1, None, np.zeros((1, 1))))
+        open_ = count < settled_after
+        return SimpleNamespace(
+            settled=not open_,
+            answer="An answer.",
+            questions=(SimpleNamespace(sentence="A or B?"),) if open_ else (),
+            assessment=SimpleNamespace(alive=(replace(NOTHING, probability=1.0),)),
+            diagnosis=SimpleNamespace(verdict="explained", findings=(), remaining=""),
+            chooser=SimpleNamespace(choose=lambda *given, **_: Design((choice,) if given[2] >= 40.0 else (), ())),
+        )
+
+    return of
+
+
+def begun(folder: Path, **changes: Any) -> Account:
+    given = (Recorded(file="a.npz"), Recorded(file="b.npz"))
+    account = Account(robot="iiwa14", seed=1, budget_s=120.0, recordings=given)
+    return save(folder, msgspec.structs.replace(account, **changes))
+
+
+def investigation(folder: Path, account: Account, driver: ScriptedDriver, **options: Any) -> Investigation:
+    options = {"ask": lambda *_: True, "tell": lambda *_: None, "progress": lambda *_: None} | options
+    return Investigation(folder, account, driver, **options)
+
+
+@pytest.fixture(autouse=True)
+def _scripted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Investigation, "_studied", scripted_study(4))
+    monkeypatch.setattr(loop_module, "stands_out", lambda *_: True)
+
+
+def test_it_records_until_nothing_is_open(tmp_path: Path) -> None:
+    driver = ScriptedDriver()
+    account = investigation(tmp_path, begun(tmp_path), driver).run()
+    assert account.state is State.SETTLED
+    assert driver.driven == 2
+    assert account.used_s == 80.0
+    assert read_account(tmp_path) == account
+    page = write_story(tmp_path, account).read_text(encoding="utf-8")
+    assert "Settled" in page
+    assert "90 %" in page
+
+
+def test_from_nothing_the_two_shipped_motions_come_first(tmp_path: Path) -> None:
+    account = begun(tmp_path, recordings=(), budget_s=600.0)
+    account = investigation(tmp_path, account, ScriptedDriver()).run()
+    kinds = [item.motion.kind for item in account.recordings if item.motion is not None]
+    assert kinds[:2] == ["excitation", "another excitation"]
+    assert account.state is State.SETTLED
+
+
+def test_a_budget_that_is_used_ends_it_and_a_larger_one_goes_on(tmp_path: Path) -> None:
+    account = investigation(tmp_path, begun(tmp_path, budget_s=50.0), ScriptedDriver()).run()
+    assert account.state is State.OUT_OF_BUDGET
+    again = investigation(tmp_path, msgspec.structs.replace(account, budget_s=120.0), ScriptedDriver())
+    again.resume()
+    assert again.run().state is State.SETTLED
+
+
+@pytest.mark.parametrize("outcome", ["stopped", "dropped"])
+def test_a_motion_that_did_not_end_well_keeps_all_and_moves_nothing_more(tmp_path: Path, outcome: str) -> None:
+    driver = ScriptedDriver("recorded", outcome)
+    account = investigation(tmp_path, begun(tmp_path), driver).run()
+    assert account.state is (State.DROPPED if outcome == "dropped" else State.INTERRUPTED)
+    assert driver.driven == 2
+    assert len(account.recordings) == 3
+    assert (tmp_path / "motion-02" / "recording.npz").is_file()
+
+
+def test_a_drop_stays_latched_until_somebody_says_otherwise(tmp_path: Path) -> None:
+    account = investigation(tmp_path, begun(tmp_path), ScriptedDriver("dropped")).run()
+    driver = ScriptedDriver()
+    again = investigation(tmp_path, account, driver)
+    with pytest.raises(ConfigurationError, match="--after-drop"):
+        again.resume()
+    assert driver.driven == 0
+    again.resume(after_drop=True)
+    assert again.account.state is State.ASKING
+    assert again.run().state is State.SETTLED
+
+
+@pytest.mark.parametrize("state", [State.DIAGNOSING, State.CHOOSING, State.CHECKING, State.ASKING, State.RECORDING])
+def test_it_goes_on_after_a_kill_in_any_state(tmp_path: Path, state: State, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kill: the state is on disk, what was to be done in it is not."""
+
+    class Killed(BaseException):
+        pass
+
+    method = {"diagnosing": "_diagnose", "choosing": "_choose", "checking": "_check", "asking": "_question",
+              "recording": "_record"}[state.value]  # fmt: skip
+
+    def die(self: Investigation) -> Event:
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Investigation, method, die)
+        with pytest.raises(Killed):
+            investigation(tmp_path, begun(tmp_path), ScriptedDriver()).run()
+    left = read_account(tmp_path)
+    assert left is not None
+    assert left.state is state
+    asked: list[Motion] = []
+    driver = ScriptedDriver()
+    again = investigation(tmp_path, left, driver, ask=lambda motion: asked.append(motion) or True)
+    again.resume()
+    assert again.account.state is not State.RECORDING
+    assert again.run().state is State.SETTLED
+    assert len(asked) == driver.driven == 2
+
+
+def test_a_recording_that_was_whole_when_the_kill_came_is_not_driven_again(tmp_path: Path) -> None:
+    driver = ScriptedDriver("kill")
+    with pytest.raises(KeyboardInterrupt):
+        investigation(tmp_path, begun(tmp_path), driver).run()
+    left = read_account(tmp_path)
+    assert left is not None
+    folder = tmp_path / f"motion-{left.attempts:02d}"
+    folder.mkdir()
+    (folder / "recording.npz").write_bytes(b"")
+    again = investigation(tmp_path, left, ScriptedDriver())
+    again.resume()
+    assert again.account.state is State.DIAGNOSING
+    assert len(again.account.recordings) == 3
+
+
+def test_what_is_declined_is_not_driven(tmp_path: Path) -> None:
+    driver = ScriptedDriver()
+    account = investigation(tmp_path, begun(tmp_path), driver, ask=lambda *_: False).run()
+    assert account.state is State.DECLINED
+    assert driver.driven == 0
+
+
+def test_a_plan_moves_nothing_and_can_be_driven_later(tmp_path: Path) -> None:
+    driver = ScriptedDriver()
+    account = investigation(tmp_path, begun(tmp_path), driver, plan_only=True).run()
+    assert account.state is State.PLANNED
+    assert driver.driven == 0
+    later = investigation(tmp_path, account, driver)
+    later.resume()
+    assert later.run().state is State.SETTLED
+
+
+def test_a_workspace_without_an_admissible_motion_is_said(tmp_path: Path) -> None:
+    driver = ScriptedDriver(objection="Link 6 meets the wall.")
+    account = investigation(tmp_path, begun(tmp_path), driver).run()
+    assert account.state is State.BLOCKED
+    assert "Link 6 meets the wall." in account.sentence
+    assert driver.driven == 0
+
+
+def run(*words: str) -> int:
+    try:
+        main(list(words))
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def recording(file: Path, seed: int = 0, robot: str = "iiwa14") -> Path:
+    time = np.arange(4000) * 1e-3
+    q = 0.2 * np.sin(2.0 * np.pi * time[:, None] + np.arange(7) + seed)
+    np.savez(file, t=time, q=q, tau=q, robot=np.array(robot), period_s=np.array(1.0))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (("--budget", "0.5", "--from", "a.npz", "--from", "b.npz"), 78, "too short"),
+        (("--budget", "2", "--from", "missing.npz"), 66, "no such recording"),
+        (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
+        ((), 2, "--budget"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_an_exit_code(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    code: int,
+    sentence: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording(tmp_path / "a.npz")
+    recording(tmp_path / "b.npz", 1)
+    assert run("investigate", *words, "--out", "folder") == code
+    assert sentence in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.glob("folder/motion-*"))

@@ -1,0 +1,132 @@
+"""Claims about hypotheses, motions and forecasts. Truth: closed forms, random draws, limits of the arm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from identification.excitation import iiwa_limits
+from identification.investigation.columns import Form, Sums
+from identification.investigation.equivalences import inseparable, twins_of
+from identification.investigation.experiments import KINDS, PERIOD_S, Room, experiment, experiments
+from identification.investigation.forecast import STANDS_OUT, forecast, stands_out
+from identification.investigation.hypotheses import NOTHING, Hypothesis
+from identification.investigation.separation import Layout, separations
+from identification.mismatch.effects.base import Place
+
+ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
+
+
+def hypothesis(effect: str, joint: int, log_odds: float, probability: float, size: float = 1.0) -> Hypothesis:
+    form = Form.of(effect, Place(joint), {})
+    return Hypothesis(effect, Place(joint), (form,), form, np.array([size]), np.array([[1e-12]]), log_odds, probability)
+
+
+def sums_of_columns(base: np.ndarray, columns: np.ndarray) -> Sums:
+    both = np.hstack([base, columns])
+    return Sums(both.T @ both, base.shape[1])
+
+
+def test_separation_is_the_distance_that_base_parameters_and_the_rival_leave() -> None:
+    """Truth: least squares on the rows themselves."""
+    random = np.random.default_rng(5)
+    base, first, second = (random.normal(size=(400, k)) for k in (6, 1, 1))
+    second = 0.95 * first + 0.3 * second
+    one, two = hypothesis("torque_offset", 1, 5.0, 0.5, 0.7), hypothesis("cable_spring", 1, 5.0, 0.5, 0.4)
+    two = replace(two, coefficients=np.array([0.4, 0.0]))
+    layout = Layout.of([one, two])
+    sums = sums_of_columns(base, np.hstack([first, second, 0.0 * second]))
+    found = separations(sums, layout, [one, two, NOTHING])
+
+    def left(target: np.ndarray, columns: np.ndarray) -> float:
+        return float(np.sum((target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]) ** 2))
+
+    assert found[0, 1] == pytest.approx(left(0.7 * first, np.hstack([base, second])), rel=1e-6)
+    assert found[1, 0] == pytest.approx(left(0.4 * second, np.hstack([base, first])), rel=1e-6)
+    assert found[0, 2] == pytest.approx(left(0.7 * first, base), rel=1e-6)
+
+
+def test_a_forecast_of_two_hypotheses_is_the_gaussian_log_odds_integral() -> None:
+    """Truth: log odds of a known waveform are N(λ/2, λ), drawn a hundred thousand times."""
+    alive = (hypothesis("torque_offset", 1, 0.0, 0.5), hypothesis("cable_spring", 1, 0.0, 0.5))
+    strength = 16.0
+    after = np.array([[0.0, strength], [strength, 0.0]])
+    found = forecast(alive, np.zeros((2, 2)), after)
+    random = np.random.default_rng(1)
+    rows = random.normal(size=(100_000, 4))
+    truth = np.full(4, math.sqrt(strength) / 2.0)
+    odds = 0.5 * np.sum((rows) ** 2 - (rows + truth) ** 2, axis=1) * -1.0
+    assert found.probability == pytest.approx(np.mean(odds >= STANDS_OUT), abs=5e-3)
+    assert found.probability == pytest.approx(norm.cdf((strength / 2.0 - STANDS_OUT) / math.sqrt(strength)), abs=1e-3)
+    assert found.hardest is not None
+
+
+def test_a_motion_that_adds_nothing_foretells_nothing() -> None:
+    alive = (hypothesis("torque_offset", 1, 1.0, 0.6), hypothesis("cable_spring", 1, 0.5, 0.4))
+    standing = np.array([[0.0, 9.0], [9.0, 0.0]])
+    found = forecast(alive, standing, standing)
+    assert found.probability == pytest.approx(found.now)
+    assert found.probability < 1e-3
+    assert not stands_out(alive)
+
+
+def test_the_more_a_motion_shows_the_more_surely_it_tells() -> None:
+    alive = (hypothesis("torque_offset", 1, 1.0, 0.6), hypothesis("cable_spring", 1, 0.5, 0.4))
+    chances = [
+        forecast(alive, np.zeros((2, 2)), strength * (1.0 - np.eye(2))).probability for strength in (1, 9, 30, 90)
+    ]
+    assert chances == sorted(chances)
+    assert chances[-1] > 0.99
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_motion_keeps_to_the_limits_and_closes_its_period(kind: str) -> None:
+    limits = ROOM.limits
+    for seed in range(6):
+        joint = None if kind == "fourier" else seed
+        motion = experiment(np.random.default_rng(seed), ROOM, kind, joint)
+        q, dq, ddq = motion.states
+        assert np.all(q <= limits.position_upper)
+        assert np.all(q >= limits.position_lower)
+        assert np.all(np.abs(dq) <= limits.velocity)
+        assert np.all(np.abs(ddq) <= limits.acceleration)
+        table = motion.trajectory("iiwa14").table()
+        assert len(table) == round(1000 * PERIOD_S)
+        step = np.abs(np.diff(np.vstack([table, table[:1]]), axis=0)).max(axis=0)
+        assert np.all(step <= 1e-3 * limits.velocity)
+
+
+@pytest.mark.parametrize("kind", sorted(set(KINDS) - {"fourier"}))
+def test_no_joint_rests_while_another_is_asked(kind: str) -> None:
+    """A joint at rest is held by its friction and takes any torque."""
+    motion = experiment(np.random.default_rng(3), ROOM, kind, 2)
+    slow = np.abs(motion.states[1]) < 1e-3
+    assert np.all(slow.mean(axis=0) < 0.2)
+
+
+def test_the_same_seed_gives_the_same_motions() -> None:
+    for first, second in zip(
+        experiments(np.random.default_rng(8), ROOM, [1]), experiments(np.random.default_rng(8), ROOM, [1]), strict=False
+    ):
+        assert first.kind == second.kind
+        np.testing.assert_array_equal(first.table, second.table)
+        if first.kind == "whole_range":
+            break
+
+
+def test_one_torque_under_two_names_is_found_and_two_torques_are_not() -> None:
+    alive = (hypothesis("torque_sensor_gain", 1, 9.0, 0.5), hypothesis("payload", 1, 9.0, 0.49), NOTHING)
+    same = np.array([[0.0, 1e-6, 500.0], [1e-6, 0.0, 500.0], [500.0, 500.0, 0.0]])
+    other = np.array([[0.0, 30.0, 500.0], [20.0, 0.0, 500.0], [500.0, 500.0, 0.0]])
+    assert inseparable(alive, same) == ((0, 1),)
+    assert inseparable(alive, other) == ()
+
+
+def test_an_offset_is_always_said_to_be_asymmetric_coulomb_friction_too() -> None:
+    (found,) = twins_of(["torque_offset", "torque_offset", "stribeck_friction"])
+    assert "differs between the two directions" in found.sentence
+    assert "Warm the arm up" in found.sentence
