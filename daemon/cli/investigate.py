@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from daemon.investigate.account import Account, Motion
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
+    from identification.investigation.added_mass import AddedMass
 
 
 @app.command()
@@ -49,6 +50,10 @@ def investigate(
         bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
     ] = False,
     acted: Annotated[bool, typer.Option("--acted", help="What was asked for is done: go on.")] = False,
+    added_mass: Annotated[
+        str | None,
+        typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
+    ] = None,
     serial: Annotated[str | None, typer.Option("--serial", help="Serial number of the arm, as of `run`.")] = None,
     start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search for motions.")] = 1,
@@ -61,6 +66,8 @@ def investigate(
 
     Example: iiwa-ident investigate --from runs/first --from runs/second --budget 4 --out question
     """
+    import msgspec
+
     from daemon.errors import ConfigurationError
     from daemon.investigate.account import read_account, save
     from daemon.investigate.loop import Investigation
@@ -70,6 +77,7 @@ def investigate(
     simulation = ipaddress.ip_address(host).is_loopback
     if yes and not simulation:
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
+    mass = _mass_of(added_mass)
     account = read_account(out)
     resumed = account is not None
     if account is None:
@@ -79,9 +87,10 @@ def investigate(
             "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
         )
     elif budget is not None:
-        import msgspec
-
         account = msgspec.structs.replace(account, budget_s=60.0 * budget)
+    if mass is not None:
+        account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
+        tool = tool or added_mass  # the preflight has to carry it
     driver = _driver(account.robot, workspace, tool, mount, gravity, host, port, simulation,
                      fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
@@ -96,12 +105,10 @@ def investigate(
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show, plan_only=plan_only)
         if resumed:
-            loop.resume(after_drop=after_drop, acted=acted)
+            loop.resume(after_drop=after_drop, acted=acted or mass is not None)
         account = loop.run()
     page = write_story(out, account)
     if json_file is not None:
-        import msgspec
-
         write_json(json_file, msgspec.to_builtins(account))
     if not wants_json_on_stdout(json_file):
         data(account.sentence)
@@ -110,6 +117,15 @@ def investigate(
         data(f"The page to open: {page}")
     if code := exit_code(account):
         raise typer.Exit(code)
+
+
+def _mass_of(text: str | None) -> AddedMass | None:
+    from identification.investigation.added_mass import AddedMass
+
+    try:
+        return None if text is None else AddedMass.parse(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05.") from error
 
 
 def exit_code(account: Account) -> int:

@@ -88,6 +88,7 @@ class Account(_Entry, frozen=True, kw_only=True):
 
     confirming: motions in a row that were to add evidence where the hypotheses were told apart already.
     sentence: how it ended, or stands. exit_code: of the last motion that was not completed.
+    added_mass: kg and m from the flange of a known mass that is on it now.
     """
 
     robot: str
@@ -102,6 +103,7 @@ class Account(_Entry, frozen=True, kw_only=True):
     sentence: str = ""
     actions: tuple[str, ...] = ()
     exit_code: int = 1
+    added_mass: tuple[float, float, float, float] | None = None
     format: str = FORMAT
 
     @property

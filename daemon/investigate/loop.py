@@ -20,6 +20,7 @@ from daemon.errors import ConfigurationError
 from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step, save
 from daemon.investigate.states import RESTING, Event, State, after
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits, validation_trajectory
+from identification.investigation.added_mass import AddedMass
 from identification.investigation.choice import PERIODS, Choice
 from identification.investigation.equivalences import twins_of
 from identification.investigation.experiments import PERIOD_S, Experiment, Room
@@ -245,15 +246,21 @@ class Investigation:
         return True
 
     def _take(self, motion: Motion, recording: Path) -> None:
-        taken = Recorded(file=str(recording), motion=motion)
+        taken = Recorded(file=str(recording), motion=motion, added_mass=self.account.added_mass)
         self._keep(recordings=(*self.account.recordings, taken), pending=None)
         self._study = None
 
     def _studied(self) -> Study:
         if self._study is None:
             recordings, robot = self._read()
+            masses = [_mass(item.added_mass) for item in self.account.recordings]
             self._study = study(
-                [recordings[0], *recordings[2:]], robot, heldout=recordings[1:2], progress=self._progress
+                [recordings[0], *recordings[2:]],
+                robot,
+                heldout=recordings[1:2],
+                masses=[masses[0], *masses[2:], *masses[1:2]],
+                mass_now=_mass(self.account.added_mass),
+                progress=self._progress,
             )
         return self._study
 
@@ -304,6 +311,10 @@ class Investigation:
 
     def _keep(self, **changes: object) -> None:
         self.account = save(self._folder, msgspec.structs.replace(self.account, **changes))
+
+
+def _mass(given: tuple[float, float, float, float] | None) -> AddedMass | None:
+    return None if given is None else AddedMass(given[0], given[1:])
 
 
 def describe_motion(motion: Motion) -> str:

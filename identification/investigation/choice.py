@@ -7,13 +7,14 @@ search. Not here: whether the arm may drive it; the caller asks that of the best
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
+from identification.investigation.added_mass import AddedMass
 from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
 from identification.investigation.equivalences import Equivalence, action_for, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
@@ -66,6 +67,7 @@ class Chooser:
     layout: Layout
     recorded: Sums
     noise: NoiseLevel
+    mass: AddedMass | None = None
 
     @classmethod
     def of(
@@ -75,8 +77,12 @@ class Chooser:
         regressor: BaseRegressor,
         values: FloatArray,
         known: Sequence[Form] = (),
+        mass: AddedMass | None = None,
     ) -> Chooser:
-        """evidences: those that were assessed, with their own noise. values: base parameters (p,) fitted to them."""
+        """evidences: those that were assessed, with their own noise. values: base parameters (p,) fitted to them.
+
+        mass: on the flange when the next motion is driven.
+        """
         layout = Layout.of(assessment.alive)
         parts = [sums_of(item, layout.forms) for item in assessment.evidences]
         recorded = parts[0]
@@ -85,12 +91,14 @@ class Chooser:
         pairs = zip(evidences, assessment.evidences, strict=True)
         longest, inflated = max(pairs, key=lambda pair: pair[0].periods)
         noise = NoiseLevel.of(longest, inflated)
-        return cls(assessment, regressor, values, tuple(known), layout, recorded, noise)
+        return cls(assessment, regressor, values, tuple(known), layout, recorded, noise, mass)
 
     def rows(self, experiment: Experiment, periods: int) -> PlannedRows:
         """Rows of a motion: settled findings among the nominal columns, misfit without a name among the noise."""
         like = self.assessment.evidences[0].motion
         rows = planned(experiment.states, PERIOD_S, like, self.regressor, self.values, self.noise, periods)
+        if self.mass is not None:
+            rows = replace(rows, motion=self.mass.carried(rows.motion))
         if not self.known:
             return rows
         nominal = np.concatenate([rows.nominal, *(form_rows(rows, form) for form in self.known)], axis=2)

@@ -8,13 +8,14 @@ motion (`choice`). Called by the loop after each recording.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.investigation.added_mass import AddedMass, without_added_mass
 from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form
 from identification.investigation.hypotheses import Assessment, assess, describe
@@ -22,7 +23,7 @@ from identification.mismatch.data_faults import stops_physics
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import fit_parameters, with_parameters
+from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
 from identification.mismatch.findings import Diagnosis, Finding
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.settings import DiagnosisSettings
@@ -73,11 +74,15 @@ def study(
     robot: RobotModel,
     *,
     heldout: Sequence[Recording] = (),
+    masses: Sequence[AddedMass | None] = (),
+    mass_now: AddedMass | None = None,
     settings: DiagnosisSettings | None = None,
     progress: Progress | None = None,
 ) -> Study:
     """Diagnose recordings with periods and weigh every hypothesis on all of them, held-out ones too.
 
+    masses: known mass that was on the flange of each recording, then of each held-out one; empty: none on any.
+    mass_now: on the flange when the next motion is driven.
     Raises RecordingError for a recording without periods (its noise is not known, so that nothing can be foretold) or
     with a fault that makes every name worthless, and the errors of `diagnose`.
     """
@@ -89,17 +94,29 @@ def study(
                 file=item.source.path,
             )
     settings = settings or DiagnosisSettings()
+    on_flange = [*masses, *[None] * (len(recordings) + len(heldout) - len(masses))]
+    cleared = [
+        item if mass is None else without_added_mass(item, robot, mass)
+        for item, mass in zip((*recordings, *heldout), on_flange, strict=True)
+    ]
+    recordings, heldout = cleared[: len(recordings)], cleared[len(recordings) :]
     diagnosis = diagnose(recordings, robot, heldout=heldout, settings=settings, progress=progress)
     if stops_physics(diagnosis.data_faults):
         raise RecordingError(diagnosis.data_faults[0].sentence, file=diagnosis.data_faults[0].recording)
     regressor = BaseRegressor(robot)
-    evidences = [part for item in (*recordings, *heldout) for part in build_evidence(item, robot, regressor, settings)]
-    values = fit_parameters(evidences)
-    evidences = [with_parameters(item, regressor, values) for item in evidences]
+    parts = [(part, mass) for item, mass in zip(cleared, on_flange, strict=True)
+             for part in build_evidence(item, robot, regressor, settings)]  # fmt: skip
+    values = fit_parameters([part for part, _ in parts])
+    evidences = [_loaded(with_parameters(part, regressor, values), mass) for part, mass in parts]
     known = [form_of(item) for item in diagnosis.findings if _is_settled(item) and _repeats(item)]
     assessment = assess(evidences, known, _asked(diagnosis))
-    chooser = Chooser.of(assessment, evidences, regressor, values, known)
+    chooser = Chooser.of(assessment, evidences, regressor, values, known, mass_now)
     return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment))
+
+
+def _loaded(evidence: Evidence, mass: AddedMass | None) -> Evidence:
+    """The evidence whose effects see the torque of an added mass too; its own torque has none of it."""
+    return evidence if mass is None else replace(evidence, motion=mass.carried(evidence.motion))
 
 
 def form_of(finding: Finding) -> Form:
