@@ -13,6 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from identification.audit.mount import require_stated_stand
 from identification.excitation.design import DesignResult
 from identification.excitation.design import design_excitation as search_excitation
 from identification.excitation.limits import limits_of_robot
@@ -210,6 +211,7 @@ def fit(*recordings: Source, robot: str | Path | None = None, **settings: Any) -
     as split="first:0.6". Raises RecordingError, RobotError and EstimationError; each says what to do.
     """
     inputs = _read(recordings, robot)
+    require_stated_stand(inputs.recordings, inputs.robot)
     return Fit(fit_recordings(inputs.recordings, inputs.robot, FitSettings(**settings)))
 
 
@@ -242,6 +244,8 @@ def diagnose(
         given = read_model(given)
     of_model = given.load_robot() if isinstance(given, Model) and robot is None else None
     inputs = _read((*recordings, *heldout), robot, of_model)
+    if given is None:
+        require_stated_stand(inputs.recordings, inputs.robot)
     fitted, unseen = inputs.recordings[: len(recordings)], inputs.recordings[len(recordings) :]
     found = diagnose_recordings(
         fitted, inputs.robot, heldout=unseen, settings=DiagnosisSettings(**settings), model=given

@@ -98,7 +98,7 @@ def fit(
         seed=seed,
     )
     stand = installation_of(gravity, stated_mount(mount), lock)
-    inputs = load_inputs(logs, robot, joints=joints, installation=stand, find_mount=mount == AUTO)
+    inputs = load_inputs(logs, robot, joints=joints, installation=stand, find_mount=mount == AUTO, fits=True)
     recordings, robot_model = inputs.recordings, inputs.robot
 
     left_out = None

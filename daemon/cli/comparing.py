@@ -11,13 +11,15 @@ from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
+    AUTO,
+    FoundMountOption,
     GravityOption,
     JointsOption,
     LockOption,
-    MountOption,
     RobotOption,
     installation_of,
     load_inputs,
+    stated_mount,
 )
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
@@ -50,7 +52,7 @@ def compare(
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
-    mount: MountOption = None,
+    mount: FoundMountOption = None,
     gravity: GravityOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -61,20 +63,20 @@ def compare(
     Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
     """
-    stand = installation_of(gravity, mount, lock)
+    stand, auto = installation_of(gravity, stated_mount(mount), lock), mount == AUTO
     if models:
         after = ctx.meta[AFTER]
         known = files[:-after] if after else [file for file in files if file.suffix in MODELS]
         logs = [file for file in files if file not in known]
         if not known or not logs:
             raise typer.BadParameter("Give the models (.json, .urdf, .xml, .sdf), then --, then recordings.")
-        _leaderboard(known, logs, robot, joints, stand, offsets, json_file)
+        _leaderboard(known, logs, robot, joints, stand, auto, offsets, json_file)
         return
     if offsets:
         raise typer.BadParameter("--offsets belongs to --models.")
     if len(files) < 2:
         raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
-    _changes(files[0], files[1:], robot, joints, stand, out, json_file)
+    _changes(files[0], files[1:], robot, joints, stand, auto, out, json_file)
 
 
 @app.command(name="leaderboard")
@@ -87,7 +89,7 @@ def leaderboard_command(
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
-    mount: MountOption = None,
+    mount: FoundMountOption = None,
     gravity: GravityOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -96,14 +98,16 @@ def leaderboard_command(
     The same as `compare --models`. Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident leaderboard arm.urdf runs/may/model.json --on runs/june/recording.mcap
     """
-    _leaderboard(models, on, robot, joints, installation_of(gravity, mount, lock), offsets, json_file)
+    stand = installation_of(gravity, stated_mount(mount), lock)
+    _leaderboard(models, on, robot, joints, stand, mount == AUTO, offsets, json_file)
 
 
 def _changes(
     first: Path, others: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    out: Path | None, json_file: Path | None,
+    auto: bool, out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
+    from identification.audit.mount import require_stated_stand
     from identification.audit.trend import LEAST, trend_of
     from identification.model_file import read_model
 
@@ -113,8 +117,11 @@ def _changes(
         robot,
         joints=joints,
         installation=stand,
+        find_mount=auto,
         model_robot=None if known is None else known.load_robot(),
     )
+    if known is None:
+        require_stated_stand(inputs.recordings[:1], inputs.robot)
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     changes = [changes_between(model, recording, inputs.robot) for recording in recordings]
@@ -151,7 +158,7 @@ def _write_page(trend: Trend, robot: str, out: Path) -> Path:
 
 def _leaderboard(
     models: Sequence[Path], logs: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    offsets: bool, json_file: Path | None,
+    auto: bool, offsets: bool, json_file: Path | None,
 ) -> None:  # fmt: skip
     from identification.audit.leaderboard import leaderboard
     from identification.model_file import read_model
@@ -162,6 +169,7 @@ def _leaderboard(
         robot,
         joints=joints,
         installation=stand,
+        find_mount=auto,
         model_robot=None if written is None else read_model(written).load_robot(),
     )
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)

@@ -106,6 +106,7 @@ def diagnose(
         joints=joints,
         installation=installation_of(gravity, stated_mount(mount), lock),
         find_mount=mount == AUTO,
+        fits=model is None,  # against a model, how the base stands is one of the answers
         model_robot=None if model is None else robot_of_model(model),
     )
     recordings, unseen = inputs.recordings[: len(logs)], inputs.recordings[len(logs) :]

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
+    AUTO,
+    FoundMountOption,
     GravityOption,
     JointsOption,
     LockOption,
-    MountOption,
     RobotOption,
     installation_of,
     names_of,
+    stated_mount,
 )
-from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+
+if TYPE_CHECKING:
+    from identification.recordings import Recording
 
 
 @app.command("import")
@@ -28,7 +34,7 @@ def import_recording(
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
-    mount: MountOption = None,
+    mount: FoundMountOption = None,
     gravity: GravityOption = None,
     topic: Annotated[str | None, typer.Option("--topic", help="JointState topic, where a bag has several.")] = None,
     unit: Annotated[
@@ -52,12 +58,13 @@ def import_recording(
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
     targets = [out or _default_target(file) for file in files]
     _check_targets(files, targets, force)
-    installation, units = installation_of(gravity, mount, lock), dict(map(_quantity_and_unit, unit or ()))
+    installation, units = installation_of(gravity, stated_mount(mount), lock), dict(map(_quantity_and_unit, unit or ()))
     results = []
     for file, target in zip(files, targets, strict=True):
         recording = read_recording(
             file, robot=robot, installation=installation, joints=names_of(joints), units=units, topic=topic
         )
+        recording = _as_it_stood(recording, find_mount=mount == AUTO)
         write_recording(recording, target)
         results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
         if not wants_json_on_stdout(json_file):
@@ -69,6 +76,24 @@ def import_recording(
                 data(f"  {finding.sentence}")
     if json_file is not None:
         write_json(json_file, results)
+
+
+def _as_it_stood(recording: Recording, *, find_mount: bool) -> Recording:
+    """The recording with the stand that it shows, where that is to be found; where it contradicts the stated one, a
+    RecordingError. Without a robot nobody can say.
+    """
+    from identification.audit.mount import other_stand, require_stated_stand
+    from identification.robots import load_robot
+
+    if recording.robot is None:
+        return recording
+    robot = load_robot(recording.robot, recording.installation)
+    if find_mount and (found := other_stand([recording], robot)) is not None:
+        _, mounting = found
+        message(mounting.taken)
+        return replace(recording, installation=mounting.installation(robot.locked_joints))
+    require_stated_stand([recording], robot)
+    return recording
 
 
 def _default_target(file: Path) -> Path:

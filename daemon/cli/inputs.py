@@ -14,7 +14,6 @@ import typer
 from daemon.cli.output import message
 
 if TYPE_CHECKING:
-    from identification.audit.mount import Mounting
     from identification.recordings.reader import Inputs
     from identification.robots import Installation, RobotModel
 
@@ -66,12 +65,16 @@ def load_inputs(
     installation: Installation | None = None,
     model_robot: RobotModel | None = None,
     find_mount: bool = False,
+    fits: bool = False,
     say: bool = True,
 ) -> Inputs:
     """Recordings and their robot; what was found wrong in each is said on stderr, unless not `say`. As `read_inputs`.
 
-    find_mount: take gravity as the recordings show it. Otherwise it is said where they show another than is stated.
+    find_mount: take gravity as the recordings show it. fits: whether a model of the arm will be fitted to them, which
+    needs the gravity that it felt: a recording that contradicts the stated one is then a RecordingError, else it is
+    only said.
     """
+    from identification.audit.mount import other_stand, require_stated_stand
     from identification.recordings.reader import read_inputs
 
     def read(stand: Installation | None) -> Inputs:
@@ -83,26 +86,19 @@ def load_inputs(
     for log, recording in zip(logs, inputs.recordings, strict=True):
         for finding in recording.report.findings:
             message(f"{log}: {finding.sentence}")
-    found = _mounting(inputs)
-    if found is not None and found.is_other:
-        message(found.sentence if not find_mount else found.taken)
-        if find_mount:
-            held = inputs.robot.locked_joints
-            return read(found.installation(held))
-    elif find_mount:
-        message("The recordings show no other mounting than the one stated.")
+    if find_mount:
+        found = other_stand(inputs.recordings, inputs.robot)
+        if found is None:
+            message("The recordings show no other mounting than the one stated.")
+            return inputs
+        _, mounting = found
+        message(mounting.taken)
+        inputs = read(mounting.installation(inputs.robot.locked_joints))
+    if fits:
+        require_stated_stand(inputs.recordings, inputs.robot)
+    elif (found := other_stand(inputs.recordings, inputs.robot)) is not None:
+        message(found[1].sentence)
     return inputs
-
-
-def _mounting(inputs: Inputs) -> Mounting | None:
-    """How the base stands by the recordings alone; None where they are too short or at rest to say."""
-    from identification.audit.mount import mounting_of
-    from identification.errors import RecordingError
-
-    try:
-        return mounting_of(inputs.recordings, inputs.robot)
-    except RecordingError:
-        return None
 
 
 def stated_mount(mount: str | None) -> str | None:

@@ -30,7 +30,7 @@ def payload(
     robot: read.RobotOption = None,
     joints: read.JointsOption = None,
     lock: read.LockOption = None,
-    mount: read.MountOption = None,
+    mount: read.FoundMountOption = None,
     gravity: read.GravityOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -44,7 +44,14 @@ def payload(
     after = ctx.meta[AFTER] or (1 if len(logs) == 2 else None)
     if after is None or not 0 < after < len(logs):
         raise typer.BadParameter("Give the recordings without the tool, then --, then those with it.")
-    found = read.load_inputs(logs, robot, joints=joints, installation=read.installation_of(gravity, mount, lock))
+    found = read.load_inputs(
+        logs,
+        robot,
+        joints=joints,
+        installation=read.installation_of(gravity, read.stated_mount(mount), lock),
+        find_mount=mount == read.AUTO,
+        fits=True,
+    )
     count = len(logs) - after
     body = weigh(found.robot, found.recordings[:count], found.recordings[count:])
     stated = [found.recordings[place].source.metadata for place in (0, count)]

@@ -75,6 +75,7 @@ def run_item(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from daemon.jobs.diagnosis import diagnose_recordings
+        from identification.audit.mount import require_stated_stand
         from identification.json_values import json_list
         from identification.recording_fit import fit_recordings
         from identification.recordings.reader import read_inputs
@@ -88,6 +89,7 @@ def run_item(
         checking = heldout if task == "diagnose" else ()
         inputs = read_inputs([file, *checking], robot=robot, joints=joints, installation=installation)
         recording, *unseen = inputs.recordings
+        require_stated_stand(inputs.recordings, inputs.robot)
         if task == "diagnose":
             found = diagnose_recordings([recording], unseen, inputs.robot, out)
             diagnosis = found.diagnosis

@@ -93,6 +93,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
     try:
         status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
         # The numerical libraries take a second to load: the status stands before that.
+        from identification.audit.mount import require_stated_stand
         from identification.recording_fit import FitSettings, fit_recordings
         from identification.recordings.reader import read_inputs
         from identification.report import write_report
@@ -102,6 +103,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
                 raise MissingInputError(file, "a recording to fit")
         inputs = read_inputs(job.recordings, robot=job.robot)
         recordings, robot = inputs.recordings, inputs.robot
+        require_stated_stand(recordings, robot)
         settings = FitSettings(pipeline=job.pipeline)
         phase: WorkerPhase = "averaging"
         status.write(phase, "Averaging the periods.", 0.1 * whole)

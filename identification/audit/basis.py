@@ -125,14 +125,14 @@ class Explanation:
         square = float(self.noise.weight @ self.comparison.products.square[list(USED)].sum(axis=0))
         return float(np.logaddexp.reduce([log_evidence(gram, right, self.factor(day)) for day in DAYS])) - 0.5 * square
 
-    def foretold(self) -> FloatArray:
-        """(n,) sum of squares that is left on each part in use by what is fitted on the others."""
-        columns, factor = self.columns(), self.factor()
-        left = np.zeros(self.layout.n)
-        for part in USED:
-            values = self._fitted([other for other in USED if other != part], columns, factor).values
-            left += self.comparison.products.left((part,), values, columns)
-        return left
+    def foretold(self, parts: Sequence[int] = USED, alone: bool = False) -> FloatArray:
+        """(parts, n) sum of squares that is left on each part by what is fitted on the others; alone: as of `alone`."""
+        columns, factor = self._alone() if alone else (self.columns(), self.factor())
+        left = []
+        for part in parts:
+            values = self._fitted([other for other in parts if other != part], columns, factor).values
+            left.append(self.comparison.products.left((part,), values, columns))
+        return np.array(left)
 
     def reported(self) -> FloatArray:
         """(n,) sum of squares that is left on the rows that report by what is fitted on those in use."""
@@ -145,12 +145,14 @@ class Explanation:
         The parameters stay at the model's values, but for the friction and offsets of a drawn model, which says nothing
         of them: what they would take explains nothing.
         """
+        columns, factor = self._alone()
+        return self.comparison.products.left(REPORT, self._fitted(USED, columns, factor).values, columns)
+
+    def _alone(self) -> tuple[IntArray, FloatArray]:
         columns, size = self.columns(), PARAMETERS * self.layout.n
         free = np.ones(len(columns), dtype=np.bool_)
         free[:size] = (np.arange(size) % PARAMETERS >= INERTIAL) & (not self.model.own)
-        factor = self.factor()[free]
-        values = self._fitted(USED, columns[free], factor).values
-        return self.comparison.products.left(REPORT, values, columns[free])
+        return columns[free], self.factor()[free]
 
     def deviation_of_last(self) -> tuple[FloatArray, FloatArray]:
         """Values (m,) and covariance (m, m) of the last difference beside all else, by all rows."""

@@ -44,9 +44,10 @@ class Difference:
     """One thing that is different. effect: its name (contract §7). joint, link: from 1, None where it has none; joints:
     all of them, where they are several.
 
-    numbers: the first is what the sentence is about. explained: share of the difference of torque that it takes away on
-    rows that were not used to find it. log_odds: nats against its absence. against: "model" where the arm is another
-    than the model says, "recording" where the data are at fault. alternatives: what these rows cannot tell from it.
+    numbers: the first is what the sentence is about. explained: share of the difference of torque that it takes away,
+    of each part of the recording by the numbers of the others. log_odds: nats against its absence. against: "model"
+    where the arm is another than the model says, "recording" where the data are at fault. alternatives: what these rows
+    cannot tell from it.
     """
 
     effect: str

@@ -12,14 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.audit.columns import GRAVITY, Geometry
+from identification.audit.comparison import PARTS
 from identification.audit.directions import Directions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import rows_of
+from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 
-__all__ = ["Mounting", "mounting_of"]
+__all__ = ["Mounting", "mounting_of", "other_stand", "require_stated_stand"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,6 +31,9 @@ LEAST_ANGLE = np.radians(3.0)
 """A floor is level within this; less is for the audit against a model."""
 LEAST_SHARE = 0.3
 """Of what the stated gravity leaves, that another takes away."""
+LEAST_SIGMAS = 5.0
+TELLS = np.radians(10.0)
+"""Half of a 95 % interval: wider, a recording does not tell how the base stands."""
 _TURNS = 2
 _REPEATED = 4.0
 """Neighbouring rows that count as one."""
@@ -37,36 +42,57 @@ _REPEATED = 4.0
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
     """gravity: (3,) m/s² in the base frame, the likeliest. stated: (3,) what the description says. angle: rad between
-    them. gain: nats of the one against the other. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
+    them; spread: its standard deviation. gain, mirrored: nats of the likeliest against the stated, and against gravity
+    upside down. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
     """
 
     gravity: FloatArray
     stated: FloatArray
     angle: float
+    spread: float
     gain: float
+    mirrored: float
     rms_stated: FloatArray
     rms_found: FloatArray
 
     @property
     def is_other(self) -> bool:
-        """Whether the base stands otherwise than stated."""
+        """Whether the base stands otherwise than stated: by the evidence, and by an interval that tells."""
         stated, found = (float(np.sum(values**2 / self.rms_found**2)) for values in (self.rms_stated, self.rms_found))
-        return self.gain > LEAST_GAIN and self.angle > LEAST_ANGLE and found < (1.0 - LEAST_SHARE) * stated
+        return (
+            self.gain > LEAST_GAIN
+            and self.angle > max(LEAST_ANGLE, LEAST_SIGMAS * self.spread)
+            and self.tells
+            and found < (1.0 - LEAST_SHARE) * stated
+        )
+
+    @property
+    def tells(self) -> bool:
+        """Whether the recording shows how the base stands."""
+        return bool(1.96 * self.spread < TELLS)
 
     @property
     def sentence(self) -> str:
         """What an operator reads."""
         x, y, z = (f"{value:.2f}" for value in self.gravity)
-        if not self.is_other and self.angle > LEAST_ANGLE:
+        half = max(np.degrees(1.96 * self.spread), 0.1)
+        if self.is_other:
             return (
-                "This recording does not tell how the base stands: it is taken as stated, but gravity "
-                f"({x}, {y}, {z}) m/s² in its frame fits about as well. Record a motion that turns every link."
+                f"The base does not stand as stated: gravity is ({x}, {y}, {z}) m/s² in its frame, "
+                f"{np.degrees(self.angle):.0f} ± {half:.2g}° from what is stated. "
+                f"Give --mount auto, or --gravity={x},{y},{z}."
             )
-        if not self.is_other:
-            return f"The base stands as stated, within {np.degrees(self.angle):.1f}° by this recording."
+        if self.tells and self.angle < LEAST_ANGLE:
+            well = f"The base stands as stated: gravity is {np.degrees(self.angle):.1f} ± {half:.1f}° from it"
+            return f"{well}." if self.mirrored > LEAST_GAIN else f"{well}, or upside down, which looks alike here."
+        if self.tells:
+            return (
+                f"Gravity may be {np.degrees(self.angle):.1f} ± {half:.1f}° from what is stated: ({x}, {y}, {z}) m/s². "
+                "It would explain too little to be sure of it; it is taken as stated."
+            )
         return (
-            f"The base does not stand as stated: gravity is ({x}, {y}, {z}) m/s² in its frame, "
-            f"{np.degrees(self.angle):.0f}° from what is stated. Give --mount auto, or --gravity={x},{y},{z}."
+            "This recording does not tell how the base stands: it is taken as stated, but gravity "
+            f"({x}, {y}, {z}) m/s² in its frame fits about as well. Record a motion that turns every link."
         )
 
     @property
@@ -81,6 +107,31 @@ class Mounting:
         return Installation((x, y, z), locked_joints)
 
 
+def require_stated_stand(recordings: Sequence[Recording], robot: RobotModel) -> None:
+    """Raises RecordingError, field gravity, where a recording shows that the base stands otherwise than is stated."""
+    found = other_stand(recordings, robot)
+    if found is not None:
+        recording, mounting = found
+        raise RecordingError(
+            f"{recording.source.path}: {mounting.sentence}", file=recording.source.path, field="gravity"
+        )
+
+
+def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Recording, Mounting] | None:
+    """The first recording that contradicts the robot's gravity, and how its base stands; None where none does.
+
+    Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing.
+    """
+    for recording in recordings:
+        try:
+            found = mounting_of([recording], robot)
+        except RecordingError:
+            continue
+        if found is not None and found.is_other:
+            return recording, found
+    return None
+
+
 def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting | None:
     """Gravity of recordings without any model of the arm; None for one that no gravity acts on or that is all level.
 
@@ -91,7 +142,7 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting 
     geometry, sizes = Geometry(robot, rows), sizes_of(robot, rows)
     if not geometry.heavy.any():
         return None
-    everything = Directions.of(geometry, rows.torque)
+    everything = Directions.of(geometry, rows.torque, PARTS)
     factor, mean = np.diag(wide_open(sizes)), np.zeros(len(sizes.each))
     gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
     weight = 1.0 / (_REPEATED * std**2)
@@ -104,4 +155,6 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting 
     size = GRAVITY * max(float(np.linalg.norm(stated)), 1e-9)
     angle = float(np.arccos(np.clip(gravity @ stated / size, -1.0, 1.0)))
     rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
-    return Mounting(gravity, stated, angle, gain, rms[0], rms[1])
+    mirrored = everything.evidence(gravity, weight, mean, factor) - everything.evidence(-gravity, weight, mean, factor)
+    spread = everything.spread(gravity, weight, mean, factor)
+    return Mounting(gravity, stated, angle, spread, gain, mirrored, rms[0], rms[1])

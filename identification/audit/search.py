@@ -26,6 +26,8 @@ LEAST_GAIN = 6.0
 FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
 LEAST_SIGMAS = 5.0
+EXPLAINS = 1.0
+"""Deviations by which what a difference takes away is above nothing: without a share of its own nothing is said."""
 LEAST_TORQUE = 0.5
 """Of what the best model leaves of a joint: where a difference makes less it does not act."""
 MOST_STEPS = 5
@@ -50,7 +52,8 @@ Scored = tuple[float, float, Hypothesis]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One difference. gain: nats. explained: of the difference of torque that it takes away on the rows that report.
+    """One difference. gain: nats. explained: of the difference of torque, what it takes away on rows that its numbers
+    are not from.
     alternatives: what is as likely on these rows.
     """
 
@@ -136,13 +139,11 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
         start = turned[1] if turned is not None and item is turned[0][2] else now
         after = _bent(start.plus(item, day)) if item.bends else start.plus(item, day)
         least = LATER_SHARE if now.steps else FIRST_SHARE
-        if (
-            _share(now, after, first) >= least
-            and _confirmed(now, after)
-            and _sigmas(now, after) >= LEAST_SIGMAS
-            and _plausible(after)
-        ):
-            return Step(item, score, _explained(now, after, first), _alike(item, score, scored)), after
+        if _share(now, after, first) < least or _sigmas(now, after) < LEAST_SIGMAS or not _plausible(after):
+            continue
+        explained = _explained(now, after, first)
+        if explained > 0.0:
+            return Step(item, score, explained, _alike(item, score, scored)), after
     return None
 
 
@@ -165,7 +166,9 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
     Beside the parameters, which are free in all, on the quietest day: which day it is was weighed by the evidence.
     """
     noise, counts = now.noise, first.comparison.products.counts(USED)
-    whole, before, left = (replace(each, day=DAYS[0], noise=noise).foretold() for each in (first, now, after))
+    whole, before, left = (
+        replace(each, day=DAYS[0], noise=noise).foretold().sum(axis=0) for each in (first, now, after)
+    )
     acts = _heard(now, after) >= LEAST_TORQUE
     if not acts.any():
         return 0.0
@@ -177,21 +180,25 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
     return float(taken / max(beyond, 1e-300))
 
 
-def _confirmed(now: Explanation, after: Explanation) -> bool:
-    """Whether the rows that report do not contradict: neither beside the parameters nor by the difference by itself."""
-    weight, same_day = now.noise.weight, replace(now, day=after.day)
-    beside, alone = (
-        float(weight @ (left - stays))
-        for left, stays in ((same_day.reported(), after.reported()), (now.alone(), after.alone()))
-    )
-    return max(beside, alone) > -2.0 * LEAST_GAIN
-
-
 def _explained(now: Explanation, after: Explanation, first: Explanation) -> float:
-    """Of the first difference, what a step by itself takes away on the rows that report."""
-    weight = 1.0 / now.noise.std**2
-    whole, left, stays = (float(weight @ each.alone()) for each in (first, now, after))
-    return (left - stays) / whole if whole > 0.0 else 0.0
+    """Of the first difference, what a step takes away on each part of the recording by what the other parts say of it.
+
+    The step by itself, with the parameters at the model's values. Zero where that is not beyond its own uncertainty,
+    the scatter of the parts, or where the step takes nothing away beside parameters that are free: then it is not seen.
+    """
+    weight, same_day = 1.0 / now.noise.std**2, replace(now, day=after.day)
+    alone, beside = (
+        (same_day.foretold(ALL, by_itself) - after.foretold(ALL, by_itself)) @ weight for by_itself in (True, False)
+    )
+    whole = float(first.foretold(ALL, True).sum(axis=0) @ weight)
+    if min(alone.sum(), beside.sum()) <= 0.0 or max(_deviations(alone), _deviations(beside)) < EXPLAINS or whole <= 0.0:
+        return 0.0
+    return float(alone.sum()) / whole
+
+
+def _deviations(values: FloatArray) -> float:
+    """By how many of its standard deviations a sum over parts is above zero."""
+    return float(values.sum()) / max(float(values.std(ddof=1) * np.sqrt(len(values))), 1e-300)
 
 
 def _heard(now: Explanation, after: Explanation) -> FloatArray:

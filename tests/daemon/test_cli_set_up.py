@@ -122,3 +122,38 @@ def test_a_recording_without_motion_is_refused_in_one_sentence(
     np.savez(tmp_path / "log.npz", robot="iiwa14", **still)  # type: ignore[arg-type]
     assert run("doctor", "--log", tmp_path / "log.npz") == 65
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["fit", "--no-physical"], ["import", "--out", "log.mcap"], ["diagnose"], ["batch", "fit"], ["payload"]],
+    ids=lambda words: words[0],
+)  # fmt: skip
+def test_nothing_is_fitted_under_a_gravity_that_the_recording_contradicts(
+    words: list[str], sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    np.savez("log.npz", robot="iiwa14", **leaning(sound))  # type: ignore[arg-type]
+    np.savez("level.npz", robot="iiwa14", **sound)  # type: ignore[arg-type]
+    logs = ["level.npz", "log.npz"] if words[0] in ("payload", "fit") else ["log.npz"]
+    options = ["--jobs", "1"] if words[0] == "batch" else []
+    before = set(tmp_path.iterdir())
+    assert run(*words, *logs, *options) == (1 if words[0] == "batch" else 65)
+    said = capsys.readouterr()
+    assert "gravity is (9.81" in said.err + said.out.replace("\n", " ")
+    assert "--mount auto, or --gravity=9.8" in said.err + said.out
+    assert "log.npz: The base does not stand as stated" in said.err + said.out
+    assert "Traceback" not in said.err
+    assert words[0] == "batch" or set(tmp_path.iterdir()) == before
+
+
+def test_a_recording_is_imported_as_it_shows_that_it_stood(
+    sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **leaning(sound))  # type: ignore[arg-type]
+    log = tmp_path / "log.mcap"
+    assert run("import", tmp_path / "log.npz", "--mount", "auto", "--out", log) == 0
+    assert "Gravity is taken as the recordings show it" in capsys.readouterr().err
+    gravity = np.array(read_recording(log).installation.gravity)
+    assert np.linalg.norm(gravity - [9.81, 0.0, 0.0]) < np.radians(1.0) * 9.81

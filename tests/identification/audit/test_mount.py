@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from identification.audit.mount import Mounting, mounting_of
+from identification.audit.mount import Mounting, mounting_of, require_stated_stand
+from identification.errors import RecordingError
 from identification.recordings import read_recording
 from identification.robots import Installation, load_robot
 
 ARMS = {"ur10.npz": "ur10_mdh.csv", "tx40_excitation.npz": "tx40.urdf", "panda_excitation.npz": "panda.urdf"}
 
-OTHERS = {"kr300_a.npz": "kr300.urdf", "lbrmed7.npz": "med7dock.urdf"}
+OTHERS = {"kr300_a.npz": "kr300.urdf", "kr300_b.npz": "kr300.urdf", "lbrmed7.npz": "med7dock.urdf"}
+
+PARTS = ["ur10.npz", "tx40_excitation.npz", "panda_excitation.npz", "lbrmed7.npz", "kr300_a.npz", "kr300_b.npz"]
+CEILING = Installation((0.0, 0.0, 9.81))
 
 
 def found(folder: Path, file: str, stated: Installation | None = None) -> Mounting:
@@ -49,3 +54,33 @@ def test_the_lean_of_the_med_7_is_what_its_vertical_joint_feels(shared_folder: P
     lean = found(shared_folder, "lbrmed7.npz")
     assert np.degrees(lean.angle) < 2.5
     assert lean.rms_found[0] < 0.3 * lean.rms_stated[0]
+
+
+@pytest.mark.parametrize("file", ["ur10.npz", "tx40_excitation.npz", "panda_excitation.npz", "lbrmed7.npz"])
+def test_an_arm_on_the_floor_that_is_said_to_hang_from_the_ceiling_is_refused(shared_folder: Path, file: str) -> None:
+    # The UR10 moves slowly: upside down it looks nearly alike, and only a finer search sees that it stands.
+    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
+    recording = read_recording(shared_folder / "recordings" / file, robot=robot)
+    with pytest.raises(RecordingError, match=r"--mount auto, or --gravity=") as refusal:
+        require_stated_stand([recording], load_robot(robot, CEILING))
+    assert refusal.value.field == "gravity"
+    assert refusal.value.exit_code == 65
+
+
+@pytest.mark.parametrize("file", PARTS)
+def test_no_sound_recording_nor_half_of_it_is_refused(shared_folder: Path, file: str) -> None:
+    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
+    whole = read_recording(shared_folder / "recordings" / file, robot=robot)
+    middle = 0.5 * float(whole.time[0] + whole.time[-1])
+    halves = [whole.rows(whole.time < middle), whole.rows(whole.time >= middle)]
+    parts = [whole, *(replace(part, time=part.time - part.time[0]) for part in halves)]
+    require_stated_stand(parts, load_robot(robot))
+
+
+@pytest.mark.parametrize("file", ["panda_excitation.npz", "lbrmed7.npz"])
+def test_a_wrong_sign_or_order_of_torques_is_not_taken_for_another_stand(shared_folder: Path, file: str) -> None:
+    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
+    sound, arm = read_recording(shared_folder / "recordings" / file, robot=robot), load_robot(robot)
+    one = np.where(np.arange(7) == 1, -1.0, 1.0)
+    spoilt = sound.torque * one, -sound.torque, sound.torque[:, [0, 2, 1, 3, 4, 5, 6]]
+    require_stated_stand([replace(sound, torque=torque) for torque in spoilt], arm)
