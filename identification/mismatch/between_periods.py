@@ -157,16 +157,20 @@ def _search(
     claimed: list[Candidate] = []
     bound = float(np.log10(settings.false_alarm))
     while len(claimed) < settings.most_changes:
-        found = [
-            candidate
-            for candidate in _candidates(contrasts, effects, closed)
-            if candidate is not None
-            and candidate.log10_chance < bound
-            and (candidate.effect.name, candidate.place) not in banned
-        ]
+        found: list[Candidate] = []
+        # A push is the costliest to look for: last, and only where it may explain more than what was found.
+        for effect in sorted(effects, key=lambda effect: isinstance(effect, ExternalContact)):
+            least = max((candidate.fit.gain for candidate in found), default=0.0)
+            candidate = _candidate(contrasts, effect, closed, least)
+            if (
+                candidate is not None
+                and candidate.log10_chance < bound
+                and (candidate.effect.name, candidate.place) not in banned
+            ):
+                found.append(candidate)
         if not found:
             break
-        best = max(found, key=lambda candidate: candidate.fit.gain - 2.0 * np.log(candidate.fit.rank + 1.0))
+        best = max(found, key=lambda item: item.fit.gain - 2.0 * np.log(item.fit.rank + 1.0))
         claimed.append(best)
         contrasts.z = _close(contrasts, whole, claimed, closed)
     contrasts.z = whole
@@ -191,19 +195,18 @@ def _joint(place: Place) -> int:
     return place.joint - 1
 
 
-def _candidates(contrasts: Contrasts, effects: Sequence[Effect], closed: _Closed) -> list[Candidate | None]:
-    found: list[Candidate | None] = []
-    for effect in effects:
-        match effect:
-            case TorqueSensorDrift():
-                found.append(find_drift(contrasts, effect, closed.drift))
-            case ThermalFriction():
-                found.append(find_thermal(contrasts, effect, closed.thermal))
-            case PayloadChange():
-                found.append(find_payload(contrasts, effect))
-            case ExternalContact():
-                found.append(find_contact(contrasts, effect, closed.spans))
-    return found
+def _candidate(contrasts: Contrasts, effect: Effect, closed: _Closed, least: float) -> Candidate | None:
+    """The best change of one kind. least: gain below which no push is looked for."""
+    match effect:
+        case TorqueSensorDrift():
+            return find_drift(contrasts, effect, closed.drift)
+        case ThermalFriction():
+            return find_thermal(contrasts, effect, closed.thermal)
+        case PayloadChange():
+            return find_payload(contrasts, effect)
+        case ExternalContact():
+            return find_contact(contrasts, effect, closed.spans, least)
+    return None
 
 
 def _close(contrasts: Contrasts, whole: FloatArray, claimed: Sequence[Candidate], closed: _Closed) -> FloatArray:

@@ -33,6 +33,8 @@ from identification.mismatch.push_fit import (
 
 FloatArray = npt.NDArray[np.float64]
 
+REFINED = 1.2
+"""A refinement of the window adds a fifth to the gain of a rough one."""
 PROFILE_STARTS = ((1.0, 1.0), (0.2, 1.0), (0.4, 0.4))
 """Sharpness and skew from which the profile is looked for."""
 UNSEEN = 2.7e-3
@@ -62,18 +64,23 @@ class _OnLink:
         return 0.5 * self.value / noise - 0.5 * float(np.log1p(np.maximum(self.information, 0.0) / noise).sum())
 
 
-def locate_push(ground: Ground, effect: ExternalContact, window: Mapping[str, float], dispersion: float = 1.0) -> Push:
+def locate_push(
+    ground: Ground, effect: ExternalContact, window: Mapping[str, float], dispersion: float = 1.0, least: float = 0.0
+) -> Push | None:
     """The push in a window that explains most, on the smallest link that the data are consistent with.
 
-    dispersion: how much noisier the rows are than the noise that whitened them. A larger link must explain more than
-    chance, in units of what the freest push leaves of any smooth torque in the window: a profile that is not quite the
-    true one leaves something, which a freer link would take up. Larger links that explain as much stay
-    open: `largest_link` of the shape, and the spread of the force over them is part of its covariance. A push whose
-    line meets the last joint's axis, where the data would have shown a miss, is one on the last link or its tool.
+    least: drop of the whitened squares that is asked; None where no link comes near it before window and profile are
+    fitted too (REFINED). dispersion: how much noisier the rows are than the noise that whitened them. A larger link
+    must explain more than chance, in units of what the freest push leaves of any smooth torque in the window: a profile
+    that is not quite the true one leaves something, which a freer link would take up. Larger links that explain as much
+    stay open: `largest_link` of the shape, and the spread of the force over them is part of its covariance. A push
+    whose line meets the last joint's axis, where the data would have shown a miss, is one on the last link or its tool.
     """
     # Free torques know nothing of how the arm moves on during the push; a window for the freest force does.
     found, _ = _by_link(ground, effect, window)
     freest = max(found, key=lambda link: found[link].value)
+    if REFINED * found[freest].value < least:
+        return None
     push, left = _bent_if_needed(ground, freest, {**window, **found[freest].point}, dispersion)
     found, on_axis = _by_link(ground, effect, push.shape)
     noise = max(left, dispersion)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.change_candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
-from identification.mismatch.contact_force import locate_push, refine_window, window_gain
+from identification.mismatch.contact_force import REFINED, locate_push, refine_window, window_gain
 from identification.mismatch.contrasts import Contrasts
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.push_fit import WINDOW
@@ -25,9 +25,12 @@ OUTLIER_PASSES = 8
 
 
 def find_contact(
-    contrasts: Contrasts, effect: ExternalContact, closed: Collection[tuple[float, float]]
+    contrasts: Contrasts, effect: ExternalContact, closed: Collection[tuple[float, float]], least: float = 0.0
 ) -> Candidate | None:
-    """The window in which a push on a link explains most; `closed` are spans (s) that are already explained."""
+    """The window in which a push on a link explains most; `closed` are spans (s) that are already explained.
+
+    least: gain below which another change is taken first, so that none is looked for.
+    """
     scan = _scan_windows(contrasts, closed)
     if scan is None:
         return None
@@ -35,9 +38,12 @@ def find_contact(
     ground = PeriodGround(contrasts, start, duration)
     shape = refine_window(ground, start, duration)
     # A force on a link gains no more than free torques do; its chance has its own and the window's parameters.
-    if hopeless(window_gain(ground, shape) / dispersion, 3 + len(WINDOW), tests):
+    gain = window_gain(ground, shape) / dispersion
+    if hopeless(gain, 3 + len(WINDOW), tests) or REFINED * gain < least:
         return None
-    push = locate_push(ground, effect, shape, dispersion)
+    push = locate_push(ground, effect, shape, dispersion, least * dispersion)
+    if push is None:
+        return None
     fit = fit_of(contrasts, effect, push.place, push.shape)
     directions = min(len(push.joints), 6)
     chance = fit.log10_chance(tests, len(WINDOW) + max(0, directions - fit.rank), dispersion)

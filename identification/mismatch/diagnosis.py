@@ -41,7 +41,13 @@ from identification.mismatch.nominal import (
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
-from identification.mismatch.repeated_contact import beside, explains_better, find_repeated_contact, misfit_elsewhere
+from identification.mismatch.repeated_contact import (
+    beside,
+    excess_per_row,
+    explains_better,
+    find_repeated_contact,
+    misfit_elsewhere,
+)
 from identification.mismatch.search import SearchResult, search
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
@@ -243,19 +249,24 @@ def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSe
     problem, library = fitted.problem(), fitted.library()
     if not problem.noise_is_measured:
         # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
-        first = search(problem, library, fitted.renewal(regressor), settings)
+        first = search(problem, library, fitted.renewal(regressor, library), settings)
         fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
         problem = fitted.problem()
-    result = search(problem, library, fitted.renewal(regressor), settings)
+    result = search(problem, library, fitted.renewal(regressor, library), settings)
     return Explained(regressor, fitted, library, problem, result)
 
 
 def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
     """With a push that comes in every period, where it explains more and another motion does not speak against it."""
-    contact = find_repeated_contact(now.problem, now.fitted.evidences, now.result, settings)
+
+    def misfit_of_another_motion() -> float:
+        other = unseen_by(now.regressor, now.problem, now.result.trial)
+        return 0.0 if other is None else excess_per_row(other.problem())
+
+    contact = find_repeated_contact(now.problem, now.fitted.evidences, now.result, settings, misfit_of_another_motion)
     if contact is None:
         return now
-    renewed = now.fitted.renewal(now.regressor)
+    renewed = now.fitted.renewal(now.regressor, now.library)
     other = search(now.fitted.with_change(contact).problem(), now.library, renewed, settings)
     if not explains_better(now.problem, contact, other, now.result, settings):
         return now
@@ -276,7 +287,7 @@ def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisS
     drift = find_drift_in_mean(now.problem, now.fitted.evidences, now.fitted.changes, now.result, settings)
     if drift is None or drift.estimate.place.joint in otherwise:
         return now
-    renewed, fitted = now.fitted.renewal(now.regressor), now.fitted.with_change(drift)
+    renewed, fitted = now.fitted.renewal(now.regressor, now.library), now.fitted.with_change(drift)
     problem = fitted.problem()
     return replace(now, fitted=fitted, problem=problem, result=search(problem, now.library, renewed, settings))
 

@@ -61,6 +61,11 @@ class Library:
     evidences: Sequence[Evidence]
     _known: dict[tuple[str, Place, Shape], EffectRows | None] = field(default_factory=dict)
 
+    def seen_from(self, evidences: Sequence[Evidence]) -> Library:
+        """The same effects on the same motions with another torque; rows that do not depend on that are kept."""
+        kept = {effect.name for effect in self.effects if not effect.sees_torque}
+        return Library(self.effects, evidences, {key: rows for key, rows in self._known.items() if key[0] in kept})
+
     def rows(self, effect: Effect, place: Place, shape: Shape) -> EffectRows | None:
         """The rows of an effect; None where no evidence lets it act."""
         key = (effect.name, place, shape)

@@ -53,12 +53,12 @@ class Prepared:
         torque[change.evidence] = torque[change.evidence] - change.contribution.mean(axis=0)
         return replace(self, changes=(*self.changes, change), torque=tuple(torque))
 
-    def renewal(self, regressor: BaseRegressor) -> Callable[[FloatArray], Library]:
+    def renewal(self, regressor: BaseRegressor, library: Library) -> Callable[[FloatArray], Library]:
         """The library seen from other base parameters (and whatever stands behind them), for the search."""
 
         def renewed(values: FloatArray) -> Library:
             base = values[: regressor.size]
-            return Library(EFFECTS, tuple(with_parameters(item, regressor, base) for item in self.evidences))
+            return library.seen_from(tuple(with_parameters(item, regressor, base) for item in self.evidences))
 
         return renewed
 

@@ -100,18 +100,20 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
         """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
         factors = course_of(ground, shape_of(x))[:, near]
         force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
-        by_force = unit @ arm
+        by_force = (unit.reshape(-1, 4) @ arm).reshape(unit.shape[:3])
+        by_point = (unit.transpose(0, 1, 3, 2) @ force)[..., 1:]
         torque = by_force @ force
-        parts = [factors[..., None, None] * by_force]
-        parts.append(factors[..., None, None] * np.einsum("sjda,d->sja", unit[..., 1:], force))
+        values = np.empty((len(factors), near.size, len(upstream), size + 1))
+        values[..., :3] = factors[..., None, None] * by_force
+        values[..., 3:6] = factors[..., None, None] * by_point
         for number in range(6, size):
             step = np.zeros(size)
             step[number] = SLOPE
             slope = (course_of(ground, shape_of(x + step)) - course_of(ground, shape_of(x - step))) / (2.0 * SLOPE)
-            parts.append((slope[:, near, None] * torque)[..., None])
-        parts.append((factors[..., None] * torque)[..., None])
+            values[..., number] = slope[:, near, None] * torque
+        values[..., size] = factors[..., None] * torque
         result = np.zeros((len(factors), samples, len(upstream), size + 1))
-        result[:, near] = np.concatenate(parts, axis=-1)
+        result[:, near] = values
         return result
 
     known: dict[bytes, FloatArray] = {}

@@ -8,13 +8,14 @@ single periods (`contact_search`), and what is claimed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
 from identification.mismatch.between_periods import Change
-from identification.mismatch.contact_force import locate_push, refine_window, seen_on, window_gain
+from identification.mismatch.contact_force import REFINED, locate_push, refine_window, seen_on, window_gain
 from identification.mismatch.contact_search import CONTACT_DURATIONS_S, turned
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
@@ -38,8 +39,6 @@ SHARE_OF_NARROWEST = 0.125
 FEWEST_JOINTS = 2
 LEAST_SHARE = 0.5
 """Share of all misfit that a push makes at least: beside more than that of other kinds none is looked for."""
-REFINED = 1.2
-"""A refinement of the window adds a fifth to a scan's gain."""
 SEEN = 1e-4
 """Chance of the torque on a joint below which the push is seen there; FEWEST_JOINTS have to see it."""
 FELT = 0.1
@@ -47,22 +46,45 @@ FELT = 0.1
 
 
 def find_repeated_contact(
-    problem: Problem, evidences: Sequence[Evidence], result: SearchResult, settings: DiagnosisSettings
+    problem: Problem,
+    evidences: Sequence[Evidence],
+    result: SearchResult,
+    settings: DiagnosisSettings,
+    another_motion: Callable[[], float] = float,
 ) -> Change | None:
     """The push in every period of one recording that explains most; None where it could not be claimed anyway.
 
     result: what the search settled on without a push. Its score (half the drop of the whitened squares, less the cost
     of the coefficients and of the choice of the window) must reach push_score beyond what that explains, where that
-    leaves nothing but noise. A torque seen on one joint alone may be anything that sits at one angle: it is no push.
+    leaves nothing but noise. another_motion: misfit per row (`excess_per_row`) of recordings of another motion, where a
+    push at a moment of this one is not: what they show is of other kinds. A torque seen on one joint alone may be
+    anything that sits at one angle: it is no push.
     """
     if not problem.noise_is_measured:
         return None
     known = 0.5 * (result.before.squares - result.trial.penalised) if result.trial.complete else 0.0
-    expected = float((problem.weight > 0.0).sum() - problem.basis.shape[1])
-    least = max(known + settings.push_score, 0.5 * LEAST_SHARE * (result.before.squares - expected))
-    periodic = [number for number, evidence in enumerate(evidences) if evidence.motion.periodic]
-    found = [_on_recording(problem, number, evidences[number], least) for number in periodic]
+    misfit = excess_per_row(problem)
+    least = max(known + settings.push_score, 0.5 * LEAST_SHARE * misfit * _rows_that_count(problem))
+    scans = [
+        (MeanGround(problem, number, evidence), number)
+        for number, evidence in enumerate(evidences)
+        if evidence.motion.periodic
+    ]
+    hopeful = [(*pair, scan) for pair in scans if (scan := _scan(pair[0])).may_reach(least)]
+    if not hopeful or another_motion() > (1.0 - LEAST_SHARE) * misfit:
+        return None
+    found = [_on_recording(ground, number, scan, least) for ground, number, scan in hopeful]
     return max((item for item in found if item is not None), key=lambda item: item.score, default=None)
+
+
+def _rows_that_count(problem: Problem) -> float:
+    return float((problem.weight > 0.0).sum())
+
+
+def excess_per_row(problem: Problem) -> float:
+    """Whitened squares that the base parameters leave beyond the noise's own, per row."""
+    count = _rows_that_count(problem)
+    return float(problem.residual @ problem.residual - (count - problem.basis.shape[1])) / count
 
 
 def explains_better(
@@ -103,18 +125,14 @@ def misfit_elsewhere(
     return bool(chance.min() < settings.consistency_probability)
 
 
-def _on_recording(problem: Problem, number: int, evidence: Evidence, least_score: float) -> Change | None:
-    ground = MeanGround(problem, number, evidence)
-    gain, start, duration, tests = _scan(ground)
-    cost = COEFFICIENT_COST * (len(WINDOW) + 2) + float(np.log(max(tests, 1.0)))
-    if 0.5 * REFINED * gain - cost < least_score:
-        return None
-    shape = refine_window(ground, start, duration)
+def _on_recording(ground: MeanGround, number: int, scan: Scan, least_score: float) -> Change | None:
+    cost, tests = scan.cost, scan.tests
+    shape = refine_window(ground, scan.start, scan.duration)
     seen = seen_on(ground, shape) > chi2.isf(SEEN, 1)
     if 0.5 * window_gain(ground, shape) - cost < least_score or seen.sum() < FEWEST_JOINTS:
         return None
-    change = _at(ground, number, shape, cost, tests)
-    return change if change.score >= least_score else None
+    change = _at(ground, number, shape, cost, tests, 2.0 * (least_score + cost))
+    return change if change is not None and change.score >= least_score else None
 
 
 def beside(
@@ -131,12 +149,17 @@ def beside(
     )
     window = {name: contact.estimate.shape[name] for name in WINDOW}
     cost = 0.5 * contact.gain - contact.score
-    return _at(ground, contact.evidence, window, cost, float(np.exp(cost)))
+    return _at(ground, contact.evidence, window, cost, float(np.exp(cost))) or contact
 
 
-def _at(ground: MeanGround, number: int, window: Mapping[str, float], cost: float, tests: float) -> Change:
+def _at(
+    ground: MeanGround, number: int, window: Mapping[str, float], cost: float, tests: float, least: float = 0.0
+) -> Change | None:
+    """The push in a window; None where no link comes near the least gain."""
     effect, evidence = ExternalContact(), ground.evidence
-    push = locate_push(ground, effect, window)
+    push = locate_push(ground, effect, window, least=least)
+    if push is None:
+        return None
     whole = {**push.shape, "start_s": push.shape["start_s"] % ground.period, "period_s": ground.period}
     tangent = np.zeros((evidence.frequency.size, evidence.n, push.tangent.shape[-1]))
     tangent[:, list(push.joints)] = evidence.project(push.tangent[0])
@@ -195,8 +218,27 @@ class MeanGround:
         return np.diag((white**2).sum(axis=0)) - shadow.T @ shadow, (white * self.residual).sum(axis=0)
 
 
-def _scan(ground: MeanGround) -> tuple[float, float, float, float]:
-    """Gain, start and duration of the half-sine window in which free torques gain most, and the number of tests.
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Gain, start and duration (s) of the half-sine window in which free torques gain most, and the number of tests."""
+
+    gain: float
+    start: float
+    duration: float
+    tests: float
+
+    @property
+    def cost(self) -> float:
+        """Log-likelihood that the choice of the window costs."""
+        return COEFFICIENT_COST * (len(WINDOW) + 2) + float(np.log(max(self.tests, 1.0)))
+
+    def may_reach(self, score: float) -> bool:
+        """Whether a push in a refined window may score so much."""
+        return 0.5 * REFINED * self.gain - self.cost >= score
+
+
+def _scan(ground: MeanGround) -> Scan:
+    """The best half-sine window for free torques.
 
     All positions of a window at once, by inverse Fourier transforms; see `contact_search`.
     """
@@ -219,4 +261,4 @@ def _scan(ground: MeanGround) -> tuple[float, float, float, float]:
         at = int(np.argmax(gains))
         if gains[at] > best[0]:
             best = (float(gains[at]), at * step * ground.period / grid, duration)
-    return (*best, tests)
+    return Scan(*best, tests)

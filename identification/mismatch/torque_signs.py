@@ -100,8 +100,12 @@ def _log_likelihood(recordings: Sequence[SignRows], signs: FloatArray) -> FloatA
 
     Free functions may feed energy like no friction does, so what must be positive is asked of the fit without them.
     """
-    found = _profile(recordings, signs, free=True)[0]
-    _, normal, values, scale = _profile(recordings, signs, free=False)
+    # With all torques turned the parameters turn round, and nothing else changes: one fit for each pair of patterns.
+    first = signs[:, :1]
+    pairs, place = np.unique(signs * first, axis=0, return_inverse=True)
+    found = _profile(recordings, pairs, free=True)[0][place]
+    _, normal, values, scale = _profile(recordings, pairs, free=False)
+    normal, values = normal[place], values[place] * first
     positive = np.mean([item.positive for item in recordings], axis=0) / scale
     covariance = positive @ np.linalg.solve(normal, positive.T)
     broken = [broken_squares(*pair) for pair in zip(values @ positive.T, covariance, strict=True)]

@@ -29,7 +29,8 @@ def cutoff_hz(torque: FloatArray, sampling_period_s: float) -> float | None:
     """
     if len(torque) < FEWEST_PERIODS or torque.shape[1] < 2 * FEWEST_LINES:
         return None
-    filled = np.where(np.isfinite(torque), torque, np.nanmedian(torque, axis=0))
+    known = np.isfinite(torque)
+    filled = torque if known.all() else np.where(known, torque, np.nanmedian(torque, axis=0))
     power = np.median(np.abs(np.fft.rfft(np.diff(filled, axis=0), axis=1)[:, 1:]) ** 2, axis=0)
     total = power.sum(axis=0)
     if not np.any(total > 0.0):

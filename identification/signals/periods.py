@@ -219,7 +219,9 @@ def _transient(position: FloatArray, keep: BoolArray, notes: list[str]) -> BoolA
     kept = np.flatnonzero(keep)
     if kept.size < 4:
         return marked
-    middle = np.nanmedian(position[kept[1:]], axis=0)
+    others = position[kept[1:]]
+    # Many times as fast as the one that leaves out what is missing.
+    middle = (np.median if np.isfinite(others).all() else np.nanmedian)(others, axis=0)
     distance = np.sqrt(np.nanmean((position[kept] - middle) ** 2, axis=(1, 2)))
     if distance[0] > 1e-4 and distance[0] > TRANSIENT_FACTOR * float(np.median(distance[1:])):
         marked[kept[0]] = True

@@ -113,7 +113,7 @@ class Effect(ABC):
     look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
     one_sided: whether the first coefficient is positive on every real machine; what would need a negative one is then
     something else, and the effect no candidate. everywhere: whether it may be on every joint at once, as one hypothesis
-    (`Place()`).
+    (`Place()`). sees_torque: whether its columns depend on the motion's torque or on its dynamic parameters.
     """
 
     name: ClassVar[str]
@@ -127,6 +127,7 @@ class Effect(ABC):
     separating_experiment: ClassVar[str]
     one_sided: ClassVar[bool] = False
     everywhere: ClassVar[bool] = False
+    sees_torque: ClassVar[bool] = True
 
     @abstractmethod
     def places(self, motion: Motion) -> Sequence[Place]:

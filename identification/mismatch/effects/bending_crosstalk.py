@@ -27,6 +27,7 @@ class BendingCrosstalk(OwnJointEffect):
 
     name = "bending_crosstalk"
     code = "bend"
+    sees_torque = True
     equation = "τ_j = c₁ M_x,j + c₂ M_y,j, M_j with μ z × a_j of the hidden first moment μ"
     source = "Lee, Kim, Song, calibration of joint torque sensors with crosstalk compensation, 2010"
     units = ("1", "1")

@@ -19,6 +19,7 @@ class DistalRotorReaction(Effect):
 
     name = "distal_rotor_reaction"
     code = "rotor"
+    sees_torque = False
     equation = "τ_i = N_j J_r,j z_i · d/dt(z_j q̇_j), i < j"
     source = "Sciavicco, Siciliano, Villani, Lagrange and Newton-Euler modelling of geared robots, 1995"
     units = ("kg m²",)

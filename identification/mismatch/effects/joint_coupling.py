@@ -21,6 +21,7 @@ class JointCoupling(Effect):
 
     name = "joint_coupling"
     code = "coupling"
+    sees_torque = False
     equation = "ω = q̇_j + r q̇_i; τ_j = Fc sign ω + Fv ω + J ω̇, τ_i = r τ_j"
     source = "Gautier, Vandanjon, Janot, TX40 with coupled wrist: IFAC World Congress 2011; Khalil, Dombre 2002, ch. 9"
     units = ("Nm", "Nm s/rad", "kg m²")

@@ -27,6 +27,7 @@ class LoadDependentFriction(OwnJointEffect):
 
     name = "load_dependent_friction"
     code = "loadf"
+    sees_torque = True
     equation = "τ_j = c |τ̂_j| sign(q̇_j), or c τ₀ (|τ̂_j|/τ₀)^p sign(q̇_j)"
     source = "Hamon, Gautier, Garrec, Janot, AIM 2010 (hal-00583169)"
     units = ("1",)

@@ -27,6 +27,7 @@ class OwnJointEffect(Effect):
     """
 
     revolute_only: ClassVar[bool] = False
+    sees_torque: ClassVar[bool] = False
 
     def places(self, motion: Motion) -> Sequence[Place]:
         """One place per joint (per revolute joint where the law needs an angle)."""

@@ -23,6 +23,7 @@ class Payload(Effect):
 
     name = "payload"
     code = "payload"
+    sees_torque = False
     equation = "τ = Y_n(q, q̇, q̈) Δπ_n"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
     units = _UNITS

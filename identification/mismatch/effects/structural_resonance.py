@@ -27,6 +27,7 @@ class StructuralResonance(OwnJointEffect):
 
     name = "structural_resonance"
     code = "resonance"
+    sees_torque = True
     equation = "τ_j = G(s) (c₁ + c₂ ω/s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²)"
     source = "Ohr et al., Identification of flexibility parameters of 6-axis industrial manipulators, ISMA 2006"
     units = ("1", "1")

@@ -33,6 +33,7 @@ class TorqueRipple(OwnJointEffect):
 
     name = "torque_ripple"
     code = "ripple"
+    sees_torque = True
     equation = "τ_j = a sin(N q_j) + b cos(N q_j), N near 160 or 320"
     source = "Taghirad, Bélanger, harmonic drives, 1998; Godler et al.; Chawda, Niemeyer, IROS 2017"
     units = ("Nm", "Nm")
