@@ -16,7 +16,12 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.repeated_contact import explains_better, find_repeated_contact, misfit_elsewhere
+from identification.mismatch.repeated_contact import (
+    excess_per_row,
+    explains_better,
+    find_repeated_contact,
+    misfit_elsewhere,
+)
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.trial import Trial, fitted
@@ -38,8 +43,8 @@ class Unexplained:
     evidence: Evidence
     result: SearchResult
 
-    def push(self) -> Change | None:
-        return find_repeated_contact(self.problem, (self.evidence,), self.result, SETTINGS)
+    def push(self, misfit_elsewhere: float = 0.0) -> Change | None:
+        return find_repeated_contact(self.problem, (self.evidence,), self.result, SETTINGS, lambda: misfit_elsewhere)
 
 
 def _result(trial: Trial) -> SearchResult:
@@ -118,6 +123,11 @@ def test_a_spring_across_two_joints_is_no_push_as_another_motion_shows_it_too(
 
     assert not wrong_elsewhere(pushed, no_effect)
     assert wrong_elsewhere(spring, spring)
+
+
+def test_no_push_is_looked_for_where_another_motion_shows_as_much_misfit(unexplained, pushed: Hidden) -> None:
+    hidden = unexplained(pushed)
+    assert hidden.push(excess_per_row(hidden.problem)) is None
 
 
 def test_what_the_effect_says_it_is_is_what_was_taken_off(unexplained, pushed: Hidden) -> None:

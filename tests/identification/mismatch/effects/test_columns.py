@@ -13,7 +13,7 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators import PhysicalParameters
-from identification.mismatch.effects import effect_named
+from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
@@ -327,3 +327,17 @@ def test_the_laws_of_one_joint_are_what_their_equations_say(motion: Motion) -> N
         assert not np.delete(ours, 3, axis=1).any(), name
     crosstalk = torque(motion, "joint_crosstalk", Place(joint=4, other_joint=5))
     np.testing.assert_array_equal(crosstalk[:, 3, 0], motion.torque[:, 4])
+
+
+def test_effects_that_see_no_torque_are_the_same_under_any(motion: Motion) -> None:
+    other = replace(motion, torque=motion.torque**2 + 1.0, full_parameters=-2.0 * motion.full_parameters)
+    blind = [effect for effect in EFFECTS if effect.stage == "repeatable" and not effect.sees_torque]
+    assert len(blind) > 10
+    for effect in blind:
+        place = effect.places(motion)[-1]
+        assert effect.shape_parameters(motion, place) == effect.shape_parameters(other, place), effect.name
+        shape = {item.name: item.grid[0] for item in effect.shape_parameters(motion, place)}
+        first, second = (effect.columns(way, place, shape) for way in (motion, other))
+        assert first is not None, effect.name
+        assert second is not None, effect.name
+        np.testing.assert_array_equal(first.values, second.values, err_msg=effect.name)
