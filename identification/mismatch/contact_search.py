@@ -14,7 +14,7 @@ from identification.mismatch.change_candidates import Candidate, dispersion_of, 
 from identification.mismatch.contact_force import REFINED, locate_push, refine_window, window_gain
 from identification.mismatch.contrasts import Contrasts
 from identification.mismatch.effects.external_contact import ExternalContact
-from identification.mismatch.push_fit import WINDOW
+from identification.mismatch.push_fit import WINDOW, IntArray
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,9 +81,10 @@ class PeriodGround:
         self._back = np.eye(count) + (1.0 / left - 1.0) / count
         self._target = np.einsum("pk,krj->prj", self._back, contrasts.z[self._periods])
 
-    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def course(self, factor_of: Callable[[FloatArray], FloatArray], near: IntArray | None = None) -> FloatArray:
         """(P, S)."""
-        return np.stack([factor_of(self.motion.start_s[k] + self.motion.time) for k in self._periods])
+        time = self.motion.time if near is None else self.motion.time[near]
+        return np.stack([factor_of(self.motion.start_s[k] + time) for k in self._periods])
 
     def rows(self, values: FloatArray, joints: Sequence[int]) -> FloatArray:
         """(P R J, m)."""

@@ -267,7 +267,9 @@ def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -
     if contact is None:
         return now
     renewed = now.fitted.renewal(now.regressor, now.library)
-    other = search(now.fitted.with_change(contact).problem(), now.library, renewed, settings)
+    # More effects than these explain nothing, and a push is claimed only where nothing but noise is left.
+    few = replace(settings, largest_findings=settings.largest_explanation)
+    other = search(now.fitted.with_change(contact).problem(), now.library, renewed, few)
     if not explains_better(now.problem, contact, other, now.result, settings):
         return now
     push = beside(now.problem, now.fitted.evidences, contact, other, settings)

@@ -18,6 +18,7 @@ from identification.mismatch.effects.external_contact import profile, reach_of, 
 from identification.mismatch.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 WINDOW = ("start_s", "duration_s", "sharpness", "skew")
 POINT = ("point_x_m", "point_y_m", "point_z_m")
@@ -40,8 +41,11 @@ class Ground(Protocol):
     def motion(self) -> Motion:
         """The motion of one period."""
 
-    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """(P, S) of a function of the time (S,) of the recording, in each period that is looked at."""
+    def course(self, factor_of: Callable[[FloatArray], FloatArray], near: IntArray | None = None) -> FloatArray:
+        """(P, S) of a function of the time (S,) of the recording, in each period that is looked at.
+
+        near: samples of the period at which it is asked, all without.
+        """
 
     def rows(self, values: FloatArray, joints: Sequence[int]) -> FloatArray:
         """(P, S, J, m) torque on some joints → (rows, m)."""
@@ -98,7 +102,7 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
 
     def tangent_at(x: FloatArray) -> FloatArray:
         """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
-        factors = course_of(ground, shape_of(x))[:, near]
+        factors = course_of(ground, shape_of(x), near)
         force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
         by_force = (unit.reshape(-1, 4) @ arm).reshape(unit.shape[:3])
         by_point = (unit.transpose(0, 1, 3, 2) @ force)[..., 1:]
@@ -109,8 +113,8 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
         for number in range(6, size):
             step = np.zeros(size)
             step[number] = SLOPE
-            slope = (course_of(ground, shape_of(x + step)) - course_of(ground, shape_of(x - step))) / (2.0 * SLOPE)
-            values[..., number] = slope[:, near, None] * torque
+            above, below = (course_of(ground, shape_of(x + change), near) for change in (step, -step))
+            values[..., number] = ((above - below) / (2.0 * SLOPE))[..., None] * torque
         values[..., size] = factors[..., None] * torque
         result = np.zeros((len(factors), samples, len(upstream), size + 1))
         result[:, near] = values
@@ -185,9 +189,9 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
     )
 
 
-def course_of(ground: Ground, shape: Mapping[str, float]) -> FloatArray:
-    """(P, S) the profile of a shape in each period that is looked at."""
-    return ground.course(lambda time: profile(time, shape["start_s"], shape))
+def course_of(ground: Ground, shape: Mapping[str, float], near: IntArray | None = None) -> FloatArray:
+    """(P, S) the profile of a shape in each period that is looked at. near: as for `Ground.course`."""
+    return ground.course(lambda time: profile(time, shape["start_s"], shape), near)
 
 
 def longest_s(ground: Ground) -> float:

@@ -25,7 +25,7 @@ from identification.mismatch.heldout import misfit_probability, residuals
 from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem
-from identification.mismatch.push_fit import WINDOW
+from identification.mismatch.push_fit import WINDOW, IntArray
 from identification.mismatch.refinement import Member
 from identification.mismatch.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
@@ -190,9 +190,9 @@ class MeanGround:
         self.basis: FloatArray = np.ascontiguousarray(basis.transpose(1, 0, 2))
         self.period = self.motion.samples * self.motion.sampling_period_s
 
-    def course(self, factor_of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def course(self, factor_of: Callable[[FloatArray], FloatArray], near: IntArray | None = None) -> FloatArray:
         """(1, S): what is asked of times before and after the period comes from the next and the one before."""
-        time = self.motion.time
+        time = self.motion.time if near is None else self.motion.time[near]
         parts = [factor_of(time + shift) for shift in (-self.period, 0.0, self.period)]
         return np.asarray(np.sum(parts, axis=0)[None], dtype=np.float64)
 
