@@ -46,9 +46,9 @@ VERDICTS = {
 
 
 NOT_MEASURED = (
-    "The noise was not measured, for which a recording needs two periods or more: how much of the misfit, {left} Nm "
-    "RMS by joint, is noise cannot be told. Given up with it: effects near the noise, and all that changes from one "
-    "period to the next (drift, pushes)."
+    "The noise was not measured: that takes a recording of two periods or more. How much of the misfit, {left} Nm "
+    "RMS by joint, is noise cannot be told. Effects near the noise cannot be found, nor what changes from period to "
+    "period (drift, pushes)."
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 NAMED = "What differs between the recordings stands above, under Set-up; the model itself is not in question."
@@ -205,8 +205,8 @@ def finding_lines(finding: Finding, torque_units: Sequence[str] = ()) -> Sequenc
 
     lines = [
         "; ".join(_in_numbers(item) for item in finding.parameters),
-        f"score {finding.score:.0f}, chance by noise {chance(finding.significance)}, "
-        f"{100 * finding.absorbed_fraction:.0f} % of it would hide in the base parameters",
+        f"score {finding.score:.0f}, probability by noise alone {chance(finding.significance)}, "
+        f"{100 * finding.absorbed_fraction:.0f} % of it would be taken up by the base parameters",
     ]
     if finding.heldout_gain_nm.size:
         gain = ", ".join(f"{1e3 * value:.1f}" for value in finding.heldout_gain_nm)

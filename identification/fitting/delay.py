@@ -60,8 +60,8 @@ class TorqueDelay:
             for value, std in zip(self.per_joint, self.per_joint_std, strict=True)
         )
         return (
-            f"Torque later than position by {1e3 * self.common:+.2f} ± {1e3 * self.common_std:.2f} ms taken together, "
-            f"by joint {joints} ms (friction beyond the model looks like a delay too)."
+            f"The torque comes {1e3 * self.common:+.2f} ± {1e3 * self.common_std:.2f} ms after the position, all "
+            f"joints together; by joint {joints} ms (friction beyond the model looks like a delay too)."
         )
 
 

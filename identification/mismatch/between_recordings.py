@@ -61,7 +61,8 @@ def held_out_misfits(
             order = _ordered_by(evidences[own[0]], left, int(first[own[0]]), int(joint))
             sentence = (
                 f"Joint {joint + 1}: {rms:.3g} Nm RMS stay on the held-out {name}{noise}, {before:.3g} Nm on "
-                f"{fitted_to}; ordered best by {order}{'' if differs else ', and missing in both'}."
+                f"{fitted_to}{'' if differs else ', where the same is missing'}; "
+                f"a curve over {order} describes them best."
             )
             found.append(HeldOutMisfit(name, int(joint) + 1, rms, before, differs, sentence))
     return tuple(sorted(found, key=lambda item: -item.rms_nm))

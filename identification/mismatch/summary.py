@@ -183,10 +183,10 @@ def _remaining(
         joint = curve.joint - 1
         if baseline.noise_is_measured or baseline.detected[joint]:
             parts.append(
-                f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained, ordered best by {curve.coordinate} "
-                "(a curve, not physics)."
+                f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained; a curve over {curve.coordinate} "
+                "describes them best, which names no cause."
             )
-    parts.extend(f"{sentence}." for sentence in claims.remarks)
+    parts.extend(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in claims.remarks)
     if claims.findings and heldout is None:
         parts.append("Names are unconfirmed: no held-out recording was given.")
     return " ".join(parts)
@@ -234,9 +234,9 @@ def _notes(fitted: Prepared, unseen: Prepared | None) -> tuple[str, ...]:
     notes = []
     if any(not evidence.noise_is_measured for evidence in evidences):
         notes.append(
-            "A recording has no periods to compare, so nothing tells its noise from misfit: the level above the "
-            "compared band, or a tenth of what a plain fit leaves where that is more, stands in as a mere weight. "
-            "Names rest on what they explain of rows that were not fitted. Where the robot can repeat a motion, record "
-            "four periods or more."
+            "A recording has no periods to compare, so its noise cannot be told from misfit. Rows are weighted by the "
+            "level above the compared band, or by a tenth of what a plain fit leaves where that is more. Names rest on "
+            "what they explain of rows that were not fitted. Where the robot can repeat a motion, record four periods "
+            "or more."
         )
     return tuple(notes)

@@ -53,7 +53,7 @@ def _doubts(exam: Examination, trial: Trial) -> list[tuple[float, str]]:
         if member.effect.one_sided and surest.coefficients[0] < 0.0:
             why = "would need a size below zero, which no machine has"
         elif left @ left < LEAST_SHOWN * (rows @ rows):
-            why = "would hide in the base parameters but for a thousandth of its energy"
+            why = "would be taken up by the base parameters, all but a thousandth of its energy"
         elif certainty < CERTAIN:
             why = "has a size that may as well be zero"
         found.append((float(certainty), why))

@@ -89,7 +89,7 @@ def _findings(diagnosis: Diagnosis) -> Section:
     if diagnosis.curves:
         blocks.append(
             Figure(
-                "What stays unexplained, over the coordinate that orders it best (a curve, not physics)",
+                "What stays unexplained, as a curve over what describes it best (no cause is named)",
                 tuple(curve_panel(curve, f"Joint {curve.joint}") for curve in diagnosis.curves),
                 (("after", "residual, mean of each bin ± its noise"),),
             )

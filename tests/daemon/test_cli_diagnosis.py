@@ -142,7 +142,7 @@ def test_numbers_under_a_sentence_show_sigma_and_no_chance_of_zero() -> None:
     )  # fmt: skip
     numbers, sureness = finding_lines(finding)  # type: ignore[arg-type]
     assert numbers == "stiffness 7684 Nm/rad (σ 49)"
-    assert "noise below 1e−6, 68 %" in sureness
+    assert "noise alone below 1e−6, 68 %" in sureness
 
 
 def test_a_missing_recording_is_missing_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

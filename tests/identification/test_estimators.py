@@ -332,7 +332,7 @@ def test_the_command_line_takes_estimator_bounds_and_consistency(shared_folder: 
     ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
-    for text in ("σ, eq. (15)", "fully physically consistent", "huber", "Torque later than position", "made of matter"):
+    for text in ("σ, eq. (15)", "fully physically consistent", "huber", "The torque comes", "made of matter"):
         assert text in result.output
     written = json.loads(model.read_text())
     assert written["provenance"]["estimator"] == "huber"

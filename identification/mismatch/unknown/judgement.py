@@ -118,7 +118,7 @@ def _background(joints: Sequence[int]) -> str:
     named = ", ".join(map(str, sorted(joints)))
     return (
         f"Joint{'s' if len(joints) > 1 else ''} {named}: what the model leaves is a smooth function of the state. "
-        "Only what stands out from that is said of any joint."
+        "Only what stands out from it is named."
     )
 
 
