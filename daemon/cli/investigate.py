@@ -49,7 +49,6 @@ def investigate(
     after_drop: Annotated[
         bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
     ] = False,
-    acted: Annotated[bool, typer.Option("--acted", help="What was asked for is done: go on.")] = False,
     added_mass: Annotated[
         str | None,
         typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
@@ -105,7 +104,7 @@ def investigate(
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show, plan_only=plan_only)
         if resumed:
-            loop.resume(after_drop=after_drop, acted=acted or mass is not None)
+            loop.resume(after_drop=after_drop, acted=mass is not None)
         account = loop.run()
     page = write_story(out, account)
     if json_file is not None:
@@ -155,6 +154,9 @@ def _begun(given: list[Path], robot: str | None, budget: float | None, seed: int
     read = [read_recording(file) for file in given]
     refuse_other_arms(read)
     named = {item.robot for item in read if item.robot}
+    for file, item in zip(given, read, strict=True):
+        if robot is not None and item.robot not in (None, robot):
+            raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))
     arm = robot or (named.pop() if len(named) == 1 else "iiwa14")
     files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
     return Account(robot=arm, seed=seed, budget_s=60.0 * budget, recordings=files)

@@ -266,7 +266,8 @@ class Investigation:
 
     def _read(self) -> tuple[Sequence[Recording], RobotModel]:
         read = [read_recording(item.file) for item in self.account.recordings]
-        refuse_other_arms(read)
+        unloaded = [item for item, at in zip(read, self.account.recordings, strict=True) if at.added_mass is None]
+        refuse_other_arms(unloaded)
         inputs = inputs_of(read)
         return inputs.recordings, inputs.robot
 

@@ -35,7 +35,7 @@ from identification.excitation import (
 )
 from identification.investigation.experiments import PERIOD_S, Room, experiment
 
-__all__ = ["ARMS", "Answer", "LoopCase", "prove_closed_loop", "reliability"]
+__all__ = ["ARMS", "Answer", "LoopCase", "answer_of", "forecasts_of", "prove_closed_loop", "reliability"]
 
 ROBOT = "iiwa14"
 Arm = Literal["chosen", "random", "repeated"]
@@ -137,10 +137,10 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
     if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != begun["commitment"]:
         raise SealBrokenError(str(index))
     label = json.loads(seal["label"])
-    answers = tuple(_answer(arm, account, account.steps[-1], label, broken[arm]) for arm, account in accounts.items())
+    answers = tuple(answer_of(arm, account, account.steps[-1], label, broken[arm]) for arm, account in accounts.items())
     chosen = accounts.get("chosen") or next(iter(accounts.values()))
-    known_before = _answer("chosen", start, chosen.steps[0], label, 0)
-    forecasts = _forecasts(chosen, label) if "chosen" in accounts else ()
+    known_before = answer_of("chosen", start, chosen.steps[0], label, 0)
+    forecasts = forecasts_of(chosen, label) if "chosen" in accounts else ()
     return LoopCase(index, begun["commitment"], label, known_before, answers, forecasts)
 
 
@@ -195,7 +195,8 @@ def _seconds(item: Recorded) -> float:
     return 0.0 if item.motion is None else item.motion.seconds
 
 
-def _answer(arm: Arm, account: Account, step: Step, label: dict[str, Any], broken: int) -> Answer:
+def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], broken: int) -> Answer:
+    """What an arm says after a step, held against the label. broken: limits that its motions broke."""
     truths = [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
     named = all(
         any(f.effect in names and f.joint == joint and not f.alternatives for f in step.findings)
@@ -221,7 +222,8 @@ def _leads(step: Step, label: dict[str, Any]) -> bool:
     return all(any(effect in names and joint == place for effect, place in seen) for names, joint in truths)
 
 
-def _forecasts(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:
+def forecasts_of(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:
+    """Forecast of each motion that had one, and whether the truth stood out after it."""
     found = []
     for number, recorded in enumerate(account.recordings, start=1):
         step = next((item for item in account.steps if item.recordings == number), None)

@@ -32,13 +32,14 @@ class Action(StrEnum):
 
 
 ASK = {
-    Action.ADD_MASS: "Fasten a known mass to the flange and record again with --added-mass KG@X,Y,Z (kg and m from the "
-    "flange): what is proportional to the torque grows with it, what is not stays.",
-    Action.TURN_TOOL: "Turn the tool by half a turn on the flange and record again: a load turns with the tool, the "
-    "last link does not.",
-    Action.LEVEL_BASE: "Level the base with an inclinometer and record again: a tilt goes, all else stays.",
-    Action.WARM_UP: "Warm the arm up by half an hour of motion and record again: friction falls with temperature, an "
-    "offset of the sensor stays.",
+    Action.ADD_MASS: "Fasten a known mass to the flange and give the command again with --added-mass KG@X,Y,Z (kg, and "
+    "m from the flange): what is proportional to the torque grows with it, what is not stays.",
+    Action.TURN_TOOL: "Turn the tool by half a turn on the flange, record again, and ask `iiwa-ident compare BEFORE "
+    "AFTER`: a load turns with the tool, the last link does not.",
+    Action.LEVEL_BASE: "Level the base with an inclinometer, record again, and ask `iiwa-ident compare BEFORE AFTER`: "
+    "where it says base tilt, the base leaned; all else stays.",
+    Action.WARM_UP: "Warm the arm up by half an hour of motion, record again, and ask `iiwa-ident compare BEFORE "
+    "AFTER`: friction falls with temperature, an offset of the sensor stays.",
 }
 """The question to the operator, in plain words."""
 

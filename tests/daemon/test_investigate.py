@@ -18,7 +18,7 @@ from daemon.cli.app import main
 from daemon.errors import ConfigurationError
 from daemon.investigate import loop as loop_module
 from daemon.investigate.account import Account, Motion, Recorded, read_account, save
-from daemon.investigate.loop import Drive, Investigation
+from daemon.investigate.loop import Drive, Investigation, refuse_other_arms
 from daemon.investigate.states import TABLE, Event, State, TransitionError, after
 from daemon.investigate.story import write_story
 from identification.excitation import iiwa_limits
@@ -275,6 +275,8 @@ def recording(file: Path, seed: int = 0, robot: str = "iiwa14") -> Path:
     [
         (("--budget", "0.5", "--from", "a.npz", "--from", "b.npz"), 78, "too short"),
         (("--budget", "2", "--from", "missing.npz"), 66, "no such recording"),
+        (("--budget", "3", "--from", "a.npz", "--robot", "iiwa7"), 78, "it is of iiwa14"),
+        (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
         (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
         ((), 2, "--budget"),
     ],
@@ -293,3 +295,27 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.glob("folder/motion-*"))
+
+
+def test_recordings_of_two_arms_or_tools_are_refused() -> None:
+    def of(path: str, **metadata: str) -> Any:
+        return SimpleNamespace(source=SimpleNamespace(path=path, metadata=metadata))
+
+    refuse_other_arms([of("a.mcap", serial="81", tool="none"), of("b.mcap", serial="81"), of("c.mcap")])
+    with pytest.raises(ConfigurationError, match=r"b\.mcap.*serial is '82'.*a\.mcap is '81'"):
+        refuse_other_arms([of("a.mcap", serial="81"), of("b.mcap", serial="82")])
+    with pytest.raises(ConfigurationError, match="tool"):
+        refuse_other_arms([of("a.mcap", tool="none"), of("b.mcap", tool="2 kg at (0, 0, 0.1) m")])
+
+
+def test_a_mass_that_is_asked_for_and_fastened_leads_on(tmp_path: Path) -> None:
+    account = begun(tmp_path, state=State.NEEDS_ACTION)
+    again = investigation(tmp_path, account, ScriptedDriver())
+    again.resume()
+    assert again.account.state is State.NEEDS_ACTION
+    fastened = msgspec.structs.replace(account, added_mass=(2.0, 0.0, 0.0, 0.05))
+    again = investigation(tmp_path, fastened, ScriptedDriver())
+    again.resume(acted=True)
+    done = again.run()
+    assert done.state is State.SETTLED
+    assert [item.added_mass for item in done.recordings] == [None, None, *[(2.0, 0.0, 0.0, 0.05)] * 2]

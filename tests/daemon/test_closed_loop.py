@@ -1,0 +1,79 @@
+"""Claims about how the proof of the closed loop is summed up. Truth: counted by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step
+from daemon.proof.closed_loop import Answer, LoopCase, answer_of, forecasts_of, reliability
+from daemon.proof.closed_loop_table import loop_rows, loop_summary, reliability_rows
+
+LABEL: dict[str, Any] = {
+    "group": "confusable",
+    "effects": [{"effect": "cable_spring", "joint": 2, "acceptable": ["cable_spring"]}],
+}
+
+
+def step(*findings: Named, leader: str | None = None, stands_out: bool = False, recordings: int = 3) -> Step:
+    alive = (Alive(name="", effect=leader, joint=2 if leader else None, probability=0.9, log_odds=9.0),)
+    return Step(
+        recordings=recordings, verdict="explained", answer="", alive=alive, questions=(), findings=findings,
+        stands_out=stands_out, remaining="",
+    )  # fmt: skip
+
+
+ACCOUNT = Account(robot="iiwa14", seed=1, budget_s=120.0)
+SPRING = Named(effect="cable_spring", joint=2)
+OPEN = Named(effect="torque_offset", joint=2, alternatives=("cable_spring",))
+
+
+@pytest.mark.parametrize(
+    ("known", "named", "leader_right", "wrong"),
+    [
+        (step(SPRING), True, True, ()),
+        (step(Named(effect="cable_spring", joint=3)), False, False, ("cable_spring at joint 3",)),
+        (step(OPEN, leader="cable_spring", stands_out=True), False, True, ()),
+        (step(OPEN, leader="cable_spring"), False, False, ()),
+        (step(SPRING, Named(effect="torque_offset", joint=2)), False, True, ("torque_offset at joint 2",)),
+    ],
+)
+def test_an_answer_is_judged_by_the_label(known: Step, named: bool, leader_right: bool, wrong: tuple[str, ...]) -> None:
+    answer = answer_of("chosen", ACCOUNT, known, LABEL, 0)
+    assert (answer.named, answer.leader_right, answer.wrong) == (named, leader_right, wrong)
+
+
+def test_where_nothing_is_hidden_silence_is_right() -> None:
+    label = {"group": "nothing", "effects": []}
+    assert answer_of("chosen", ACCOUNT, step(), label, 0).leader_right
+    assert not answer_of("chosen", ACCOUNT, step(SPRING), label, 0).named
+
+
+def test_a_forecast_came_true_where_the_truth_stood_out_after_that_motion() -> None:
+    motion = Motion(number=3, kind="x", purpose="", trajectory="", periods=4, seconds=40.0, forecast=0.9)
+    account = Account(
+        robot="iiwa14", seed=1, budget_s=120.0,
+        recordings=(Recorded(file="a"), Recorded(file="b"), Recorded(file="c", motion=motion)),
+        steps=(step(recordings=2), step(SPRING)),
+    )  # fmt: skip
+    assert forecasts_of(account, LABEL) == ((0.9, True),)
+
+
+def test_reliability_and_rows_are_counted() -> None:
+    forecasts = ((0.97, True), (0.99, True), (1.0, False), (0.6, True), (0.6, False))
+    (low, high) = reliability(forecasts)
+    assert low == ("50 to 80 %", 2, pytest.approx(0.6), 0.5)
+    assert high[1] == 3
+    assert high[3] == pytest.approx(2 / 3)
+    before = Answer("chosen", False, (), False, 0.0, "", 0)
+    answers = (
+        Answer("chosen", True, (), True, 40.0, "settled", 0),
+        Answer("random", False, ("x",), False, 120.0, "", 1),
+    )
+    summary = loop_summary([LoopCase(0, "", LABEL, before, answers, forecasts)])
+    rows = {(row[0], row[1]): row[2:] for row in loop_rows(summary)}
+    assert rows["confusable", "chosen"] == ("1 of 1", "1 of 1", "0 of 1", "40", "0")
+    assert rows["confusable", "random"] == ("0 of 1", "0 of 1", "1 of 1", "120", "1")
+    assert rows["all", "before"][0] == "0 of 1"
+    assert len(reliability_rows(summary)) == 2
