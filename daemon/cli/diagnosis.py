@@ -189,7 +189,10 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
         return [f"{unknown} No mismatch is shown, and none is ruled out."]
     sentence = VERDICTS[diagnosis.verdict]
     if diagnosis.verdict == "unexplained" and not baseline.detected.any():
-        sentence = f"{DISAGREE} {NAMED}" if diagnosis.audit is not None and diagnosis.audit.differences else DISAGREE
+        named = () if diagnosis.audit is None else diagnosis.audit.differences
+        sentence = f"{DISAGREE} {NAMED}" if named else DISAGREE
+        if any(item.effect == "payload" for item in named):
+            sentence += " `iiwa-ident payload` weighs a load more exactly."
     elif heldout is not None and any(item.differs for item in heldout.misfits):
         sentence += " The held-out recordings disagree with the fitted ones."
     return [sentence] if baseline.noise_is_measured else [unknown, sentence]

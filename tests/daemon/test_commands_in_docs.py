@@ -43,6 +43,11 @@ def test_there_are_commands_to_judge() -> None:
     assert len(PRINTED) >= 70
 
 
+def test_the_first_page_names_every_command() -> None:
+    text = PAGES[0].read_text(encoding="utf-8")
+    assert [name for name in COMMANDS if not re.search(rf"`(iiwa-ident )?{name}\b", text)] == []
+
+
 @pytest.mark.parametrize("line", PRINTED)
 def test_a_printed_command_has_the_options_it_is_printed_with(line: str) -> None:
     words = [word for word in shlex.split(line.replace("[", "").replace("]", "")) if word not in FLAGS_OF_ALL][1:]

@@ -161,7 +161,7 @@ def test_a_disk_that_hangs_until_the_ring_is_nearly_full_stops_the_arm_and_costs
 
     def observe(event: RunEvent) -> None:
         if event.kind == "progress" and event.period >= 1 and not hung:
-            processes = (child_of(psutil.Process(), f"daemon.{name}") for name in ("recorder", "loop_process"))
+            processes = (child_of(psutil.Process(), f"daemon.run.{name}") for name in ("recorder", "loop_process"))
             hung.append(threading.Thread(target=hang, args=tuple(processes)))
             hung[0].start()
 

@@ -72,6 +72,7 @@ def test_a_load_on_the_held_out_run_alone_is_a_difference_between_the_recordings
     # Two runs that are both called recording.mcap: the sentence has to say against which.
     assert "bare/recording.mcap" in load.sentence
     assert "stands above" in verdict_lines(diagnosis)[-1]
+    assert "`iiwa-ident payload`" in verdict_lines(diagnosis)[-1]
     assert "held-out recordings" in verdict_sentence(diagnosis)
     assert load.sentence in verdict_sentence(diagnosis)
     assert diagnosis.to_json()["heldout"]["misfits"][0]["joint"] == 2
