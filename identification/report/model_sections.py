@@ -180,7 +180,7 @@ def _consistency(certificate: Json) -> Paragraph:
     return Paragraph(
         f"The paper's constraints do not ask that bodies can have these inertias, and one link's inertia is that of no "
         f"distribution of positive mass (smallest eigenvalue of the pseudo-inertias {value}). `iiwa-ident fit "
-        "--full-consistency` asks for that too; `export --parameters consistent` takes the nearest set.",
+        "--full-consistency` asks for that too; `iiwa-ident export` takes bodies that exist in any case.",
         "warning",
     )
 
@@ -260,8 +260,8 @@ def _links(items: Sequence[Json]) -> list[Block]:
             "One set of links with this torque: mass, centre of mass, principal moments of inertia", head, tuple(rows)
         ),
         Paragraph(
-            "No torque tells these numbers one by one: many sets give the same torque. This one is for simulators that "
-            "ask for bodies.",
+            "No torque tells these numbers one by one: many sets give the same torque. This is the one of program (10); "
+            "for simulators `iiwa-ident export` writes another, of bodies that exist.",
             "note",
         ),
     ]
