@@ -48,6 +48,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         if diagnosis.audit is not None:
             sentences["unexplained"] += "".join(f" {item.sentence}" for item in diagnosis.audit.differences)
         sentences["partly_explained"] += " The held-out recordings disagree with the fitted ones."
+    if diagnosis.heldout is None and diagnosis.findings:
+        for verdict in ("explained", "partly_explained"):
+            sentences[verdict] += " No held-out recording has confirmed it."
     if not diagnosis.baseline.noise_is_measured:
         begin += (
             "The noise was not measured (a recording needs two periods or more): what of the misfit is noise cannot "

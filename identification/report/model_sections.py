@@ -260,7 +260,7 @@ def _links(items: Sequence[Json]) -> list[Block]:
             "One set of links with this torque: mass, centre of mass, principal moments of inertia", head, tuple(rows)
         ),
         Paragraph(
-            "No torque tells these numbers one by one: many sets give the same torque. This is the one of program (10); "
+            "No torque tells these numbers one by one: many sets give the same torque. This is that of program (10); "
             "for simulators `iiwa-ident export` writes another, of bodies that exist.",
             "note",
         ),

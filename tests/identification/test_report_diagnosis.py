@@ -114,6 +114,7 @@ def table(section: Section, caption: str) -> dict[str, tuple[str, ...]]:
     ("changes", "tone", "words"),
     [
         ({}, "neutral", ["is found", "stribeck friction (joint 2)"]),
+        ({"heldout": None}, "neutral", ["is found", "No held-out recording has confirmed it."]),
         ({"verdict": "no_mismatch", "findings": ()}, "good", ["no missing physics"]),
         ({"verdict": "partly_explained"}, "attention", ["stribeck friction (joint 2)", "stays unexplained"]),
         ({"verdict": "unexplained", "findings": ()}, "attention", ["on joint 2", "no effect"]),
