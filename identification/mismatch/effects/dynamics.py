@@ -179,6 +179,7 @@ class _Chain:
         self.kinematics = motion.robot.kinematics
         self.position = motion.position.T
         self.parameters = motion.full_parameters.reshape(motion.n, -1)[:, :_INERTIAL_COUNT]
+        self.bodies = [_body(own) for own in self.parameters]
         self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
         self.arm = [_arm(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
 
@@ -205,18 +206,20 @@ class _Chain:
         for joint in range(len(links), kinematics.n):
             parent = int(kinematics.parent[joint])
             omega, alpha, linear = links[parent][:3] if parent >= 0 else _base(gravity, velocity.shape[0])
-            arm, axis = self.arm[joint], kinematics.axis[joint][:, None]
+            arm, axis = self.arm[joint], kinematics.axis[joint]
             linear = linear + _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
             omega, alpha, linear = (_into(self.rotation[joint], vector) for vector in (omega, alpha, linear))
-            rate, growth = axis * velocity[:, joint], axis * acceleration[:, joint]
+            rate, growth = axis[:, None] * velocity[:, joint], axis[:, None] * acceleration[:, joint]
+            across = (_skew(-axis) @ omega) * velocity[:, joint]
             if kinematics.revolute[joint]:
-                alpha = alpha + _cross(omega, rate) + growth
+                alpha = alpha + across + growth
                 omega = omega + rate
             else:
-                linear = linear + 2.0 * _cross(omega, rate) + growth
-            mass, moment, tensor = _body(self.parameters[joint])
-            force = mass * linear + _cross(alpha, moment) + _cross(omega, _cross(omega, moment))
-            turning = tensor @ alpha + _cross(omega, tensor @ omega) + _cross(moment, linear)
+                linear = linear + 2.0 * across + growth
+            mass, moment, both = self.bodies[joint]
+            by_alpha, by_omega = both @ alpha, both @ omega
+            force = mass * linear + by_alpha[3:] + _cross(omega, by_omega[3:])
+            turning = by_alpha[:3] + _cross(omega, by_omega[:3]) + moment @ linear
             links.append(_Link(omega, alpha, linear, force, turning))
         return links
 
@@ -267,8 +270,7 @@ def _rotation(kinematics: Kinematics, joint: int, angle: FloatArray) -> FloatArr
     placement = kinematics.rotation[joint]
     if not kinematics.revolute[joint]:
         return np.repeat(placement[:, :, None], angle.size, axis=2)
-    x, y, z = kinematics.axis[joint]
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    skew = _skew(kinematics.axis[joint])
     terms = (placement, placement @ skew, placement @ skew @ skew)
     return np.asarray(
         terms[0][..., None] + terms[1][..., None] * np.sin(angle) + terms[2][..., None] * (1.0 - np.cos(angle))
@@ -285,20 +287,34 @@ def _arm(kinematics: Kinematics, joint: int, position: FloatArray) -> FloatArray
 
 
 def _body(parameters: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, first moment (3, 1) and tensor about the frame's origin (3, 3), from the order of eq. (3)."""
+    """Mass, the first moment's cross product (3, 3), and what turning asks for: the tensor about the frame's origin
+    over minus that cross product (6, 3). From the order of eq. (3).
+    """
     mass, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters
-    return float(mass), np.array([[mx], [my], [mz]]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moment = _skew(np.array([mx, my, mz]))
+    return float(mass), moment, np.concatenate([[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], -moment])
+
+
+def _skew(vector: FloatArray) -> FloatArray:
+    """(3, 3) that makes the cross product with a vector from the left."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _into(rotation: FloatArray, vector: FloatArray) -> FloatArray:
-    return np.asarray(rotation[0] * vector[0] + rotation[1] * vector[1] + rotation[2] * vector[2])
+    return np.asarray(np.einsum("ijs,is->js", rotation, vector))
 
 
 def _out_of(rotation: FloatArray, vector: FloatArray) -> FloatArray:
-    return np.asarray(rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1] + rotation[:, 2] * vector[2])
+    return np.asarray(np.einsum("ijs,js->is", rotation, vector))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(3, S) of vectors, one of which may be the same at all samples, (3, 1)."""
+    if b.shape[1] == 1:
+        return _skew(-b[:, 0]) @ a
+    if a.shape[1] == 1:
+        return _skew(a[:, 0]) @ b
     result = np.empty((3, max(a.shape[1], b.shape[1])))
     for row, (i, j) in zip(result, ((1, 2), (2, 0), (0, 1)), strict=True):
         np.multiply(a[i], b[j], out=row)
