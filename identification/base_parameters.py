@@ -168,8 +168,10 @@ class BaseRegressor:
         """
         inertial = self._inertial_columns
         own = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
-        packed = np.empty((self.robot.n, len(inertial) + max(map(len, own)), len(q)))
-        # A joint's torque depends on the links beyond it: of its first columns nothing is written.
+        # A joint's torque depends on the links beyond it: of its first columns nothing is written. Where the arm
+        # branches, nothing is written of the links on other branches either, and these are zero.
+        branches = bool(np.any(self.robot.kinematics.parent != np.arange(-1, self.robot.n - 1)))
+        packed = (np.zeros if branches else np.empty)((self.robot.n, len(inertial) + max(map(len, own)), len(q)))
         firsts = np.searchsorted(inertial, self._firsts).tolist()
         fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, firsts, packed.transpose(1, 0, 2))
         result = []

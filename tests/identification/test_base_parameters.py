@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from identification.base_parameters import BaseRegressor, RegressorOptions, independent_columns
 from identification.estimators import PhysicalParameters
 from identification.regressor import torque_regressor
-from identification.robots import RobotModel, load_robot, robot_from_arrays
+from identification.robots import RobotModel, load_robot, robot_from_arrays, robot_from_urdf
 
 # Eq. (6), with XX_5 for the misprinted XZ_5 in XXR_5. {rl3}, {rl5}: lengths.
 EQUATION_6 = """
@@ -174,3 +174,28 @@ def test_any_chains_torque_is_preserved_by_the_grouping(n: int, seed: int) -> No
     torque += dq * full[:, 10] + np.sign(dq) * full[:, 11] + ddq * full[:, 12] + full[:, 13]
     rebuilt = base.matrix(q, dq, ddq) @ base.base_from_full(full.ravel())
     np.testing.assert_allclose(rebuilt, torque, atol=1e-9 * max(1.0, np.abs(torque).max()))
+
+
+BRANCHES = """<robot name="branches"><link name="base"/><link name="upper"/><link name="hand"/><link name="left"/>
+<link name="right"/>
+<joint name="a" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/></joint>
+<joint name="b" type="continuous"><parent link="upper"/><child link="hand"/><origin xyz="0.1 0 0.2"/><axis xyz="0 1 0"/>
+</joint>
+<joint name="c" type="prismatic"><parent link="hand"/><child link="left"/><origin xyz="0.1 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
+<joint name="d" type="continuous"><parent link="hand"/><child link="right"/><origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="9"/></joint></robot>"""
+
+
+def test_a_joint_of_one_branch_feels_nothing_of_a_link_on_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the fit reads against the whole matrix; memory that nobody has written to is marked."""
+    base = BaseRegressor(robot_from_urdf(BRANCHES, source="branches.urdf"))
+    states = np.random.default_rng(5).normal(size=(3, 20, 4))
+    whole = base.matrix(*states)
+    monkeypatch.setattr(np, "empty", lambda shape, dtype=np.float64, order="C": np.full(shape, np.nan, dtype, order))
+    columns = base.joint_columns(*states)
+    monkeypatch.undo()
+    rebuilt = np.zeros_like(whole)
+    for joint, (packed, positions) in enumerate(columns):
+        rebuilt[:, joint, positions] = packed.T
+    np.testing.assert_allclose(rebuilt, whole, atol=1e-12)
