@@ -149,6 +149,7 @@ def run(
     from daemon.run.folder import make_room
     from daemon.run.next_step import next_step
     from daemon.run.service import run_acquisition
+    from identification.recordings.reader import recording_file
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
 
@@ -163,7 +164,7 @@ def run(
     if diagnose and (no_fit or not lab.run.fit):
         raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
     for file in heldout or ():
-        if not diagnose or not file.is_file():
+        if not diagnose or not file.exists():
             raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
     given = {
         "periods": periods,
@@ -189,7 +190,7 @@ def run(
     settings.update(
         run_id=run_id,
         diagnose=diagnose,
-        heldout=tuple(str(file.absolute()) for file in heldout or ()),
+        heldout=tuple(str(recording_file(file).absolute()) for file in heldout or ()),
         seed=seed,
         simulation=simulation,
         ladder_file=None if ladder is None else str(ladder.absolute()),

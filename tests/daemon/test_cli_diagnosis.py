@@ -292,3 +292,10 @@ def test_run_hands_the_wish_for_a_diagnosis_to_the_acquisition(
     assert run(*words) == 2
     assert run("run", "--out", str(tmp_path / "run"), "--diagnose", "--no-fit") == 2
     assert len(asked) == 1
+    # The folder of an earlier run stands for its log, as everywhere.
+    (tmp_path / "earlier").mkdir()
+    log = tmp_path / "earlier" / "recording.mcap"
+    log.write_bytes(b"")
+    words = ("run", "--out", str(tmp_path / "run"), "--heldout", str(log.parent), "--diagnose")
+    assert run(*words) == ConfigurationError.exit_code
+    assert asked[1].heldout == (str(log),)
