@@ -67,7 +67,7 @@ def prove(
     Example: iiwa-ident prove --cases 600 --seed 1000000 --json proof.json
     """
     if closed_loop is not None:
-        _close_the_loop(seed, range(first, first + closed_loop), json_file)
+        _close_the_loop(seed, range(first, first + closed_loop), json_file, out)
         return
     worlds = tuple(dict.fromkeys(world or ["library"]))
     for name in worlds:
@@ -89,7 +89,7 @@ def prove(
         write_json(json_file, results[0] if len(results) == 1 else {"format": FORMAT, "worlds": results})
 
 
-def _close_the_loop(seed: int, indices: range, json_file: Path | None) -> None:
+def _close_the_loop(seed: int, indices: range, json_file: Path | None, pages: Path | None) -> None:
     """The proof of `investigate`: motions chosen, random ones and the shipped one repeated, on one set of cases."""
     import tempfile
 
@@ -97,7 +97,7 @@ def _close_the_loop(seed: int, indices: range, json_file: Path | None) -> None:
     from daemon.proof.closed_loop_table import loop_rows, loop_summary, reliability_rows
 
     with tempfile.TemporaryDirectory(prefix="iiwa-ident-prove-") as scratch:
-        cases = prove_closed_loop(seed, indices, Path(scratch), tell=message)
+        cases = prove_closed_loop(seed, indices, Path(scratch), tell=message, pages=pages)
     summary = loop_summary(cases)
     if json_file is not None:
         write_json(json_file, plain({"format": FORMAT, "closed_loop": True, "seed": seed, **summary}))

@@ -21,7 +21,7 @@ from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, 
 from daemon.investigate.states import RESTING, Event, State, after
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits, validation_trajectory
 from identification.investigation.added_mass import AddedMass
-from identification.investigation.choice import PERIODS, Choice
+from identification.investigation.choice import ENOUGH, PERIODS, Choice
 from identification.investigation.equivalences import twins_of
 from identification.investigation.experiments import PERIOD_S, Experiment, Room
 from identification.investigation.forecast import stands_out
@@ -324,6 +324,8 @@ def describe_motion(motion: Motion) -> str:
     if motion.forecast is None or motion.tells is None:
         return f"{what}, {motion.seconds:.0f} s."
     truth, rival = motion.tells
+    if (motion.now or 0.0) >= ENOUGH:
+        return f"{what}, {motion.seconds:.0f} s. The hypotheses are told apart already; it adds evidence for a name."
     return (
         f"{what}. In {motion.seconds:.0f} s this tells {truth} from {rival} and all else alive with "
         f"{100 * motion.forecast:.0f} % (now {100 * (motion.now or 0.0):.0f} %)."

@@ -65,7 +65,7 @@ def _now(account: Account) -> Section:
     if account.sentence:
         blocks.append(Paragraph(account.sentence, "lead"))
     blocks += [Paragraph(text, "warning") for text in account.actions]
-    if account.pending is not None and account.state is not State.SETTLED:
+    if account.pending is not None and account.state not in (State.SETTLED, State.PLANNED):
         blocks.append(Paragraph(f"Next: {account.pending.purpose}, {account.pending.seconds:.0f} s."))
     blocks.append(
         Facts(

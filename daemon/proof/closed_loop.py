@@ -21,11 +21,12 @@ import msgspec
 import numpy as np
 
 from daemon.errors import SealBrokenError
-from daemon.investigate.account import Account, Motion, Recorded, Step
+from daemon.investigate.account import Account, Motion, Recorded, Step, read_account
 from daemon.investigate.loop import FIRST_PERIODS, SECOND_PERIODS, Drive, Investigation
 from daemon.investigate.states import State
+from daemon.investigate.story import write_story
 from daemon.motion.preparation import check_table
-from daemon.proof.prove import LineProcess
+from daemon.proof.prove import LineProcess, page_name
 from identification.excitation import (
     Trajectory,
     default_trajectory,
@@ -104,14 +105,27 @@ class _RequestDriver:
 
 
 def prove_closed_loop(
-    seed: int, indices: Sequence[int], scratch: Path, *, tell: Tell, arms: Sequence[Arm] = ARMS
+    seed: int,
+    indices: Sequence[int],
+    scratch: Path,
+    *,
+    tell: Tell,
+    arms: Sequence[Arm] = ARMS,
+    pages: Path | None = None,
 ) -> list[LoopCase]:
-    """Investigate cases of a seed. scratch: folder for what is recorded. Raises SealBrokenError, ProofProcessError."""
+    """Investigate cases of a seed. scratch: folder for what is recorded. pages: folder that keeps each case's story.
+
+    Raises SealBrokenError, ProofProcessError.
+    """
     cases = []
     with contextlib.closing(LineProcess(("-m", "fixtures.cases", "--serve-requests", "--seed", str(seed)))) as robot:
         for index in indices:
             folder = scratch / f"case-{index:03d}"
             cases.append(_one_case(robot, seed, index, folder, arms, tell))
+            account = read_account(folder / "chosen")
+            if pages is not None and account is not None:
+                pages.mkdir(parents=True, exist_ok=True)
+                shutil.move(write_story(folder / "chosen", account), pages / page_name(index))
             shutil.rmtree(folder)
     return cases
 
