@@ -9,6 +9,7 @@ from identification.recordings.recording import Recording
 from identification.report.document import Block, Facts, Heading, Paragraph, Section
 from identification.report.link import link_facts, link_sentence, read_loop_report
 from identification.report.numbers import rounded
+from identification.robots.installation import ON_THE_FLOOR, Installation
 
 __all__ = ["recording_section"]
 
@@ -27,11 +28,21 @@ _METADATA = (
 )
 
 
-def recording_section(recordings: Sequence[Recording], heldout: Sequence[Recording]) -> Section | None:
-    """One part per recording, the held-out ones last and named as such; None without recordings."""
+def recording_section(
+    recordings: Sequence[Recording], heldout: Sequence[Recording], stand: Installation = ON_THE_FLOOR
+) -> Section | None:
+    """One part per recording, the held-out ones last and named as such; None without recordings.
+
+    stand: how the arm stood as the results count it; said where that is not free on a floor.
+    """
     if not recordings and not heldout:
         return None
     blocks: list[Block] = []
+    if stand != ON_THE_FLOOR:
+        gravity = ", ".join(rounded(value) for value in stand.gravity)
+        held = ", ".join(f"{name} at {rounded(place)}" for name, place in stand.locked_joints)
+        held = f" Joints held: {held}." if held else ""
+        blocks.append(Paragraph(f"How the arm stood: gravity is ({gravity}) m/s² in the frame of the base.{held}"))
     for recording in recordings:
         blocks += _part(recording, "")
     for recording in heldout:

@@ -30,6 +30,7 @@ from identification.report.set_up_section import set_up_section
 from identification.report.stretches import Stretch, stretches_of_diagnosis, stretches_of_fit
 from identification.report.units import in_units_of_joints
 from identification.robots import RobotModel
+from identification.robots.installation import ON_THE_FLOOR
 
 __all__ = ["build_document", "write_report"]
 
@@ -72,7 +73,8 @@ def build_document(
     if diagnosis is not None:
         sections.append(set_up_section(diagnosis.audit, set_up, between=diagnosis.model_comparison is None))
         sections += [comparison_section(diagnosis.model_comparison), *diagnosis_sections(diagnosis)]
-    sections += [recording_section(recordings, heldout), excitation_section(stretches, robot)]
+    stand = ON_THE_FLOOR if robot is None else robot.installation
+    sections += [recording_section(recordings, heldout, stand), excitation_section(stretches, robot)]
     if model.get("base_parameters"):
         sections += [rms_section(model, validation), residual_section(stretches, what), parameter_section(model)]
         sections.append(feasibility_section(model, answer))

@@ -17,7 +17,8 @@ from identification.recordings import Finding, ImportReport, RecordingSource
 from identification.report import build_document, write_report
 from identification.report.document import Paragraph
 from identification.report.fit_verdict import fit_verdict
-from identification.robots import RobotModel
+from identification.report.recording_section import recording_section
+from identification.robots import Installation, RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
 EVIL = """</td></style><script>alert("x")</script><img src=http://evil.example/x onerror=alert(1)>'"&$\\frac{"""
@@ -187,6 +188,24 @@ def test_no_page_says_that_bodies_are_real_and_are_not(fit: FitResult, consisten
     assert ("a body that can exist" in told) is consistent
     assert ("no distribution of positive mass" in told) is not consistent
     assert "real bodies" not in told
+
+
+@pytest.mark.parametrize(
+    ("stand", "words"),
+    [
+        (Installation(), ""),
+        (Installation((9.81, 0.0, 0.0)), "How the arm stood: gravity is (9.81, 0, 0) m/s² in the frame of the base."),
+        (Installation(locked_joints=(("finger", 0.04),)), "Joints held: finger at 0.0400."),
+    ],
+)
+def test_the_page_says_how_an_arm_stood_that_is_not_free_on_a_floor(
+    fit: FitResult, stand: Installation, words: str
+) -> None:
+    told = recording_section(fit.recordings, (), stand)
+    assert told is not None
+    first = told.blocks[0]
+    assert isinstance(first, Paragraph) is bool(words)
+    assert not isinstance(first, Paragraph) or words in first.text
 
 
 def test_unknown_parameters_are_named_first(fit: FitResult) -> None:

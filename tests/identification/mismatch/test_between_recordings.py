@@ -71,6 +71,10 @@ def test_a_load_on_the_held_out_run_alone_is_a_difference_between_the_recordings
     assert low < MASS < high
     # Two runs that are both called recording.mcap: the sentence has to say against which.
     assert "bare/recording.mcap" in load.sentence
+    # What these rows cannot tell from it, in words and not as names of effects.
+    assert "or as likely" in load.sentence
+    assert "a load on link 6" in load.sentence
+    assert "_" not in load.sentence
     assert "stands above" in verdict_lines(diagnosis)[-1]
     assert "`iiwa-ident payload`" in verdict_lines(diagnosis)[-1]
     assert "held-out recordings" in verdict_sentence(diagnosis)
