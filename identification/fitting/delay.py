@@ -120,7 +120,8 @@ def _solve(
 
 def torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
     """(S, n) Nm/s, time derivative of the modelled torque."""
-    torque = regressor.matrix(signals.position, signals.velocity, signals.acceleration) @ values
+    columns = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
+    torque = np.column_stack([values[used] @ packed for packed, used in columns])
     if signals.pipeline == "aperiodic":
         return np.asarray(np.gradient(torque, _step(signals), axis=0), dtype=np.float64)
     return wrapped_central_difference(torque, _step(signals))

@@ -108,15 +108,14 @@ def test_a_command_takes_a_recording_in_any_form(home: Path, form: str, command:
     assert run("-q", *command_line(command, home, form, tmp_path)) in (0, 1)
 
 
-@pytest.mark.parametrize("form", ["csv", "database folder", "run folder"])
 @pytest.mark.parametrize(
-    "command",
+    ("form", "command"),
     [
-        "batch fit A B --robot ARM --jobs 1 --out OUT",
-        "diagnose A --heldout B --robot ARM --out OUT",
-        "diagnose A --model MODEL --out OUT",
+        ("database folder", "batch fit A B --robot ARM --jobs 1 --out OUT"),
+        ("run folder", "diagnose A --heldout B --robot ARM --out OUT"),
+        ("csv", "diagnose A --model MODEL --out OUT"),
     ],
 )
 def test_a_long_command_takes_a_recording_in_any_form(home: Path, form: str, command: str, tmp_path: Path) -> None:
-    """All commands share one reader; these forms are the three ways into it."""
+    """All commands share one reader, and these forms are the three ways into it."""
     assert run("-q", *command_line(command, home, form, tmp_path)) == 0
