@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio
 import pytest
 
 from identification.estimators.physical import PhysicalParameters
@@ -86,3 +87,18 @@ def test_the_width_of_friction_stands_beside_an_export_where_no_noise_was_measur
     exported = export_model(_written(fit, tmp_path), tmp_path / "arm.urdf", "urdf")
     assert exported.effects_path is not None
     assert '"velocity": 0.02' in exported.effects_path.read_text(encoding="utf-8")
+
+
+def test_a_model_says_in_which_frame_gravity_is_given(periodic: Recording, iiwa14: RobotModel, tmp_path: Path) -> None:
+    """A positive turn of joint 2 leans the arm towards +x of base_link, which is −x of the paper's base."""
+    recording, robot = read_recording(RECORDINGS / "emps_a.npz"), load_robot(RECORDINGS / "emps.urdf")
+    said = [
+        _written(fit_recordings([item], arm, FitSettings(physical=False)), tmp_path).data["provenance"]["robot"]
+        for item, arm in ((periodic, iiwa14), (recording, robot))
+    ]
+    assert [item["gravity_m_s2"] for item in said] == [[0.0, 0.0, -9.81]] * 2
+    assert "turned by 180° about z" in said[0]["gravity_frame"]
+    assert said[1]["gravity_frame"] == "base frame of the robot's file"
+    model, data = iiwa14.pinocchio_model, iiwa14.pinocchio_model.createData()
+    pinocchio.forwardKinematics(model, data, np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert data.oMi[7].translation[0] < -0.3
