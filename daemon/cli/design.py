@@ -213,8 +213,7 @@ def design(
                     f"σ of the base parameters is {np.median(grown):.2f} times as large (median), of "
                     f"{predicted.names[most]} {grown[most]:.2f} times."
                 )
-        for key, value in result.verified.items():
-            data(f"  {key}: {value}")
+        show_verified(result.verified)
         if for_payload:
             _show_weighed(weighed, motion.period_s)
         else:
@@ -238,6 +237,20 @@ def _weighed(
         name: payload_deviations(model, each, motion.period_s, noise_nm=noise_nm, colour=colour)
         for name, each in motions.items()
     }
+
+
+def show_verified(verified: dict[str, Any]) -> None:
+    """How near each joint comes to its limits at 1 kHz, in percent, and whether all of them are kept."""
+    titles = {"position": "position", "velocity": "velocity", "acceleration": "acceleration", "torque": "torque",
+              "paper": "(14) of the paper"}  # fmt: skip
+    joints = [f"joint {number}" for number in range(1, len(verified["paper"]) + 1)]
+    table = Table(f"% of the limit, {verified['samples']} rows", *joints)
+    for name, title in titles.items():
+        if name in verified:
+            table.add_row(title, *(f"{100.0 * value:.1f}" for value in verified[name]))
+    show_table(table)
+    true, paper = ("yes" if verified[f"within_{which}limits"] else "NO" for which in ("", "paper_"))
+    data(f"Inside the limits of the arm: {true}; inside (14) of the paper, at rest at the start: {paper}.")
 
 
 def _show_weighed(weighed: dict[str, PayloadDeviations], seconds: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.cli import main
+from daemon.cli.design import show_verified
 from identification.excitation import load_trajectory
 
 SLED = """<robot name="sled"><link name="base"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="3"/>
@@ -49,3 +50,18 @@ def test_what_cannot_be_designed_ends_with_the_contracts_exit_code(
     assert run(["design", *words, "--out", str(tmp_path / "m.json")]) == code
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "m.json").exists()
+
+
+def test_how_near_the_limits_a_design_comes_is_a_table_in_percent(capsys: pytest.CaptureFixture[str]) -> None:
+    """Sixteen digits a joint in brackets nobody reads."""
+    show_verified({
+        "samples": 10000, "position": [0.18527857958339633, 0.35], "velocity": [0.9844099301785912, 0.94],
+        "acceleration": [0.48, 0.33], "rest_at_start": [1.7e-16, 0.0, 0.0], "paper": [0.9999999999989999, 1.2],
+        "within_limits": True, "within_paper_limits": False,
+    })  # fmt: skip
+    lines = capsys.readouterr().out.splitlines()
+    assert "10000 rows" in lines[0]
+    assert lines[2].split() == ["position", "18.5", "35.0"]
+    assert lines[3].split() == ["velocity", "98.4", "94.0"]
+    assert lines[5].split()[-2:] == ["100.0", "120.0"]
+    assert lines[-1] == "Inside the limits of the arm: yes; inside (14) of the paper, at rest at the start: NO."
