@@ -38,9 +38,7 @@ LEAD_IN = 1000
 MASS_SHARE, CENTER_M = 0.01, 0.002
 
 
-def record(
-    file: Path, trajectory: Trajectory, seconds: float, load_kg_m: tuple[float, ...], seed: int
-) -> Recording:
+def record(file: Path, trajectory: Trajectory, seconds: float, load_kg_m: tuple[float, ...], seed: int) -> Recording:
     """A run of the fake robot's plant with a load on its flange, at its 1 kHz; written to `file` as .npz."""
     samples = round(1e3 * seconds)
     time_s = 1e-3 * np.arange(-LEAD_IN, samples)

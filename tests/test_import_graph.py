@@ -81,6 +81,20 @@ def test_rooms_import_from_below_only(package: str) -> None:
                 assert parts[1] in allowed, f"{file.relative_to(REPOSITORY)} imports {name}"
 
 
+DIAGNOSIS = REPOSITORY / "identification" / "mismatch"
+DIAGNOSIS_ROOMS = ("effects", "data_faults", "search", "changes", "unknown", "names")
+"""From the bottom up. The files beside the rooms hold what all of these share, and what joins them."""
+
+
+def test_rooms_of_the_diagnosis_import_from_below_only() -> None:
+    assert {folder.name for folder in DIAGNOSIS.iterdir() if (folder / "__init__.py").is_file()} == set(DIAGNOSIS_ROOMS)
+    for place, room in enumerate(DIAGNOSIS_ROOMS):
+        above = tuple(f"identification.mismatch.{other}." for other in DIAGNOSIS_ROOMS[place + 1 :])
+        for file in (DIAGNOSIS / room).rglob("*.py"):
+            wrong = [name for name in modules_imported_by(file) if f"{name}.".startswith(above)]
+            assert not wrong, f"{file.relative_to(REPOSITORY)} imports {wrong}"
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_two_modules_need_each_other(package: str) -> None:
     """No circle of any length, also none hidden by an import inside a function or under TYPE_CHECKING."""

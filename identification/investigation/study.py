@@ -19,7 +19,7 @@ from identification.investigation.added_mass import AddedMass, without_added_mas
 from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form
 from identification.investigation.hypotheses import Assessment, assess, describe
-from identification.mismatch.data_faults import stops_physics
+from identification.mismatch.data_faults.faults import stops_physics
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place

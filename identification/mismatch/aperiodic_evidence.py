@@ -25,8 +25,8 @@ from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import BAND_EDGES_HZ
+from identification.mismatch.search.trial import Trial
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import (

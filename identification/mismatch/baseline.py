@@ -19,9 +19,9 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.json_values import json_list, number
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
+from identification.mismatch.search.extension import Extension
 from identification.model_file import Model
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model

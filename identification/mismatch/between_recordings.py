@@ -17,7 +17,7 @@ from scipy.stats import f as fisher
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.findings import HeldOutMisfit
 from identification.mismatch.heldout import Residuals, misfit_probability
-from identification.mismatch.localisation import best_curve
+from identification.mismatch.names.localisation import best_curve
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.independence import recording_names
 

@@ -10,34 +10,34 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
 from identification.mismatch.aperiodic_evidence import weighted_by_joint
-from identification.mismatch.between_periods import Change
-from identification.mismatch.earned import earned
+from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
-from identification.mismatch.extension import Extension, uncertainties
 from identification.mismatch.findings import Alternative, Curve, Finding
 from identification.mismatch.heldout import Residuals, share_removed, worsened
-from identification.mismatch.library import Library
-from identification.mismatch.localisation import best_curve, where_of
-from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, off
-from identification.mismatch.pruning import removal_scores
-from identification.mismatch.refinement import Member
-from identification.mismatch.screening import build_screen
-from identification.mismatch.search import SearchResult
-from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.tenable import recurring, tenable
-from identification.mismatch.trial import Trial, fitted
-from identification.mismatch.unknown.dependence import Dependence
-from identification.mismatch.verdict import (
+from identification.mismatch.names.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
+from identification.mismatch.names.earned import earned
+from identification.mismatch.names.localisation import best_curve, where_of
+from identification.mismatch.names.tenable import recurring, tenable
+from identification.mismatch.names.verdict import (
     alternatives,
     joints_of,
     significance,
 )
+from identification.mismatch.prepared import Prepared
+from identification.mismatch.problem import Problem, off
+from identification.mismatch.search.extension import Extension, uncertainties
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.pruning import removal_scores
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.screening import build_screen
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]

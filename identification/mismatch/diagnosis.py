@@ -23,13 +23,18 @@ from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
 from identification.mismatch.baseline import baseline_values, compare_model
+from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
+from identification.mismatch.changes.repeated_contact import (
+    beside,
+    excess_per_row,
+    explains_better,
+    find_repeated_contact,
+    misfit_elsewhere,
+)
 from identification.mismatch.claims import Claims, build_findings
-from identification.mismatch.data_faults import find_data_faults, stops_physics, upright
-from identification.mismatch.drift_in_mean import find_drift_in_mean
-from identification.mismatch.extension import extend
+from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
 from identification.mismatch.findings import Baseline, Diagnosis, Verdict
 from identification.mismatch.heldout import Residuals
-from identification.mismatch.library import Library
 from identification.mismatch.nominal import (
     Nominal,
     after_findings,
@@ -41,19 +46,14 @@ from identification.mismatch.nominal import (
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
-from identification.mismatch.repeated_contact import (
-    beside,
-    excess_per_row,
-    explains_better,
-    find_repeated_contact,
-    misfit_elsewhere,
-)
-from identification.mismatch.search import SearchResult, search
+from identification.mismatch.search.extension import extend
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.search import SearchResult, search
+from identification.mismatch.search.trial import Trial
+from identification.mismatch.search.trial import fitted as fitted_again
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
-from identification.mismatch.trial import Trial
-from identification.mismatch.trial import fitted as fitted_again
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.judgement import judge

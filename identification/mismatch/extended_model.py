@@ -12,7 +12,7 @@ import numpy as np
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import IdentificationError
-from identification.mismatch.data_faults import upright
+from identification.mismatch.data_faults.faults import upright
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import without_effects
 from identification.recording_fit import FitSettings, Progress, fit_recordings

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from scipy.stats import f as fisher
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension, nominal_factor, predicted, prediction_scatter
-from identification.mismatch.library import Library
 from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
+from identification.mismatch.search.extension import Extension, nominal_factor, predicted, prediction_scatter
+from identification.mismatch.search.library import Library
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

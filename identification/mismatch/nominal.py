@@ -17,10 +17,10 @@ from identification.fitting.nominal_model import notes_on_model
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import extend
 from identification.mismatch.heldout import Residuals, residuals
-from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
+from identification.mismatch.search.extension import extend
+from identification.mismatch.search.library import Library
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording

@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.fitting.settings import Split
-from identification.mismatch.between_periods import Change, find_between_periods
+from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
-from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.reduction import build_evidence
+from identification.mismatch.search.library import Library
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel

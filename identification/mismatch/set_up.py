@@ -22,7 +22,7 @@ from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
-from identification.mismatch.data_faults import find_data_faults
+from identification.mismatch.data_faults.faults import find_data_faults
 from identification.mismatch.findings import DataFault
 from identification.mismatch.nominal import nominal_fit
 from identification.mismatch.settings import DiagnosisSettings

@@ -27,14 +27,14 @@ from identification.mismatch.findings import (
     TimeSeries,
 )
 from identification.mismatch.heldout import Residuals
-from identification.mismatch.library import EffectRows, Library
-from identification.mismatch.localisation import best_curve
+from identification.mismatch.names.localisation import best_curve
+from identification.mismatch.names.verdict import much_is_left, verdict_of
 from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
-from identification.mismatch.search import SearchResult
+from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.verdict import much_is_left, verdict_of
 
 FloatArray = npt.NDArray[np.float64]
 

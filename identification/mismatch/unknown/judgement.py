@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from identification.mismatch.claims import Claims
 from identification.mismatch.effects import EFFECTS
-from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
-from identification.mismatch.refinement import Member, gram_of
-from identification.mismatch.screening import group_gain
+from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.refinement import Member, gram_of
+from identification.mismatch.search.screening import group_gain
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES, Along
 from identification.mismatch.unknown.dependence import Dependence, weighed

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from identification.mismatch.library import EffectRows, Library
-from identification.mismatch.refinement import Member
+from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.rows import Rows

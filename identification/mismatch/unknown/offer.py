@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.extension import OPEN, Extension, nominal_factor, predicted
 from identification.mismatch.heldout import Residuals, worsened
-from identification.mismatch.library import Library
 from identification.mismatch.prepared import Prepared
+from identification.mismatch.search.extension import OPEN, Extension, nominal_factor, predicted
+from identification.mismatch.search.library import Library
 from identification.mismatch.unknown.claims import Offer
 from identification.mismatch.unknown.evidence import Hyper
 from identification.mismatch.unknown.left import Left

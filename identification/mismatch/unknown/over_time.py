@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.between_periods import Change, find_between_periods
-from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.changes.between_periods import Change, find_between_periods
+from identification.mismatch.changes.contrasts import Contrasts
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect

@@ -15,8 +15,8 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
-from identification.mismatch import between_periods
-from identification.mismatch.between_periods import Change, find_between_periods
+from identification.mismatch.changes import between_periods
+from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from identification.mismatch.change_uncertainty import shape_covariance
+from identification.mismatch.changes.uncertainty import shape_covariance
 from identification.mismatch.effects.base import Place, ShapeParameter
 
 PERIODS = np.arange(16.0) * 10.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from identification.mismatch.heldout import Residuals
+from identification.mismatch.names.verdict import contrast, contrast_by_band
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.verdict import contrast, contrast_by_band
 
 
 def _residuals(rows: np.ndarray) -> Residuals:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.mismatch.detection import band_power, inflation_of, whittle
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.problem import build_problem
+from identification.mismatch.search.detection import band_power, inflation_of, whittle
 
 
 def test_noise_alone_is_consistent_with_noise(clean_evidence: Evidence) -> None:

@@ -10,15 +10,15 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
-from identification.mismatch.between_periods import Change, find_between_periods
-from identification.mismatch.drift_in_mean import find_drift_in_mean
+from identification.mismatch.changes.between_periods import Change, find_between_periods
+from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.effects.torque_offset import TorqueOffset
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.library import Library
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.search import search
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.search import search
 from identification.mismatch.settings import DiagnosisSettings
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of

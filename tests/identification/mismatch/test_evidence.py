@@ -16,8 +16,8 @@ from identification.mismatch.evidence import (
     rows_to_time,
     with_parameters,
 )
-from identification.mismatch.extension import extend
 from identification.mismatch.problem import build_problem
+from identification.mismatch.search.extension import extend
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
 from identification.signals.standstill import STANDSTILL_VELOCITY

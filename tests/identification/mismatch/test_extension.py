@@ -10,11 +10,11 @@ import pytest
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import extend, uncertainties
-from identification.mismatch.library import Library
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem, build_problem, off, spread
-from identification.mismatch.refinement import Member
+from identification.mismatch.search.extension import extend, uncertainties
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member
 
 BOUNDS = (1.0, 3.0)
 

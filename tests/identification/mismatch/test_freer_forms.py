@@ -17,13 +17,13 @@ from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import fit_parameters, with_parameters
-from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.problem import Problem, build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.refinement import Member, estimate_of, gram_of, other_kinds, refine, score_of
-from identification.mismatch.screening import group_gain
+from identification.mismatch.search.library import COEFFICIENT_COST, Library
+from identification.mismatch.search.refinement import Member, estimate_of, gram_of, other_kinds, refine, score_of
+from identification.mismatch.search.screening import group_gain
+from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import fitted
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import no_effect, on_joint, record
 

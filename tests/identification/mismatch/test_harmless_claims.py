@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from identification.mismatch import claims
-from identification.mismatch.abstention import Check, Examination
 from identification.mismatch.claims import harmless
 from identification.mismatch.heldout import Residuals
-from identification.mismatch.trial import Trial
+from identification.mismatch.names.abstention import Check, Examination
+from identification.mismatch.search.trial import Trial
 
 ROWS = 200
 

@@ -11,7 +11,7 @@ import pytest
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.cable_spring import CableSpring
 from identification.mismatch.effects.torque_ripple import TorqueRipple
-from identification.mismatch.localisation import best_curve, where_of
+from identification.mismatch.names.localisation import best_curve, where_of
 
 ORDER, AMPLITUDE = 160.0, 0.5
 

@@ -11,20 +11,20 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
-from identification.mismatch.between_periods import Change
-from identification.mismatch.evidence import Evidence
-from identification.mismatch.library import Library
-from identification.mismatch.problem import Problem, build_problem
-from identification.mismatch.reduction import build_evidence
-from identification.mismatch.repeated_contact import (
+from identification.mismatch.changes.between_periods import Change
+from identification.mismatch.changes.repeated_contact import (
     excess_per_row,
     explains_better,
     find_repeated_contact,
     misfit_elsewhere,
 )
-from identification.mismatch.search import SearchResult
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.problem import Problem, build_problem
+from identification.mismatch.reduction import build_evidence
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial, fitted
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, Hidden, no_effect, on_joint, record
 

@@ -11,23 +11,23 @@ import pinocchio
 import pytest
 
 from identification.estimators.physical import PhysicalParameters
-from identification.mismatch.abstention import Examination, Rows
-from identification.mismatch.between_periods import Change, beside_flagged_rows, find_between_periods
-from identification.mismatch.changes import LONGEST_TIME, find_thermal
-from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.changes.between_periods import Change, beside_flagged_rows, find_between_periods
+from identification.mismatch.changes.contrasts import Contrasts
+from identification.mismatch.changes.lasting import LONGEST_TIME, find_thermal
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, worsened
-from identification.mismatch.library import Library
+from identification.mismatch.names.abstention import Examination, Rows
+from identification.mismatch.names.tenable import recurring, tenable
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.refinement import Member
-from identification.mismatch.search import SearchResult
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.tenable import recurring, tenable
-from identification.mismatch.trial import fitted
 from identification.recordings import Finding
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, on_joint, record

@@ -8,14 +8,14 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.library import Library
+from identification.mismatch.names.verdict import alternatives
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.refinement import Member
-from identification.mismatch.screening import build_screen
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.screening import build_screen
+from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import fitted
-from identification.mismatch.verdict import alternatives
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record

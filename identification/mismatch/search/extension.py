@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import ShapeParameter
-from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, spread
-from identification.mismatch.refinement import Member
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member
 
 FloatArray = npt.NDArray[np.float64]
 

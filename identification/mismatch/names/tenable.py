@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.abstention import Examination, name_of, torque_of, without
-from identification.mismatch.between_periods import Change
+from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate
-from identification.mismatch.extension import uncertainties
+from identification.mismatch.names.abstention import Examination, name_of, torque_of, without
 from identification.mismatch.problem import off
-from identification.mismatch.trial import Trial, fitted
+from identification.mismatch.search.extension import uncertainties
+from identification.mismatch.search.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 

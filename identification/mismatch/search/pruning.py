@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from identification.mismatch.problem import Problem
-from identification.mismatch.refinement import score_of
+from identification.mismatch.search.refinement import score_of
+from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial, fitted
 
 
 def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.change_candidates import Candidate
-from identification.mismatch.change_uncertainty import shape_covariance
-from identification.mismatch.changes import find_drift, find_payload, find_thermal
-from identification.mismatch.contact_search import find_contact, without_outliers
-from identification.mismatch.contrasts import Contrasts, Fit, solve
+from identification.mismatch.changes.candidates import Candidate
+from identification.mismatch.changes.contact_search import find_contact, without_outliers
+from identification.mismatch.changes.contrasts import Contrasts, Fit, solve
+from identification.mismatch.changes.lasting import find_drift, find_payload, find_thermal
+from identification.mismatch.changes.uncertainty import shape_covariance
 from identification.mismatch.effects.base import CERTAIN, Effect, Estimate, Place
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.effects.payload_change import PayloadChange

@@ -14,17 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import Extension, extend
 from identification.mismatch.heldout import Residuals, residuals, worsened
-from identification.mismatch.library import Library
-from identification.mismatch.problem import Problem
-from identification.mismatch.pruning import removal_score, removal_scores
-from identification.mismatch.refinement import Member, other_kinds, score_of
-from identification.mismatch.screening import build_screen
-from identification.mismatch.search import SearchResult
-from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial, fitted
-from identification.mismatch.verdict import (
+from identification.mismatch.names.verdict import (
     contains,
     contrast,
     contrast_by_band,
@@ -32,6 +23,15 @@ from identification.mismatch.verdict import (
     joints_of,
     rivals,
 )
+from identification.mismatch.problem import Problem
+from identification.mismatch.search.extension import Extension, extend
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.pruning import removal_score, removal_scores
+from identification.mismatch.search.refinement import Member, other_kinds, score_of
+from identification.mismatch.search.screening import build_screen
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.settings import DiagnosisSettings
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.change_candidates import (
+from identification.mismatch.changes.candidates import (
     Candidate,
     best_moment,
     dispersion_of,
@@ -23,7 +23,7 @@ from identification.mismatch.change_candidates import (
     refined_shape,
     spread_of,
 )
-from identification.mismatch.contrasts import Contrasts, Fit, solve
+from identification.mismatch.changes.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
-from identification.mismatch.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
 from identification.mismatch.problem import Problem
-from identification.mismatch.screening import coefficients_of, group_gain
+from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
+from identification.mismatch.search.screening import coefficients_of, group_gain
 
 FloatArray = npt.NDArray[np.float64]
 

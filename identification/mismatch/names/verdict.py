@@ -16,12 +16,12 @@ from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative, Baseline, Finding, Verdict
 from identification.mismatch.heldout import Residuals, share_removed
-from identification.mismatch.library import Library
 from identification.mismatch.problem import Problem, off, orthonormal, spread
-from identification.mismatch.refinement import Member, refine, score_of
-from identification.mismatch.screening import Screen, gains, narrowed
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member, refine, score_of
+from identification.mismatch.search.screening import Screen, gains, narrowed
+from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.library import COEFFICIENT_COST, EffectRows, cost_of_choice
 from identification.mismatch.problem import SWALLOWED, Problem
+from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, cost_of_choice
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

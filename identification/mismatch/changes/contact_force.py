@@ -16,10 +16,9 @@ import numpy.typing as npt
 from scipy.optimize import Bounds, minimize
 from scipy.stats import chi2
 
-from identification.mismatch.change_candidates import dispersion_of
-from identification.mismatch.contrasts import solve
-from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
-from identification.mismatch.push_fit import (
+from identification.mismatch.changes.candidates import dispersion_of
+from identification.mismatch.changes.contrasts import solve
+from identification.mismatch.changes.push_fit import (
     POINT,
     SHORTEST_S,
     Ground,
@@ -30,6 +29,7 @@ from identification.mismatch.push_fit import (
     size_of_force,
     unit_torque,
 )
+from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from scipy.signal import savgol_filter
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.torque_sign import positive_quantities
+from identification.mismatch.data_faults.rival_physics import beside, rival_physics
+from identification.mismatch.data_faults.torque_signs import SignRows, likeliest_signs
 from identification.mismatch.findings import DataFault
-from identification.mismatch.rival_physics import beside, rival_physics
-from identification.mismatch.torque_signs import SignRows, likeliest_signs
 from identification.recordings.clock import WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.detection import BandPower, band_power, located, whittle
-from identification.mismatch.library import COEFFICIENT_COST, cost_of_choice
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
-from identification.mismatch.refinement import Member
+from identification.mismatch.search.detection import BandPower, band_power, located, whittle
+from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
+from identification.mismatch.search.refinement import Member
 from identification.mismatch.settings import DiagnosisSettings
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Place
-from identification.mismatch.extension import extend
-from identification.mismatch.library import EffectRows, Library
 from identification.mismatch.problem import Problem, extended, off, spread
-from identification.mismatch.pruning import pruned
-from identification.mismatch.refinement import Member, gram_of, refine, score_of
-from identification.mismatch.screening import Screen, build_screen, gains, narrowed, narrowed_each
+from identification.mismatch.search.extension import extend
+from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.pruning import pruned
+from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
+from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed, narrowed_each
+from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.detection import BandPower
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Curve
 from identification.mismatch.problem import BAND_EDGES_HZ
+from identification.mismatch.search.detection import BandPower
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from identification.mismatch.abstention import Examination, name_of, without
-from identification.mismatch.trial import Trial, fitted
+from identification.mismatch.names.abstention import Examination, name_of, without
+from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Standing, named, standings
 from identification.mismatch.unknown.settings import ClaimSettings

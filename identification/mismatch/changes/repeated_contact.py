@@ -14,22 +14,22 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from identification.mismatch.between_periods import Change
-from identification.mismatch.contact_force import REFINED, locate_push, refine_window, seen_on, window_gain
-from identification.mismatch.contact_search import CONTACT_DURATIONS_S, turned
+from identification.mismatch.changes.between_periods import Change
+from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, seen_on, window_gain
+from identification.mismatch.changes.contact_search import CONTACT_DURATIONS_S, turned
+from identification.mismatch.changes.push_fit import WINDOW, IntArray
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.extension import extend
 from identification.mismatch.heldout import misfit_probability, residuals
-from identification.mismatch.library import COEFFICIENT_COST, Library
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem
-from identification.mismatch.push_fit import WINDOW, IntArray
-from identification.mismatch.refinement import Member
-from identification.mismatch.search import SearchResult
+from identification.mismatch.search.extension import extend
+from identification.mismatch.search.library import COEFFICIENT_COST, Library
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import fitted
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]

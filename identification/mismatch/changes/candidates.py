@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
-from identification.mismatch.contrasts import Contrasts, Fit
+from identification.mismatch.changes.contrasts import Contrasts, Fit
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.change_candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
-from identification.mismatch.contact_force import REFINED, locate_push, refine_window, window_gain
-from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.changes.candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
+from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, window_gain
+from identification.mismatch.changes.contrasts import Contrasts
+from identification.mismatch.changes.push_fit import WINDOW, IntArray
 from identification.mismatch.effects.external_contact import ExternalContact
-from identification.mismatch.push_fit import WINDOW, IntArray
 from identification.signals.periodic import to_lines
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.contrasts import Contrasts, solve
+from identification.mismatch.changes.contrasts import Contrasts, solve
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 

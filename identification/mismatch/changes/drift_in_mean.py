@@ -14,18 +14,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from identification.mismatch.between_periods import FEWEST_PERIODS, Change, with_level
-from identification.mismatch.changes import COURSE_MARGIN
-from identification.mismatch.contact_search import without_outliers
-from identification.mismatch.contrasts import Contrasts
+from identification.mismatch.changes.between_periods import FEWEST_PERIODS, Change, with_level
+from identification.mismatch.changes.contact_search import without_outliers
+from identification.mismatch.changes.contrasts import Contrasts
+from identification.mismatch.changes.lasting import COURSE_MARGIN
 from identification.mismatch.effects.base import Estimate, Place
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
 from identification.mismatch.problem import Problem, off
-from identification.mismatch.search import SearchResult
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.trial import fitted
 
 FloatArray = npt.NDArray[np.float64]
 
