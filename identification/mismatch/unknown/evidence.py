@@ -10,7 +10,7 @@ given groups. Not here: which groups (`selection`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -241,8 +241,3 @@ def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequenc
     factor = cholesky(scaled + 1e-12 * np.eye(own.size), lower=True, check_finite=False)
     half = solve_triangular(factor, now.weights[own] / root, lower=True, check_finite=False)
     return float(np.log(np.diag(factor)).sum() + 0.5 * (half @ half))
-
-
-def with_noise(hyper: Hyper, noise: FloatArray) -> Hyper:
-    """The same with other noise."""
-    return replace(hyper, noise=noise)
