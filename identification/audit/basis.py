@@ -29,6 +29,7 @@ All joints together tell, so that one joint stands out after an hour, and none w
 """
 
 
+_BENDS_SLOPES = ("gravity", "zeros", "ratio")
 LEVEL_RAD = np.radians(0.3)
 """A base stands as is said within this; cables and hoses pull on an arm as much as such a lean."""
 
@@ -57,7 +58,10 @@ class Explanation:
 
     def read(self, set_up: SetUp) -> Explanation:
         """With the data read otherwise; the noise stays what it was."""
-        return replace(self, comparison=compare(self.comparison.geometry, set_up, self.model))
+        old = self.comparison.set_up
+        as_before = all(np.array_equal(getattr(old, name), getattr(set_up, name)) for name in _BENDS_SLOPES)
+        slopes = self.comparison.slopes if as_before else None
+        return replace(self, comparison=compare(self.comparison.geometry, set_up, self.model, slopes))
 
     def noise_with(self, item: Hypothesis | None = None) -> Noise:
         """The noise of the set-up as it is read now, where the scales of one hypothesis are free besides."""

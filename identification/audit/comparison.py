@@ -47,13 +47,16 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """A set-up's products. geometry: of its rows. expected: (R, n) Nm the model's torque; target: what is left."""
+    """A set-up's products. geometry: of its rows. expected: (R, n) Nm the model's torque; target: what is left. slopes:
+    (R, n, n) Nm/rad, how the expected torque changes with the zero of each joint.
+    """
 
     set_up: SetUp
     geometry: Geometry
     products: Products
     expected: FloatArray
     target: FloatArray
+    slopes: FloatArray
 
 
 def torque_as_read(geometry: Geometry, set_up: SetUp) -> FloatArray:
@@ -80,12 +83,12 @@ def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatA
     )
     columns[..., layout.clock] = geometry.by_ratio(model.values, set_up.ratio)
     columns[..., layout.delay] = -set_up.signs * rate
-    columns[..., layout.zero :] = (
-        geometry.by_zero(model.values, set_up.gravity, set_up.ratio) if slopes is None else slopes
-    )
+    if slopes is None:
+        slopes = geometry.by_zero(model.values, set_up.gravity, set_up.ratio)
+    columns[..., layout.zero :] = slopes
     target = set_up.signs * torque - expected
     parts = [rows.block % PARTS == part for part in ALL]
-    return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target)
+    return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target, slopes)
 
 
 def noise_of(

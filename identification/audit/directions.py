@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry, across
 from identification.audit.columns import INERTIAL as _INERTIAL
-from identification.audit.evidence import Products, log_evidence, products_of
+from identification.audit.evidence import Products, between_parts, log_evidence, products_of
 
 __all__ = ["Directions", "sphere"]
 
@@ -108,8 +108,9 @@ class Directions:
         values = [evidence(point) for point in points]
         best, found = self._refined(evidence, points[int(np.argmax(values))])
         # Upside down a motion of little inertia looks nearly alike, and the grid is too wide to see which is better.
-        other, there = self._refined(evidence, -best)
-        return (size * best, found) if found > there else (size * other, there)
+        if evidence(-best) > found:
+            best, found = self._refined(evidence, -best)
+        return size * best, found
 
     @staticmethod
     def _refined(evidence: Callable[[FloatArray], float], start: FloatArray) -> tuple[FloatArray, float]:
@@ -151,9 +152,7 @@ class Directions:
 
         _, bend = curved(self.parts)
         covariance = np.linalg.inv(bend)
-        count = len(self.parts)
-        if count > 1:
+        if len(self.parts) > 1:
             slopes = np.array([curved([other for other in self.parts if other != part])[0] for part in self.parts])
-            moved = (slopes - slopes.mean(axis=0)) @ covariance
-            covariance = covariance + (count - 1) / count * moved.T @ moved
+            covariance = covariance + between_parts(slopes @ covariance)
         return float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))

@@ -13,8 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import t as student
 
-__all__ = ["Estimate", "Products", "log_evidence", "marginal", "posterior", "products_of", "repeated_rows"]
+__all__ = [
+    "Estimate",
+    "Products",
+    "between_parts",
+    "log_evidence",
+    "marginal",
+    "posterior",
+    "products_of",
+    "repeated_rows",
+]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -100,6 +110,17 @@ def log_evidence(gram: FloatArray, right: FloatArray, factor: FloatArray) -> flo
     root, lower = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
     seen = factor.T @ right
     return float(0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
+
+
+def between_parts(without: FloatArray) -> FloatArray:
+    """(k, k) covariance of values by their scatter (parts, k) where one part of the rows is left out at a time.
+
+    The jackknife's, as wide as Student's distribution of so many parts is beside the normal one.
+    """
+    count = len(without)
+    moved = without - without.mean(axis=0)
+    wider = float(student.ppf(0.975, count - 1)) / 1.96
+    return np.asarray(wider**2 * (count - 1) / count * moved.T @ moved)
 
 
 def repeated_rows(left: FloatArray, used: BoolArray, smallest: float = 0.05, longest: int = 60) -> FloatArray:

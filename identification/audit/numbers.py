@@ -14,13 +14,12 @@ import numpy.typing as npt
 
 from identification.audit.basis import Explanation
 from identification.audit.comparison import ALL, REPORT
+from identification.audit.evidence import between_parts
 from identification.audit.hypotheses import Hypothesis
 
-__all__ = ["FEW_PARTS", "Found", "found_numbers"]
+__all__ = ["Found", "found_numbers"]
 
 FloatArray = npt.NDArray[np.float64]
-FEW_PARTS = 2.365 / 1.96
-"""Student's factor of seven degrees of freedom over the normal one: the scatter is that of eight parts."""
 SCALE_WIDTH = 0.1
 """A torque sensor's scale differs by less than this between two runs; motor currents by a few per cent."""
 
@@ -45,8 +44,7 @@ def found_numbers(now: Explanation) -> list[Found]:
     expected = float((products.counts(REPORT) / noise.repeated).sum())
     birge = max(1.0, float(noise.weight @ now.reported()) / max(expected, 1.0))
     without = np.array([now.fitted([p for p in ALL if p != part]).values for part in ALL])
-    moved = without - without.mean(axis=0)
-    between = FEW_PARTS**2 * (len(ALL) - 1) / len(ALL) * moved.T @ moved
+    between = between_parts(without)
     scale = _scale_scatter(now)
     result, place = [], len(estimate.values) - sum(len(step.columns) for step in now.steps)
     for step in now.steps:

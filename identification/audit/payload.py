@@ -18,9 +18,8 @@ from scipy.spatial.transform import Rotation
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
 from identification.audit.difference import Number
-from identification.audit.evidence import Estimate, Products, posterior, products_of, repeated_rows
+from identification.audit.evidence import Estimate, Products, between_parts, posterior, products_of, repeated_rows
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
-from identification.audit.numbers import FEW_PARTS
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
 from identification.recordings.recording import Recording
@@ -76,9 +75,7 @@ def weigh(
     without_one = np.array(
         [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
     )
-    moved = without_one - without_one.mean(axis=0)
-    between = FEW_PARTS**2 * (len(ALL) - 1) / len(ALL) * moved.T @ moved
-    covariance = estimate.covariance[own, own] + between
+    covariance = estimate.covariance[own, own] + between_parts(without_one)
     values = estimate.values[own]
     if abs(values[0]) > width:
         raise EstimationError(

@@ -15,7 +15,12 @@ import numpy.typing as npt
 
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, sixth_order_difference
+from identification.signals.aperiodic import (
+    AperiodicSettings,
+    process_aperiodic,
+    sixth_order_difference,
+    zero_phase_low_pass,
+)
 from identification.signals.processed import ProcessedSignals
 
 __all__ = ["BLOCK_S", "COULOMB_VELOCITY", "Rows", "rows_of"]
@@ -39,11 +44,38 @@ _ARRAYS = ("position", "velocity", "acceleration", "direction", "torque", "torqu
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Smooth:
+    """The torque of one stretch in the band of the rows, before it is thinned. torque, rate: (S, n) Nm, Nm/s at every
+    sample, step_s apart. samples: (R,) which of them are rows.
+    """
+
+    torque: FloatArray
+    rate: FloatArray
+    step_s: float
+    samples: IntArray
+
+    @classmethod
+    def of(cls, piece: ProcessedSignals, low_pass_hz: float) -> Smooth:
+        """Of a stretch, filtered once; later or earlier torque is taken from it."""
+        step = float(piece.time[1] - piece.time[0])
+        torque = zero_phase_low_pass(piece.torque, step, low_pass_hz)
+        samples = np.round((piece.evaluation_time - piece.time[0]) / step).astype(np.int64)
+        return cls(torque, sixth_order_difference(torque, step), step, samples)
+
+    def after(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
+        """(R, n) torque and rate so much later than the rows: of the nearest sample, and from there by the rate."""
+        count = round(delay_s / self.step_s)
+        places = np.clip(self.samples + count, 0, len(self.torque) - 1)
+        rate = self.rate[places]
+        return self.torque[places] + (delay_s - count * self.step_s) * rate, rate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
     friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
-    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band. pieces, stride:
-    where the rows come from, and every how many-th is taken.
+    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band. smooth: the
+    torque of every stretch, from which a later one is taken.
     """
 
     position: FloatArray
@@ -56,8 +88,7 @@ class Rows:
     block: IntArray
     spacing_s: float
     low_pass_hz: float
-    pieces: tuple[ProcessedSignals, ...]
-    stride: int = 1
+    smooth: tuple[Smooth, ...]
 
     @property
     def n(self) -> int:
@@ -68,23 +99,14 @@ class Rows:
         """(R, n) Nm and Nm/s, the torque and its rate so much later: of a torque that is late, those of these rows."""
         if delay_s == 0.0:
             return self.torque, self.torque_rate
-        torque, rate = [], []
-        for piece in self.pieces:
-            grid = float(piece.time[1] - piece.time[0])
-            # A smooth torque goes by its rate from the nearest sample; further than that it is taken from there.
-            samples = round(delay_s / grid)
-            places = np.clip(np.arange(len(piece.time)) + samples, 0, len(piece.time) - 1)
-            later = piece.torque[places]
-            slope = sixth_order_difference(later, grid)
-            torque.append(piece.project(later + (delay_s - samples * grid) * slope))
-            rate.append(piece.project(slope))
-        return np.concatenate(torque)[:: self.stride], np.concatenate(rate)[:: self.stride]
+        torque, rate = zip(*(stretch.after(delay_s) for stretch in self.smooth), strict=True)
+        return np.concatenate(torque), np.concatenate(rate)
 
     def in_order(self, order: IntArray) -> Rows:
         """With the torque of joint order[j] under joint j."""
         return replace(
             self, torque=self.torque[:, order], torque_rate=self.torque_rate[:, order],
-            pieces=tuple(replace(piece, torque=piece.torque[:, order]) for piece in self.pieces),
+            smooth=tuple(replace(item, torque=item.torque[:, order], rate=item.rate[:, order]) for item in self.smooth),
         )  # fmt: skip
 
 
@@ -103,7 +125,8 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
         for piece in process_aperiodic(recording, AperiodicSettings(low_pass_hz=low_pass_hz)):
             first = 1 + (int(found[-1].block[-1]) if found else -1)
-            grid = float(piece.time[1] - piece.time[0])
+            smooth = Smooth.of(piece, low_pass_hz)
+            torque, rate = smooth.after(0.0)
             time = piece.evaluation_time
             found.append(
                 Rows(
@@ -111,17 +134,17 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                     piece.project(piece.velocity),
                     piece.project(piece.acceleration),
                     piece.project(np.tanh(piece.velocity / coulomb_velocity)),
-                    piece.project(piece.torque),
-                    piece.project(sixth_order_difference(piece.torque, grid)),
+                    torque,
+                    rate,
                     piece.used,
                     first + ((time - time[0]) / duration).astype(np.int64),
                     float(time[1] - time[0]),
                     low_pass_hz,
-                    (piece,),
+                    (smooth,),
                 )
             )
     arrays: dict[str, Any] = {name: np.concatenate([getattr(item, name) for item in found]) for name in _ARRAYS}
-    joined = replace(found[0], **arrays, pieces=tuple(piece for item in found for piece in item.pieces))
+    joined = replace(found[0], **arrays, smooth=tuple(each for item in found for each in item.smooth))
     if int(joined.used.any(axis=1).sum()) < FEWEST_ROWS:
         raise RecordingError(
             f"{recordings[0].source.path}: the robot moves in fewer than {FEWEST_ROWS} rows of {low_pass_hz:.3g} Hz; "
@@ -135,4 +158,8 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
 
 def _thinned(rows: Rows, stride: int) -> Rows:
     arrays: dict[str, Any] = {name: getattr(rows, name)[::stride] for name in _ARRAYS}
-    return replace(rows, **arrays, spacing_s=rows.spacing_s * stride, stride=stride)
+    first, smooth = 0, []
+    for stretch in rows.smooth:
+        smooth.append(replace(stretch, samples=stretch.samples[-first % stride :: stride]))
+        first += len(stretch.samples)
+    return replace(rows, **arrays, smooth=tuple(smooth), spacing_s=rows.spacing_s * stride)

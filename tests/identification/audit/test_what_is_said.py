@@ -13,6 +13,7 @@ import pytest
 
 from fixtures.physics import iiwa14_table_three
 from identification.audit import audit
+from identification.audit.rows import rows_of
 from identification.estimators.physical import PhysicalParameters
 from identification.model_file import Model, read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
@@ -50,3 +51,19 @@ def test_no_difference_is_said_that_explains_nothing(model: Model, tmp_path: Pat
     assert all(item.explained > 0.02 for item in found.differences), found.sentence
     assert {item.effect for item in found.differences} <= {"friction_change"}
     assert found.verdict in ("partly", "unexplained")
+
+
+def test_a_later_torque_of_the_rows_is_that_of_the_recording_so_much_later(tmp_path: Path) -> None:
+    """Truth: a sine in the band passes the filter as it is, so its later value is known in closed form."""
+    time, delay = np.arange(30000) * 1e-3, 0.0237
+    omega = 2.0 * np.pi * np.array([0.3, 0.7])
+    file = tmp_path / "sine.npz"
+    np.savez(file, t=time, q=np.sin(np.outer(time, [1.0, 1.3])), tau=np.sin(np.outer(time, omega)))
+    rows = rows_of([read_recording(file)])
+    at = np.concatenate([stretch.samples * stretch.step_s for stretch in rows.smooth])
+    torque, rate = rows.torque_after(delay)
+    assert len(at) == len(rows.block)
+    inner = slice(5, -5)
+    np.testing.assert_allclose(torque[inner], np.sin(np.outer(at + delay, omega))[inner], atol=2e-3)
+    np.testing.assert_allclose(rate[inner], (omega * np.cos(np.outer(at + delay, omega)))[inner], atol=2e-2)
+    np.testing.assert_allclose(rows.torque[inner], np.sin(np.outer(at, omega))[inner], atol=2e-3)
