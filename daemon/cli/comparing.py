@@ -49,6 +49,10 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Of four recordings or more: a page of their friction.")
     ] = None,
+    hours: Annotated[
+        str | None,
+        typer.Option("--hours", metavar="H,H,…", help="Of four or more: the arm's hours of operation at each."),
+    ] = None,
     robot: RobotOption = None,
     joints: JointsOption = None,
     lock: LockOption = None,
@@ -76,7 +80,7 @@ def compare(
         raise typer.BadParameter("--offsets belongs to --models.")
     if len(files) < 2:
         raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
-    _changes(files[0], files[1:], robot, joints, stand, auto, out, json_file)
+    _changes(files[0], files[1:], robot, joints, stand, auto, _numbers(hours), out, json_file)
 
 
 @app.command(name="leaderboard")
@@ -104,11 +108,11 @@ def leaderboard_command(
 
 def _changes(
     first: Path, others: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    auto: bool, out: Path | None, json_file: Path | None,
+    auto: bool, hours: Sequence[float] | None, out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
-    from identification.audit.trend import LEAST, trend_of
+    from identification.audit.trend import LEAST, trend_of, with_hours
     from identification.model_file import read_model
 
     known = read_model(first) if first.suffix == ".json" else None
@@ -128,7 +132,10 @@ def _changes(
     is_series = len(inputs.recordings) >= LEAST
     if out is not None and not is_series:
         raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")
-    trend = trend_of(inputs.recordings, inputs.robot) if is_series else None
+    if hours is not None and not is_series:
+        raise typer.BadParameter(f"--hours belongs to a series: give {LEAST} recordings or more.")
+    series = inputs.recordings if hours is None else with_hours(inputs.recordings, hours)
+    trend = trend_of(series, inputs.robot) if is_series else None
     page = None
     if trend is not None and out is not None:
         page = _write_page(trend, inputs.robot.name, out)
@@ -145,6 +152,13 @@ def _changes(
                 data(f"  {sentence}")
         if page is not None:
             data(f"Written to {page}")
+
+
+def _numbers(text: str | None) -> list[float] | None:
+    try:
+        return None if text is None else [float(item) for item in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"--hours takes numbers with commas between them, not '{text}'.") from None
 
 
 def _write_page(trend: Trend, robot: str, out: Path) -> Path:

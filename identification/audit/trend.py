@@ -8,7 +8,7 @@ between runs unknown. Pure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,17 @@ from identification.fitting.result import FitResult
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
-__all__ = ["LEAST", "ChangePoint", "JointTrend", "Trend", "change_point", "date_of", "trend_of"]
+__all__ = [
+    "LEAST",
+    "ChangePoint",
+    "JointTrend",
+    "Trend",
+    "change_point",
+    "date_of",
+    "hours_of",
+    "trend_of",
+    "with_hours",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,10 +83,13 @@ class JointTrend:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
-    """names: of the recordings by date. dates: where known, else None for all. joints: their friction."""
+    """names: of the recordings by date. dates: where known, else None for all. hours: of operation of the arm, alike.
+    joints: their friction.
+    """
 
     names: tuple[str, ...]
     dates: tuple[datetime, ...] | None
+    hours: tuple[float, ...] | None
     joints: tuple[JointTrend, ...]
 
     @property
@@ -89,6 +102,7 @@ class Trend:
         return {
             "recordings": list(self.names),
             "dates": None if self.dates is None else [date.isoformat() for date in self.dates],
+            "operating_hours": None if self.hours is None else list(self.hours),
             "joints": [
                 {
                     "joint": item.joint,
@@ -117,8 +131,27 @@ def date_of(recording: Recording) -> datetime | None:
     return None
 
 
+def with_hours(recordings: Sequence[Recording], hours: Sequence[float]) -> list[Recording]:
+    """The recordings with the arm's hours of operation as read off it. Raises RecordingError for another number of them."""
+    if len(hours) != len(recordings):
+        raise RecordingError(f"{len(hours)} hours of operation are given for {len(recordings)} recordings.")
+    return [
+        replace(item, source=replace(item.source, metadata={**item.source.metadata, "operating_hours": repr(each)}))
+        for item, each in zip(recordings, hours, strict=True)
+    ]
+
+
+def hours_of(recording: Recording) -> float | None:
+    """Hours of operation of the arm when it was recorded: metadata `operating_hours`, as the cabinet shows them."""
+    try:
+        hours = float(recording.source.metadata.get("operating_hours", ""))
+    except ValueError:
+        return None
+    return hours if np.isfinite(hours) and hours >= 0.0 else None
+
+
 def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
-    """The friction of a series, in the order of its dates where every recording has one, else as given.
+    """The friction of a series, by its dates where every recording has one, else by hours of operation, else as given.
 
     Raises RecordingError for fewer than LEAST recordings, and the errors of a fit.
     """
@@ -129,6 +162,10 @@ def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
     if len(known) == len(recordings):
         order = sorted(range(len(recordings)), key=lambda place: known[place])
         recordings, known = [recordings[place] for place in order], [known[place] for place in order]
+    hours = _hours(recordings)
+    if hours is not None and len(known) < len(recordings):
+        recordings = [recordings[place] for place in np.argsort(hours, kind="stable")]
+        hours = _hours(recordings)
     fits = [fitted_to(item, robot) for item in recordings]
     joints = []
     for joint in range(1, robot.n + 1):
@@ -138,7 +175,13 @@ def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
         heat = np.array([_temperature(item, joint) for item in recordings])
         joints.append(JointTrend(joint, speed, friction, std, heat, change_point(friction, std)))
     names = _names(recordings)
-    return Trend(names, tuple(known) if len(known) == len(recordings) else None, tuple(joints))
+    return Trend(names, tuple(known) if len(known) == len(recordings) else None, hours, tuple(joints))
+
+
+def _hours(recordings: Sequence[Recording]) -> tuple[float, ...] | None:
+    """Of every recording, None where one does not say."""
+    found = [hours for hours in map(hours_of, recordings) if hours is not None]
+    return tuple(found) if len(found) == len(recordings) else None
 
 
 def change_point(values: FloatArray, std: FloatArray) -> ChangePoint:

@@ -1,4 +1,4 @@
-"""The page of a series of recordings: friction of every joint by date, and by temperature where it is known."""
+"""The page of a series of recordings: friction of every joint by date, and by hours and temperature where known."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DAY_S = 86400.0
 
 
 def trend_document(trend: Trend, robot: str) -> Document:
-    """The trend as value objects: what changed in words, friction by date, by temperature, and as a table."""
+    """The trend as value objects: what changed in words, friction by date, hours, temperature, and as a table."""
     if trend.dates is None:
         place, label = np.arange(1.0, len(trend.names) + 1.0), "recording, as given"
     else:
@@ -27,6 +27,9 @@ def trend_document(trend: Trend, robot: str) -> Document:
     blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
     by_date = tuple(_panel(item, place, label) for item in trend.joints)
     blocks.append(Figure("Friction of each recording", by_date, keys))
+    if trend.hours is not None:
+        worked = tuple(_panel(item, np.array(trend.hours), "hours of operation") for item in trend.joints)
+        blocks.append(Figure("Friction by hours of operation", worked, keys))
     warm = [item for item in trend.joints if np.isfinite(item.temperature).all()]
     if warm:
         panels = tuple(_panel(item, item.temperature, "temperature (°C)") for item in warm)

@@ -96,6 +96,14 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
     model.gravity.linear = robot.gravity
     data, names = model.createData(), list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
+    massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
+    if massless and len(massless) < robot.n:
+        raise RobotError(
+            f"{path}: what joint '{names[massless[0]]}' moves has no mass, so its torque is not that of an arm. "
+            "Give that link its <inertial>.",
+            file=path,
+            joint=_chosen(path, names, robot).index(massless[0]) + 1,
+        )
     dynamics = {joint.get("name"): joint.find("dynamics") for joint in root.findall("joint")}
     elements = [dynamics.get(names[place]) for place in _chosen(path, names, robot)]
     damping, friction = (

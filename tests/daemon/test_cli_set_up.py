@@ -6,6 +6,7 @@ Truth: torque of the paper's arm by Pinocchio, read with a fault that is put in.
 from __future__ import annotations
 
 import json
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,14 +55,18 @@ def leaning(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {**data, "tau": data["tau"] + np.array(weight)}
 
 
-def loaded(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def torque_on_flange(mass: float, center: np.ndarray) -> np.ndarray:
+    """(S, 7) Nm of a body alone on the last link along the motion."""
     model = load_robot("iiwa14").pinocchio_model.copy()
     for joint in range(1, 8):
         model.inertias[joint] = pinocchio.Inertia.Zero()
-    body = pinocchio.Inertia(UNKNOWN_KG, np.array([0.0, 0.02, 0.2]), 0.001 * np.eye(3))
-    model.appendBodyToJoint(7, body, pinocchio.SE3.Identity())
+    model.appendBodyToJoint(7, pinocchio.Inertia(mass, center, 0.001 * np.eye(3)), pinocchio.SE3.Identity())
     states = fourier_motion(7, period_s=10.0, samples=1000, seed=4)
-    load = np.array([pinocchio.rnea(model, model.createData(), *state) for state in zip(*states, strict=True)])
+    return np.array([pinocchio.rnea(model, model.createData(), *state) for state in zip(*states, strict=True)])
+
+
+def loaded(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    load = torque_on_flange(UNKNOWN_KG, np.array([0.0, 0.02, 0.2]))
     # External torque is what the load does to the joints, not what the joints do against it.
     return {**data, "tau": data["tau"] + load, "tau_ext": data["tau_ext"] - load}
 
@@ -157,3 +162,58 @@ def test_a_recording_is_imported_as_it_shows_that_it_stood(
     assert "Gravity is taken as the recordings show it" in capsys.readouterr().err
     gravity = np.array(read_recording(log).installation.gravity)
     assert np.linalg.norm(gravity - [9.81, 0.0, 0.0]) < np.radians(1.0) * 9.81
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The arm of the recording as URDF text."""
+    folder = tmp_path_factory.mktemp("twin")
+    assert run("twin", "--out", folder) == 0
+    return (folder / "iiwa14.urdf").read_text()
+
+
+def without(text: str, link: str, *, whole: bool) -> str:
+    """A URDF in which one link has no body, or is not there at all."""
+    root = ElementTree.fromstring(text)
+    (found,) = [item for item in root.findall("link") if item.get("name") == link]
+    if whole:
+        root.remove(found)
+    else:
+        found.remove(next(found.iter("inertial")))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+@pytest.mark.parametrize(
+    ("case", "expected"),
+    [
+        ("body", "what joint 'A4' moves has no mass"),
+        ("link", "cannot be read as a simulator model"),
+        ("arm", "has 6 movable joints, iiwa14 has 7"),
+        ("still", "no joint moves"),
+        ("load", "and can bear"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_one_sentence(
+    case: str, expected: str, twin: str, sound: dict[str, np.ndarray], shared_folder: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    data, model = dict(sound), tmp_path / "arm.urdf"
+    match case:
+        case "body" | "link":
+            model.write_text(without(twin, "link_4", whole=case == "link"))
+        case "arm":
+            model.write_text((shared_folder / "recordings" / "tx40.urdf").read_text())
+        case "still":
+            model.write_text(twin)
+            data |= {"q": np.tile(sound["q"][0], (1000, 1)), "dq": 0.0 * sound["dq"]}
+        case "load":
+            model.write_text(twin)
+            data["tau"] = sound["tau"] + torque_on_flange(2000.0, np.array([0.0, 0.0, 0.0]))
+    log, out = tmp_path / "log.npz", tmp_path / "diagnosis"
+    np.savez(log, robot="iiwa14", **data)  # type: ignore[arg-type]
+    assert run("diagnose", log, "--model", model, "--out", out) == 65
+    said = capsys.readouterr()
+    assert expected in said.err
+    assert "Traceback" not in said.err
+    assert not out.exists()
+    assert not said.out

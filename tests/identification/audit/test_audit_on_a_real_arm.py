@@ -50,13 +50,28 @@ def bench(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Benc
     return Bench(robot, read_model(file), replace(second, time=second.time - second.time[0]))
 
 
-def torque_of_load(robot: RobotModel, recording: Recording, mass: float, center: FloatArray) -> FloatArray:
-    """(S, n) Nm by Pinocchio of a body on the last link of an arm that weighs nothing else."""
+def torque_of_lean(bench: Bench, angle: float) -> FloatArray:
+    """(S, n) Nm by Pinocchio that the weight of the arm changes by where its base leans; links of 5 kg each."""
+    model = bench.robot.pinocchio_model.copy()
+    for joint in range(1, model.njoints):
+        model.inertias[joint] = pinocchio.Inertia(5.0, np.array([0.0, 0.0, 0.1]), 0.01 * np.eye(3))
+    data, both = model.createData(), []
+    for lean in (angle, 0.0):
+        model.gravity.linear = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
+        rows = [pinocchio.computeGeneralizedGravity(model, data, q).copy() for q in bench.recording.position]
+        both.append(np.array(rows))
+    return both[0] - both[1]
+
+
+def torque_of_load(
+    robot: RobotModel, recording: Recording, mass: float, center: FloatArray, link: int | None = None
+) -> FloatArray:
+    """(S, n) Nm by Pinocchio of a body on a link (default: the last) of an arm that weighs nothing else."""
     model = robot.pinocchio_model.copy()
     for joint in range(1, model.njoints):
         model.inertias[joint] = pinocchio.Inertia.Zero()
     inertia = 0.4 * mass * 0.05**2 * np.eye(3)
-    model.appendBodyToJoint(robot.n, pinocchio.Inertia(mass, center, inertia), pinocchio.SE3.Identity())
+    model.appendBodyToJoint(link or robot.n, pinocchio.Inertia(mass, center, inertia), pinocchio.SE3.Identity())
     data = model.createData()
     velocity = np.gradient(recording.position, recording.sampling_period_s, axis=0)
     smooth = np.apply_along_axis(lambda values: np.convolve(values, np.ones(5) / 5.0, "same"), 0, velocity)
@@ -239,6 +254,11 @@ def small(bench: Bench, what: str) -> Recording:
         case "load":
             load = torque_of_load(bench.robot, recording, 0.05, np.array([0.0, 0.0, 0.05]))
             return replace(recording, torque=recording.torque + load)
+        case "another link":
+            load = torque_of_load(bench.robot, recording, 0.1, np.array([0.0, 0.0, 0.05]), link=3)
+            return replace(recording, torque=recording.torque + load)
+        case "lean":
+            return replace(recording, torque=recording.torque + torque_of_lean(bench, np.radians(0.2)))
         case "offset":
             return replace(recording, torque=recording.torque + 0.2 * first)
         case "viscous friction":
@@ -263,8 +283,8 @@ def small(bench: Bench, what: str) -> Recording:
 
 @pytest.mark.parametrize(
     "what",
-    ["load", "offset", "viscous friction", "Coulomb friction", "rotor inertia", "one scale", "all scales", "zero",
-     "late torque", "clock"],
+    ["load", "another link", "lean", "offset", "viscous friction", "Coulomb friction", "rotor inertia", "one scale",
+     "all scales", "zero", "late torque", "clock"],
 )  # fmt: skip
 def test_what_the_rows_cannot_show_has_no_name(bench: Bench, what: str) -> None:
     assert bench.asked(small(bench, what)).differences == ()

@@ -11,10 +11,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from identification.audit.trend import change_point, date_of, trend_of
+from identification.audit.trend import change_point, date_of, hours_of, trend_of, with_hours
 from identification.errors import RecordingError
 from identification.estimators import PhysicalParameters
 from identification.recordings import Recording
+from identification.report.document import Figure
 from identification.report.trend_page import trend_document
 from identification.robots import RobotModel
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
@@ -32,7 +33,7 @@ def series(iiwa14: RobotModel, table3: PhysicalParameters) -> list[Recording]:
         torque = bare + coloured_noise(bare.shape, deviation=0.05, correlation=0.5, seed=40 + day)
         torque[:, 3] += (day >= FROM) * MORE_NM * np.sign(states[1][:, 3])
         recording = recording_of(states[0], torque, period_s=10.0)
-        tags = {"run_id": f"2026060{day + 1}T080000123Z"}
+        tags = {"run_id": f"2026060{day + 1}T080000123Z", "operating_hours": f"{1200.5 + 24 * day}"}
         found.append(replace(recording, source=replace(recording.source, path=f"day{day + 1}.npz", metadata=tags)))
     return [found[place] for place in (4, 0, 2, 1, 3)]
 
@@ -47,6 +48,26 @@ def test_the_day_on_which_friction_changed_is_found(series: list[Recording], iiw
     assert all(item.change.odds < 20.0 for item in trend.joints if item.joint != 4)
     document = trend_document(trend, "iiwa14")
     assert document.verdict == "Friction changed at once on joint 4."
+    assert trend.hours == (1200.5, 1224.5, 1248.5, 1272.5, 1296.5)
+    titles = [block.caption for section in document.sections for block in section.blocks if isinstance(block, Figure)]
+    assert titles == ["Friction of each recording", "Friction by hours of operation"]
+
+
+def test_a_series_without_dates_is_in_the_order_of_its_hours(series: list[Recording], iiwa14: RobotModel) -> None:
+    undated = [
+        replace(
+            item, source=replace(item.source, metadata={"operating_hours": item.source.metadata["operating_hours"]})
+        )
+        for item in series
+    ]
+    trend = trend_of(undated, iiwa14)
+    assert trend.dates is None
+    assert trend.names == tuple(f"day{day}.npz" for day in range(1, 6))
+    one_unsaid = [replace(undated[0], source=replace(undated[0].source, metadata={})), *undated[1:]]
+    assert trend_of(one_unsaid, iiwa14).hours is None
+    with pytest.raises(RecordingError, match="2 hours of operation are given for 5 recordings"):
+        with_hours(undated, [1.0, 2.0])
+    assert [hours_of(item) for item in with_hours(undated, [5.0, 4.0, 3.0, 2.0, 1.0])] == [5.0, 4.0, 3.0, 2.0, 1.0]
 
 
 def test_a_steady_series_has_a_step_as_seldom_as_the_odds_say() -> None:
