@@ -132,7 +132,7 @@ def date_of(recording: Recording) -> datetime | None:
 
 
 def with_hours(recordings: Sequence[Recording], hours: Sequence[float]) -> list[Recording]:
-    """The recordings with the arm's hours of operation as read off it. Raises RecordingError for another number of them."""
+    """The recordings with hours of operation as read off the arm. Raises RecordingError where one is left over."""
     if len(hours) != len(recordings):
         raise RecordingError(f"{len(hours)} hours of operation are given for {len(recordings)} recordings.")
     return [
