@@ -20,6 +20,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
 from identification.estimators import PhysicalParameters
 from identification.export.amend import amend
+from identification.export.amended_files import Changes, write_sdf_changes
 from identification.export.write import export_model
 from identification.robots import load_robot
 from identification.robots.simulator_models import read_simulator_model
@@ -181,3 +182,47 @@ def test_the_file_of_another_arm_is_refused(folder: Path, tmp_path: Path) -> Non
     with pytest.raises((ExportCheckError, RobotError)):
         amend(folder / "arm.urdf", [payload(1.0)], load_robot("iiwa7"), tmp_path / "arm.urdf")
     assert not (tmp_path / "arm.urdf").exists()
+
+
+PLANAR = """<sdf version="1.9"><model name="planar">
+<link name="base"/>
+<link name="upper"><inertial><pose>0 0 0.2 0 0 0</pose><mass>3</mass></inertial></link>
+<link name="lower"><pose relative_to="elbow"/><inertial><pose>0 0 0.15 0 0 0</pose><mass>2</mass></inertial></link>
+<joint name="shoulder" type="revolute"><parent>base</parent><child>upper</child><axis><xyz>0 1 0</xyz></axis></joint>
+<joint name="elbow" type="revolute"><pose relative_to="upper">0 0 0.5 0 0 0</pose><parent>upper</parent>
+<child>lower</child><axis><xyz>0 1 0</xyz></axis></joint>
+<joint name="stand" type="fixed"><parent>world</parent><child>base</child></joint>
+</model></sdf>"""
+"""Two links in a plane: 3 kg at 0.2 m of 0.5 m, 2 kg at 0.15 m."""
+
+
+def planar_torque(q: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+    """Torque that holds the two links, by hand: the slope of the potential energy, links along z at zero, axes y."""
+
+    def along(angle: float) -> float:
+        return float(gravity[0] * np.cos(angle) - gravity[2] * np.sin(angle))
+
+    elbow = -2.0 * 0.15 * along(q[0] + q[1])
+    return np.array([-(3.0 * 0.2 + 2.0 * 0.5) * along(q[0]) + elbow, elbow])
+
+
+@pytest.mark.parametrize("stated", ["", "<pose>0.1 0.2 0.3 0 0 0.4</pose>"])
+def test_drake_holds_an_sdf_that_leans_with_the_torque_of_two_links_by_hand(stated: str, tmp_path: Path) -> None:
+    plants = pytest.importorskip("pydrake.multibody.plant")
+    parsing = pytest.importorskip("pydrake.multibody.parsing")
+    source, target = tmp_path / "planar.sdf", tmp_path / "leaning.sdf"
+    source.write_text(PLANAR.replace('<link name="base"/>', f'{stated}<link name="base"/>'))
+    cosine, sine = np.cos(ANGLE), np.sin(ANGLE)
+    turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    write_sdf_changes(source, target, Changes({}, {}, {}, {}, turn))
+    plant = plants.MultibodyPlant(0.0)
+    parsing.Parser(plant).AddModels(str(target))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    yaw = 0.4 if stated else 0.0
+    # The base's own yaw comes after the lean: gravity in its frame turns back by it.
+    back = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    for q in np.random.default_rng(3).uniform(-2.0, 2.0, (5, 2)):
+        plant.SetPositions(context, q)
+        held = -plant.CalcGravityGeneralizedForces(context)
+        np.testing.assert_allclose(held, planar_torque(q, back @ GRAVITY), atol=1e-6)
