@@ -56,6 +56,11 @@ class Mounting:
     rms_found: FloatArray
 
     @property
+    def _figures(self) -> tuple[str, str, str]:
+        x, y, z = (f"{round(value, 2) + 0.0:.2f}" for value in self.gravity.tolist())  # no -0.00
+        return x, y, z
+
+    @property
     def is_other(self) -> bool:
         """Whether the base stands otherwise than stated: by the evidence, and by an interval that tells."""
         stated, found = (float(np.sum(values**2 / self.rms_found**2)) for values in (self.rms_stated, self.rms_found))
@@ -74,7 +79,7 @@ class Mounting:
     @property
     def sentence(self) -> str:
         """What an operator reads."""
-        x, y, z = (f"{value:.2f}" for value in self.gravity)
+        x, y, z = self._figures
         half = max(np.degrees(1.96 * self.spread), 0.1)
         if self.is_other:
             return (
@@ -98,7 +103,7 @@ class Mounting:
     @property
     def taken(self) -> str:
         """What is said where it is taken for the fit."""
-        x, y, z = (f"{value:.2f}" for value in self.gravity)
+        x, y, z = self._figures
         return f"Gravity is taken as the recordings show it: ({x}, {y}, {z}) m/s² in the frame of the base."
 
     def installation(self, locked_joints: tuple[tuple[str, float], ...]) -> Installation:
