@@ -71,7 +71,10 @@ class Named(_Entry, frozen=True, kw_only=True):
 
 
 class Step(_Entry, frozen=True, kw_only=True):
-    """What was known after so many recordings. stands_out: whether the leading hypothesis led all others."""
+    """What was known after so many recordings. stands_out: whether the leading hypothesis led all others.
+
+    agreements: name, and the chance that its size differs so much between the recordings if it is one.
+    """
 
     recordings: int
     verdict: str
@@ -81,6 +84,7 @@ class Step(_Entry, frozen=True, kw_only=True):
     findings: tuple[Named, ...]
     stands_out: bool
     remaining: str
+    agreements: tuple[tuple[str, float], ...] = ()
 
 
 class Account(_Entry, frozen=True, kw_only=True):

@@ -371,4 +371,5 @@ def _step(found: Study, recordings: int) -> Step:
         ),
         stands_out=stands_out(found.assessment.alive),
         remaining=diagnosis.remaining,
+        agreements=found.agreements,
     )

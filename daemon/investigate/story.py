@@ -41,6 +41,8 @@ TITLES: dict[State, str] = {
     State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
 }
 _SHOWN = 6
+_AGREES = 1e-3
+"""Chance from which on sizes of several recordings count as one, as in the diagnosis."""
 
 
 def write_story(folder: Path, account: Account) -> Path:
@@ -142,7 +144,17 @@ def _known(step: Step) -> list[Block]:
         Table("Hypotheses alive beside what is settled", ("hypothesis", "probability", "nats against nothing"), rows),
     ]
     blocks += [Paragraph(f"Open: {text}", "note") for text in step.questions]
+    blocks += [Paragraph(_agreement(name, chance), "note") for name, chance in step.agreements]
     return blocks
+
+
+def _agreement(name: str, chance: float) -> str:
+    if chance >= _AGREES:
+        return f"The size of {name} agrees between the recordings (chance {chance:.2g})."
+    return (
+        f"The size of {name} DIFFERS between the recordings (chance {chance:.1g}): it changes with time or "
+        "temperature, or the torque has another form."
+    )
 
 
 def _reckoning(account: Account) -> Section:

@@ -2,7 +2,7 @@
 
 λ of truth h against rival r is min over base parameters and r's coefficients of the squared distance, in units of the
 noise, of what h predicts on all recordings together. Half of it is the expected log odds (T-optimality: Atkinson and
-Fedorov, Biometrika 62, 1975). Matrices only; called by the choice of a motion.
+Fedorov, Biometrika 62, 1975).
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
-from identification.investigation.columns import Form, Sums
+from identification.investigation.columns import Form, Sums, sums_of
 from identification.investigation.hypotheses import Hypothesis
+from identification.mismatch.evidence import Evidence
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -82,3 +84,24 @@ def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> 
     scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-300))
     across = (rest[other, own] @ size) * scale
     return float(across @ np.linalg.pinv(block * np.outer(scale, scale), 1e-9, hermitian=True) @ across)
+
+
+def agreement(evidences: Sequence[Evidence], form: Form) -> float:
+    """Chance of coefficients that differ between recordings as these do, or more, if all of them have one torque.
+
+    Each recording's own estimate, base parameters of its own refitted, against the mean weighted by precision: χ² with
+    m (recordings − 1) degrees of freedom. 1 where fewer than two recordings show the form.
+    """
+    strengths, sums = [], []
+    for item in evidences:
+        rest = sums_of(item, [form], item.torque[..., None]).projected()
+        own, across = rest[: form.size, : form.size], rest[: form.size, form.size]
+        if np.linalg.eigvalsh(own)[0] > SAME * float(np.trace(own)) > 0.0:
+            strengths.append(own)
+            sums.append(across)
+    if len(strengths) < 2:
+        return 1.0
+    mean = np.linalg.solve(np.sum(strengths, axis=0), np.sum(sums, axis=0))
+    parts = [np.linalg.solve(own, across) - mean for own, across in zip(strengths, sums, strict=True)]
+    square = sum(float(part @ own @ part) for part, own in zip(parts, strengths, strict=True))
+    return float(chdtrc(form.size * (len(strengths) - 1), square))

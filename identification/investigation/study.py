@@ -19,6 +19,7 @@ from identification.investigation.added_mass import AddedMass, without_added_mas
 from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form
 from identification.investigation.hypotheses import Assessment, assess, describe
+from identification.investigation.separation import agreement
 from identification.mismatch.data_faults.faults import stops_physics
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import effect_named
@@ -46,12 +47,17 @@ class Question:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """diagnosis: of all recordings together. assessment: hypotheses on what is not settled. questions: what is open."""
+    """diagnosis: of all recordings together. assessment: hypotheses on what is not settled. questions: what is open.
+
+    agreements: of each settled finding and of the leading hypothesis, the chance that its coefficients differ between
+    the recordings by so much if they are one.
+    """
 
     diagnosis: Diagnosis
     assessment: Assessment
     chooser: Chooser
     questions: tuple[Question, ...]
+    agreements: tuple[tuple[str, float], ...] = ()
 
     @property
     def settled(self) -> bool:
@@ -111,7 +117,15 @@ def study(
     known = [form_of(item) for item in diagnosis.findings if _is_settled(item) and _repeats(item)]
     assessment = assess(evidences, known, _asked(diagnosis))
     chooser = Chooser.of(assessment, evidences, regressor, values, known, mass_now)
-    return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment))
+    leading = () if assessment.leader.best is None else (assessment.leader.best,)
+    bare = _with_its_noise(evidences, assessment)
+    agreements = tuple((describe(form.effect, form.place), agreement(bare, form)) for form in (*known, *leading))
+    return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment), agreements)
+
+
+def _with_its_noise(evidences: Sequence[Evidence], assessment: Assessment) -> list[Evidence]:
+    """The evidences with the noise of the assessment, but no settled finding among their nominal columns."""
+    return [replace(own, noise=item.noise) for own, item in zip(evidences, assessment.evidences, strict=True)]
 
 
 def _loaded(evidence: Evidence, mass: AddedMass | None) -> Evidence:

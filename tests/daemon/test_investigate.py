@@ -110,6 +110,7 @@ def scripted_study(settled_after: int) -> Any:
         return SimpleNamespace(
             settled=not open_,
             answer="An answer.",
+            agreements=(("a spring", 0.4), ("a delay", 1e-5)),
             questions=(SimpleNamespace(sentence="A or B?"),) if open_ else (),
             assessment=SimpleNamespace(alive=(replace(NOTHING, probability=1.0),)),
             diagnosis=SimpleNamespace(verdict="explained", findings=(), remaining=""),
@@ -146,6 +147,8 @@ def test_it_records_until_nothing_is_open(tmp_path: Path) -> None:
     page = write_story(tmp_path, account).read_text(encoding="utf-8")
     assert "Settled" in page
     assert "90 %" in page
+    assert "The size of a spring agrees between the recordings" in page
+    assert "The size of a delay DIFFERS" in page
 
 
 def test_from_nothing_the_two_shipped_motions_come_first(tmp_path: Path) -> None:

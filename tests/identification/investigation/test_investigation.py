@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import kstest, norm
 
 from identification.excitation import iiwa_limits
+from identification.investigation import columns
 from identification.investigation.columns import Form, Sums
 from identification.investigation.equivalences import inseparable, twins_of
 from identification.investigation.experiments import KINDS, PERIOD_S, Room, experiment, experiments
 from identification.investigation.forecast import STANDS_OUT, forecast, stands_out
 from identification.investigation.hypotheses import NOTHING, Hypothesis
-from identification.investigation.separation import Layout, separations
+from identification.investigation.separation import Layout, agreement, separations
 from identification.mismatch.effects.base import Place
 
 ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
@@ -130,3 +133,24 @@ def test_an_offset_is_always_said_to_be_asymmetric_coulomb_friction_too() -> Non
     (found,) = twins_of(["torque_offset", "torque_offset", "stribeck_friction"])
     assert "differs between the two directions" in found.sentence
     assert "Warm the arm up" in found.sentence
+
+
+def recordings_of(sizes: list[float], seed: int) -> list[Any]:
+    """Rows of one column beside three base columns, a size of its own for each recording, unit noise."""
+    random = np.random.default_rng(seed)
+    found = []
+    for size in sizes:
+        nominal, column = random.normal(size=(120, 7, 3)), random.normal(size=(120, 7, 1))
+        torque = nominal @ np.array([1.0, -2.0, 0.5]) + size * column[..., 0] + random.normal(size=(120, 7))
+        found.append(SimpleNamespace(nominal=nominal, noise=np.ones((120, 7)), torque=torque, column=column))
+    return found
+
+
+def test_sizes_of_recordings_agree_by_chance_as_often_as_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Truth: drawn recordings; chances of one size are uniform, and another size in one of them is found."""
+    monkeypatch.setattr(columns, "form_rows", lambda *given: given[0].column)
+    form = Form.of("torque_offset", Place(1), {})
+    chances = np.array([agreement(recordings_of([0.3, 0.3, 0.3], seed), form) for seed in range(150)])
+    assert kstest(chances, "uniform").pvalue > 1e-3
+    assert agreement(recordings_of([0.3, 0.3, 0.6], 1), form) < 1e-3
+    assert agreement(recordings_of([0.3], 1), form) == 1.0
