@@ -40,7 +40,7 @@ TITLES: dict[State, str] = {
     State.INTERRUPTED: "Broken off; everything recorded is kept",
     State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
 }
-_SHOWN = 6
+_SHOWN, _PANELS = 6, 3
 _AGREES = 1e-3
 """Chance from which on sizes of several recordings count as one, as in the diagnosis."""
 
@@ -85,27 +85,32 @@ def _now(account: Account) -> Section:
 
 
 def _course(account: Account) -> Figure:
-    """Probability of each hypothesis over the recordings."""
-    last = account.steps[-1]
-    names = [item.name for item in last.alive[:_SHOWN]]
+    """Probability of each hypothesis that ever led or was named, over the recordings; 1 once it is named alone."""
     recordings = np.array([step.recordings for step in account.steps], dtype=np.float64)
+    best: dict[tuple[str | None, int | None], float] = {}
+    words: dict[tuple[str | None, int | None], str] = {}
+    for step in account.steps:
+        for item in step.alive:
+            key = (item.effect, item.joint)
+            best[key] = max(best.get(key, 0.0), item.probability)
+            words[key] = item.name
+    shown = sorted(best, key=lambda key: (key[0] is None, -best[key]))[:_PANELS]
     panels = []
-    for name in names[:3]:
-        course = [next((item.probability for item in step.alive if item.name == name), 0.0) for step in account.steps]
-        panels.append(
-            Panel(
-                name.capitalize(),
-                "recordings",
-                "probability",
-                (
-                    Line("fitted", recordings, np.array(course), marks="dots"),
-                    Line("fitted", recordings, np.array(course)),
-                ),
-                f"Probability of {name} after {', '.join(str(int(n)) for n in recordings)} recordings: "
-                + ", ".join(f"{value:.2f}" for value in course),
-            )
-        )
-    return Figure("How the hypotheses fared as recordings came in.", tuple(panels))
+    for key in shown:
+        course = np.array([_probability(step, key) for step in account.steps])
+        text = ", ".join(f"{value:.2f} after {count:.0f}" for value, count in zip(course, recordings, strict=True))
+        lines = tuple(Line("fitted", recordings, course, marks=marks) for marks in ("dots", "line"))
+        panels.append(Panel(words[key].capitalize(), "recordings", "probability", lines, f"{words[key]}: {text}"))
+    return Figure(
+        "How the hypotheses fared as recordings came in; a name that stands alone counts as one.", tuple(panels)
+    )
+
+
+def _probability(step: Step, key: tuple[str | None, int | None]) -> float:
+    named = {(item.effect, item.joint) for item in step.findings if not item.alternatives}
+    if key in named:
+        return 1.0
+    return next((item.probability for item in step.alive if (item.effect, item.joint) == key), 0.0)
 
 
 def _chapter(account: Account, number: int) -> Section:
@@ -166,6 +171,8 @@ def _reckoning(account: Account) -> Section:
         if motion is None or motion.forecast is None or step is None:
             continue
         outcome = f"{step.alive[0].name} stands out" if step.stands_out else "not told apart"
+        if named := [f"{item.effect.replace('_', ' ')} named" for item in step.findings if not item.alternatives]:
+            outcome = ", ".join(named)
         rows.append((str(number), motion.kind.replace("_", " "), f"{motion.seconds:.0f} s",
                      f"{100 * motion.forecast:.0f} %", outcome))  # fmt: skip
     head = ("recording", "motion", "time", "foretold", "came out")

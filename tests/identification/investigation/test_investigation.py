@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from identification.excitation import iiwa_limits
+from identification.excitation import TableTrajectory, iiwa_limits
 from identification.investigation import columns
 from identification.investigation.columns import Form, Sums
 from identification.investigation.equivalences import inseparable, twins_of
@@ -140,9 +140,9 @@ def recordings_of(sizes: list[float], seed: int) -> list[Any]:
     random = np.random.default_rng(seed)
     found = []
     for size in sizes:
-        nominal, column = random.normal(size=(120, 7, 3)), random.normal(size=(120, 7, 1))
-        torque = nominal @ np.array([1.0, -2.0, 0.5]) + size * column[..., 0] + random.normal(size=(120, 7))
-        found.append(SimpleNamespace(nominal=nominal, noise=np.ones((120, 7)), torque=torque, column=column))
+        nominal, column = random.normal(size=(60, 7, 3)), random.normal(size=(60, 7, 1))
+        torque = nominal @ np.array([1.0, -2.0, 0.5]) + size * column[..., 0] + random.normal(size=(60, 7))
+        found.append(SimpleNamespace(nominal=nominal, noise=np.ones((60, 7)), torque=torque, column=column))
     return found
 
 
@@ -150,7 +150,15 @@ def test_sizes_of_recordings_agree_by_chance_as_often_as_it_says(monkeypatch: py
     """Truth: drawn recordings; chances of one size are uniform, and another size in one of them is found."""
     monkeypatch.setattr(columns, "form_rows", lambda *given: given[0].column)
     form = Form.of("torque_offset", Place(1), {})
-    chances = np.array([agreement(recordings_of([0.3, 0.3, 0.3], seed), form) for seed in range(150)])
+    chances = np.array([agreement(recordings_of([0.3, 0.3, 0.3], seed), form) for seed in range(60)])
     assert kstest(chances, "uniform").pvalue > 1e-3
     assert agreement(recordings_of([0.3, 0.3, 0.6], 1), form) < 1e-3
     assert agreement(recordings_of([0.3], 1), form) == 1.0
+
+
+@pytest.mark.parametrize("rows", [500, 501])
+def test_a_table_is_refined_by_the_interpolation_that_evaluate_states(rows: int) -> None:
+    random = np.random.default_rng(rows)
+    table = TableTrajectory(random.normal(size=(rows, 2)), rows / 5.0)
+    fine = table.table(1000.0)
+    np.testing.assert_allclose(fine, table.evaluate(np.arange(5000) * 1e-3)[0], atol=1e-9)
