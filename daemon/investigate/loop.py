@@ -304,9 +304,12 @@ class Investigation:
         return choice, motion, experiment.trajectory(self.account.robot)
 
     def _out_of_time(self) -> Event:
+        leader = self.account.steps[-1].alive[0] if self.account.steps else None
+        leads = "" if leader is None else f" What leads: {leader.name}, {100 * leader.probability:.0f} %."
         self._keep(
             sentence=f"Out of time: {self.account.used_s / 60.0:.1f} of {self.account.budget_s / 60.0:.1f} minutes of "
             "motion are used, and the rest is too short for a motion. Call again with a larger --budget to go on."
+            + leads
         )
         return Event.NO_TIME
 

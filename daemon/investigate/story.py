@@ -41,6 +41,8 @@ TITLES: dict[State, str] = {
     State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
 }
 _SHOWN, _PANELS = 6, 3
+_LIKELY = 0.01
+"""Probability that a hypothesis has to have had once to be drawn."""
 _AGREES = 1e-3
 """Chance from which on sizes of several recordings count as one, as in the diagnosis."""
 
@@ -94,7 +96,8 @@ def _course(account: Account) -> Figure:
             key = (item.effect, item.joint)
             best[key] = max(best.get(key, 0.0), item.probability)
             words[key] = item.name
-    shown = sorted(best, key=lambda key: (key[0] is None, -best[key]))[:_PANELS]
+    likely = [key for key, chance in best.items() if chance >= _LIKELY] or list(best)
+    shown = sorted(likely, key=lambda key: (key[0] is None, -best[key]))[:_PANELS]
     panels = []
     for key in shown:
         course = np.array([_probability(step, key) for step in account.steps])
