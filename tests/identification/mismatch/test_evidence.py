@@ -11,12 +11,12 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.evidence import (
     Evidence,
-    build_evidence,
     fit_parameters,
     rows_to_time,
     with_parameters,
 )
 from identification.mismatch.problem import build_problem
+from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.extension import extend
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
