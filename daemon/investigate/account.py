@@ -1,6 +1,6 @@
 """What an investigation knows, on disk: one JSON file, written whole after every step, from which it goes on.
 
-Value objects and their file. Called by the loop, which alone writes it, and read by the story and by users.
+Value objects and their file.
 """
 
 from __future__ import annotations

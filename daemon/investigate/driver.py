@@ -1,6 +1,6 @@
 """Drives a motion of an investigation over FRI, with every guard that `run` has: preflight, ladder, gate, stop ramps.
 
-On a real arm a new motion climbs the commissioning ladder first. Called by the command line.
+On a real arm a new motion climbs the commissioning ladder first.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Here: what is done in each state, and the account after each. Not here: the table (`states`), how a motion is driven
 (`Driver`, which a real link and the proof each have their own of), and the mathematics
-(`identification.investigation`). Called by the command line and the proof.
+(`identification.investigation`).
 """
 
 from __future__ import annotations

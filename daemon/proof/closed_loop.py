@@ -2,7 +2,7 @@
 
 Ours chooses its motions; the second drives random admissible ones; the third repeats the shipped excitation. All three
 begin with the same two recordings and have the same minutes after them. The label stays in the process that plays the
-robot until the last arm has given its answer. Simulated time: nothing here waits. Called by ``prove --closed-loop``.
+robot until the last arm has given its answer. Simulated time: nothing here waits.
 """
 
 from __future__ import annotations

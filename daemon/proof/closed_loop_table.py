@@ -1,6 +1,6 @@
 """Sums up the proof of the closed loop: what each arm reached with the same minutes, and whether forecasts came true.
 
-Pure: cases in, figures and rows out. Called by ``prove --closed-loop``.
+Pure: cases in, figures and rows out.
 """
 
 from __future__ import annotations

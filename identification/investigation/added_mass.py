@@ -1,7 +1,7 @@
 """A known mass that an operator fastened to the flange: its torque, taken out of a recording and put into a forecast.
 
 Without it the recording is one of the same arm as before, so that all recordings share their parameters; what grows
-with torque (a gain of the sensor) has grown with the mass, and shows. Called by the loop's reading and by the chooser.
+with torque (a gain of the sensor) has grown with the mass, and shows.
 """
 
 from __future__ import annotations

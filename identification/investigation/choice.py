@@ -1,7 +1,7 @@
 """The next motion: the one after which the truth stands out most probably, of purposeful and random ones, improved.
 
 A random search with a fixed number of trials, so that the same seed gives the same motion on every machine. Here: the
-search. Not here: whether the arm may drive it; the caller asks that of the best ones in order. Called by the loop.
+search. Not here: whether the arm may drive it; the caller asks that of the best ones in order.
 """
 
 from __future__ import annotations

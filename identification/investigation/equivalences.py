@@ -2,7 +2,7 @@
 
 Two hypotheses are one torque on every motion when the columns of one are combinations of the other's and of the base
 parameters, whatever the motion: the rank test asks that of every motion tried, random ones too. Then something about
-the arm has to change: what it carries, how it stands, how warm it is. Called by the choice and by the loop.
+the arm has to change: what it carries, how it stands, how warm it is.
 """
 
 from __future__ import annotations

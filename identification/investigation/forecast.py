@@ -1,7 +1,7 @@
 """What a motion will tell, as a probability: that the true hypothesis stands out from all others afterwards.
 
 Under the truth the log odds against a rival come out as N(now + λ/2, λ), λ being what the new rows add; the size of the
-truth is known with a deviation of its own, over which the probability is averaged. Called by the choice of a motion.
+truth is known with a deviation of its own, over which the probability is averaged.
 """
 
 from __future__ import annotations

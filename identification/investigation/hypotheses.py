@@ -2,7 +2,7 @@
 
 The weight of a form is its evidence: how much it explains of what base parameters and settled findings leave, less what
 a form of its kind costs. Noise is taken as large as what the best form leaves, joint by joint and band by band, so that
-an unknown background makes hypotheses hard to tell, not certain. Called by the investigation after each recording.
+an unknown background makes hypotheses hard to tell, not certain.
 """
 
 from __future__ import annotations

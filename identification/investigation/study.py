@@ -2,7 +2,7 @@
 
 The diagnosis alone gives names; the hypotheses say what could still take a name's place, and what weak effect may be
 there that no name stands out for. Here: both of the same recordings, and the questions they leave. Not here: the next
-motion (`choice`). Called by the loop after each recording.
+motion (`choice`).
 """
 
 from __future__ import annotations
