@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from daemon.api import RunOutcome
 from daemon.run.judgement import judged
+from tests.daemon.producer import make_request
 from tests.fixtures.test_judge_log import line, write_log
 
 
@@ -29,6 +31,16 @@ def test_a_command_beyond_a_limit_is_no_good_end_of_a_run(
     assert told.judgement["passed"] is (not said)
     assert told.exit_code == after
     assert len(told.sentences) == 1 + said
+
+
+@pytest.mark.parametrize(("simulation", "exit_code"), [(False, 1), (True, 0)])
+def test_the_exit_code_is_that_of_a_real_arm(tmp_path: Path, simulation: bool, exit_code: int) -> None:
+    """A fake robot on a busy machine stands still now and then, which the log does not tell; its own judge does."""
+    outcome = outcome_of(write_log(tmp_path / "recording.mcap", line(400, 1.6)), 0)
+    asked = msgspec.structs.replace(outcome, request=make_request(tmp_path / "run", simulation=simulation))
+    told = judged(asked)
+    assert told.exit_code == exit_code
+    assert "Commands went beyond a limit" in told.sentences[-1]
 
 
 def test_a_recording_that_cannot_be_judged_is_said_and_changes_no_exit_code(tmp_path: Path) -> None:
