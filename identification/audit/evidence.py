@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 __all__ = [
     "Estimate",
@@ -119,7 +119,7 @@ def between_parts(without: FloatArray) -> FloatArray:
     """
     count = len(without)
     moved = without - without.mean(axis=0)
-    wider = float(student.ppf(0.975, count - 1)) / 1.96
+    wider = float(stdtrit(count - 1, 0.975)) / 1.96
     return np.asarray(wider**2 * (count - 1) / count * moved.T @ moved)
 
 

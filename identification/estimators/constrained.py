@@ -46,6 +46,9 @@ _STARTS_WITH_CUTS = 4
 # that reach the same one differ by 4e-8, distinct ones by 1e-4 and more.
 _AGREEING_STARTS = 4
 _SAME_MINIMUM = 1e-6
+# Share of the least-squares cost that a better set could still gain, by the proven bound, below which none is looked
+# for: what tells two distinct minima apart.
+_NOTHING_TO_GAIN = 1e-4
 _MOST_CUTS = 40
 _SMALLEST_RELATIVE_COST = 1e-8
 # First barrier parameter: a large one leads every start along the central path to one and the same minimum, a small
@@ -142,11 +145,11 @@ def solve_constrained(
     starts: how many at most; the first from the convex relaxation, the second from the pseudo-inertia program, the
     others random inside the rules (seed). There are local minima, up to a few per cent apart where no feasible robot
     fits the data well; a random start then reaches the best of them about three times in ten, hence 16. Where the first
-    four, of three kinds, all converge to one cost, there is one minimum to speak of and no more are asked; one that
-    differs or does not converge, and all are. full_consistency: also
-    ask for positive semidefinite pseudo-inertias, by cuts: S = ½ tr(I_C) 1 − I_C ⪰ 0 means vᵀ S v ≥ 0 for every v,
-    which is linear in y, so the worst v of each link joins the rules until none is left. Raises SolverError if the
-    rules contradict each other or no start converges to a set that meets them.
+    four, of three kinds, all converge to one cost, there is one minimum to speak of and no more are asked; nor where
+    the relaxation's bound proves that a better one could gain no more than 1e-4 of the least-squares cost.
+    full_consistency: also ask for positive semidefinite pseudo-inertias, by cuts: S = ½ tr(I_C) 1 − I_C ⪰ 0 means
+    vᵀ S v ≥ 0 for every v, which is linear in y, so the worst v of each link joins the rules until none is
+    left. Raises SolverError if the rules contradict each other or no start converges to a set that meets them.
     """
     chosen = rules if rules is not None else rules_for(base.robot)
     program = ConstrainedProgram(problem, base, chosen)
@@ -166,6 +169,9 @@ def solve_constrained(
         origin, point, barrier = origins[number]
         ends.append((origin, program.solve_from(point, barrier)))
         if number + 1 == _AGREEING_STARTS and _agree([end for _, end in ends]):
+            break
+        gap = (program.cost(ends[-1][1].point) - relaxation.lower_bound) / program.scale
+        if ends[-1][1].converged and gap <= _NOTHING_TO_GAIN:
             break
     ends.sort(key=lambda end: end[1].value)
     best = ends[0][1]
