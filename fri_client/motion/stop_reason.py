@@ -15,6 +15,7 @@ __all__ = ["StopKind", "StopReason", "too_much_torque"]
 
 StopKind = Literal["path", "joint_space"]
 """How a stop is driven: on the table's own path, slowed; or each joint on its own, off the path."""
+_READABLE_NM = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +49,11 @@ class StopReason:
 
 def too_much_torque(joint: int, value: float, limit: float) -> StopReason:
     """The robot reports more external torque, Nm, at a joint (from 1) than its threshold."""
+    # A flipped bit can make any number of it; three hundred digits tell nobody anything.
+    said = f"{value:.1f}" if abs(value) < _READABLE_NM else f"{value:.1e}"
     return StopReason(
         EventCode.EXTERNAL_TORQUE,
-        f"The external torque of joint {joint} is {value:.1f} Nm, beyond the limit of {limit:.1f} Nm "
+        f"The external torque of joint {joint} is {said} Nm, beyond the limit of {limit:.1f} Nm "
         "(contact, or load data that do not fit).",
         joint,
         value,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode
 from fri_client.motion.program import StopReason
+from fri_client.motion.stop_reason import too_much_torque
 from safety.guard import GuardVerdict
 from tests.fri_client.stop_campaign import REASONS, run_campaign
 from tests.fri_client.test_motion import Drive, program, sine_table
@@ -96,3 +97,8 @@ def test_the_peaks_of_a_long_run_that_was_stopped_are_those_of_its_commands() ->
     drive.finish()
     (rebuilt,) = drive.motion.commanded_paths()
     assert abs(rebuilt[1:] - rebuilt[:-1]).max() <= abs(sine_table()[1:] - sine_table()[:-1]).max() * 1.001
+
+
+def test_a_torque_of_flipped_bits_is_said_in_few_digits() -> None:
+    assert "is 31.4 Nm" in too_much_torque(4, 31.41, 30.0).sentence
+    assert "is -6.5e+304 Nm" in too_much_torque(1, -6.5e304, 60.0).sentence
