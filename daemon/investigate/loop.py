@@ -204,7 +204,7 @@ class Investigation:
                 self._tell(describe_motion(motion))
                 return Event.SAFE
         self._keep(
-            sentence=f"No motion that would tell more is safe in this workspace: {objection} "
+            sentence=f"Of the motions that would tell most ({len(self._choices)} tried) none is safe here: {objection} "
             "Give the arm more room (--workspace), or record a motion of your own and add it with --from."
         )
         return Event.UNSAFE

@@ -171,7 +171,8 @@ def solve_constrained(
         if number + 1 == _AGREEING_STARTS and _agree([end for _, end in ends]):
             break
         gap = (program.cost(ends[-1][1].point) - relaxation.lower_bound) / program.scale
-        if ends[-1][1].converged and gap <= _NOTHING_TO_GAIN:
+        # With full consistency the bound is that of another program, whose cuts want several minima to begin from.
+        if not full_consistency and ends[-1][1].converged and gap <= _NOTHING_TO_GAIN:
             break
     ends.sort(key=lambda end: end[1].value)
     best = ends[0][1]

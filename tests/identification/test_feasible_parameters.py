@@ -133,6 +133,20 @@ def test_another_seed_ends_within_a_thousandth_of_the_same_cost(
     assert results[0].cost == pytest.approx(results[1].cost, rel=1e-3)
 
 
+def test_where_the_bound_leaves_nothing_to_gain_one_start_is_enough(
+    table3_fit: LeastSquaresResult, iiwa14_base: BaseRegressor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here 2.9e-4 of the least-squares cost are left. More starts do not gain more; full consistency asks for them."""
+    data, module = table3_fit.reduced, "identification.estimators.constrained"
+    thorough = solve_constrained(data, iiwa14_base)
+    assert len(thorough.starts) > 1
+    monkeypatch.setattr(f"{module}._NOTHING_TO_GAIN", 3e-4)
+    quick = solve_constrained(data, iiwa14_base)
+    assert len(quick.starts) == 1
+    assert 0.0 <= quick.cost - thorough.cost <= 3e-4 * table3_fit.cost
+    assert len(solve_constrained(data, iiwa14_base, full_consistency=True).starts) > 1
+
+
 def test_a_general_optimiser_does_not_find_less(table2_fit: LeastSquaresResult, iiwa14_base: BaseRegressor) -> None:
     """SciPy's SLSQP, objective of order one, from the pseudo-inertia solution moved inside the rules."""
     program = ConstrainedProgram(table2_fit.reduced, iiwa14_base, rules_for(iiwa14_base.robot))
