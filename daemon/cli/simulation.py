@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -14,6 +14,10 @@ from daemon.cli.inputs import load_inputs
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.protection import is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
+
+if TYPE_CHECKING:
+    from identification.export import ExportResult
+    from identification.model_file import Model
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
@@ -49,18 +53,12 @@ def export(
 
     Example: iiwa-ident export model.json --format mjcf --out arm.xml
     """
-    from identification.export import export_model, parameters_of
+    from identification.export import export_model
     from identification.model_file import read_model
     from identification.robots.joint_units import in_units
-    from identification.simulation.motor_inertia import motor_inertia_of
 
     model = read_model(model_file)
-    added = None
-    if motor_inertia:
-        identified = parameters_of(model, parameters)
-        values, sentence = motor_inertia_of(model.load_robot(), identified)
-        added = values - identified.rotor_inertia
-        message(sentence)
+    added = motor_prior(model, parameters) if motor_inertia else None
     result = export_model(model, out, form, parameter_set=parameters, prior=prior, motor_inertia=added)
     if json_file is not None:
         write_json(
@@ -69,10 +67,7 @@ def export(
                 "file": str(result.path),
                 "format": form,
                 "parameters": parameters,
-                "read_back": [
-                    {"program": item.program, "terms": item.covers, "difference_nm": item.difference_nm}
-                    for item in result.agreements
-                ],
+                "read_back": read_back(result),
                 "notes": list(result.notes),
                 "origins": None if result.origins is None else result.origins.to_json(),
                 "effects_file": None if result.effects_path is None else str(result.effects_path),
@@ -90,6 +85,25 @@ def export(
         data(f"note: {note}")
     if result.effects_path is not None:
         data(f"Effects that no simulator model holds are in {result.effects_path}")
+
+
+def motor_prior(model: Model, parameters: str) -> np.ndarray:
+    """(n,) kg m² that the prior of motor inertias adds to a model's parameter set; where they are from is said."""
+    from identification.export import parameters_of
+    from identification.simulation.motor_inertia import motor_inertia_of
+
+    identified = parameters_of(model, parameters)
+    values, sentence = motor_inertia_of(model.load_robot(), identified)
+    message(sentence)
+    return values - identified.rotor_inertia
+
+
+def read_back(result: ExportResult) -> list[dict[str, Any]]:
+    """What other programs read from an exported file, as plain JSON types."""
+    return [
+        {"program": item.program, "terms": item.covers, "difference_nm": item.difference_nm}
+        for item in result.agreements
+    ]
 
 
 @app.command()

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+from daemon.cli.simulation import motor_prior, read_back
 
 NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
 
@@ -31,11 +32,10 @@ def twin(
     Each file is read back by every simulator that is installed.
     Example: iiwa-ident twin --out twin
     """
-    from identification.export import export_model, parameters_of
+    from identification.export import export_model
     from identification.export.twin import twin_of_table_three
     from identification.model_file import read_model, write_model
     from identification.robots.joint_units import in_units
-    from identification.simulation.motor_inertia import motor_inertia_of
 
     out.mkdir(parents=True, exist_ok=True)
     sentence, parameters = "", "consistent"
@@ -45,12 +45,7 @@ def twin(
         model_file = write_model(found.to_model_json(), out / "iiwa14.model.json")
     model = read_model(model_file)
     robot = model.load_robot()
-    added = None
-    if motor_inertia:
-        settled = parameters_of(model, parameters)
-        values, origin = motor_inertia_of(robot, settled)
-        added = values - settled.rotor_inertia
-        message(origin)
+    added = motor_prior(model, parameters) if motor_inertia else None
     results = {
         form: export_model(
             model, out / name.format(robot.name), form, parameter_set=parameters, motor_inertia=added
@@ -62,10 +57,7 @@ def twin(
             "model": str(model_file),
             "sentence": sentence,
             "files": {form: str(result.path) for form, result in results.items()},
-            "read_back": {
-                form: [{"program": item.program, "difference_nm": item.difference_nm} for item in result.agreements]
-                for form, result in results.items()
-            },
+            "read_back": {form: read_back(result) for form, result in results.items()},
         })  # fmt: skip
     if wants_json_on_stdout(json_file):
         return

@@ -6,6 +6,7 @@ Here: the value object and exact closed forms, both ways. Not here: estimating t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +48,14 @@ class PhysicalParameters:
     def n(self) -> int:
         """Number of links."""
         return len(self.mass)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Mass, centre and tensor of each link (from 1) as plain JSON types, as `physical_parameters` of model.json."""
+        rows = zip(self.mass.tolist(), self.center_of_mass.tolist(), self.inertia.tolist(), strict=True)
+        return [
+            {"link": link, "mass": mass, "com": center, "inertia": tensor}
+            for link, (mass, center, tensor) in enumerate(rows, start=1)
+        ]
 
     def dynamic_parameters(self) -> FloatArray:
         """Inertial part of π, eq. (4): (n, 10) M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ about the frame's origin."""

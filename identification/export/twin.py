@@ -85,15 +85,7 @@ class Twin:
                     self.names, self.settled.base_values, self.std, self.units, strict=True
                 )
             ],
-            "physical_parameters": [
-                {
-                    "link": link + 1,
-                    "mass": float(physical.mass[link]),
-                    "com": physical.center_of_mass[link].tolist(),
-                    "inertia": physical.inertia[link].tolist(),
-                }
-                for link in joints
-            ],
+            "physical_parameters": physical.to_json(),
             "friction": [
                 {
                     "joint": joint + 1,

@@ -97,7 +97,7 @@ class FitResult:
                 )
             ],
             "base_covariance": [row[: place + 1].tolist() for place, row in enumerate(least_squares.covariance)],
-            "physical_parameters": self._physical_json(),
+            "physical_parameters": [] if self.physical is None else self.physical.to_json(),
             "friction": self._friction_json(),
             "drives": self._drives_json(),
             "consistent_parameters": self._consistent_json(),
@@ -118,19 +118,6 @@ class FitResult:
                 "notes": list(self.notes),
             },
         }
-
-    def _physical_json(self) -> list[dict[str, Any]]:
-        if self.physical is None:
-            return []
-        return [
-            {
-                "link": link + 1,
-                "mass": float(self.physical.mass[link]),
-                "com": self.physical.center_of_mass[link].tolist(),
-                "inertia": self.physical.inertia[link].tolist(),
-            }
-            for link in range(self.physical.n)
-        ]
 
     def _consistent_json(self) -> dict[str, Any]:
         """The set for simulators: real bodies can have it. from_data: 1 where the data determine a parameter, 0 where
