@@ -248,7 +248,8 @@ class CommandGate:
         self._landed_ns = self._apart_ns + disturbed * self._period_ns
         cycle_ns, _, self._at_counter, is_late = moment
         self._latest_ns = cycle_ns
-        self._at_ns = cycle_ns - is_late * self._period_ns  # see _LATE_APART
+        # Late (see _LATE_APART), or while a clock that is learnt anew may be wrong on where cycles begin: one before.
+        self._at_ns = cycle_ns - (is_late or not self._clock.is_settled) * self._period_ns
         if not self._clock.simulated:  # on the grid of messages: at which of several a cycle begins is not told
             send_ns = self._send_period_ns
             self._latest_ns += (left_ns - cycle_ns + send_ns - self._in_cycle_ns) // send_ns * send_ns
