@@ -13,7 +13,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
 
 from daemon.cli.output import message
 from daemon.errors import ConfigurationError
@@ -23,9 +26,28 @@ if TYPE_CHECKING:
 
     from daemon.live.watcher import Watcher
 
-__all__ = ["REFRESH_S", "LiveScreen", "live_served", "live_thread", "require_live"]
+__all__ = [
+    "REFRESH_S",
+    "LiveAddressOption",
+    "LiveKeyOption",
+    "LiveOption",
+    "LiveScreen",
+    "live_served",
+    "live_server",
+    "live_thread",
+]
 
 REFRESH_S = 0.1
+
+LiveOption = Annotated[bool, typer.Option("--live", help="Serve it to Foxglove and PlotJuggler on this machine.")]
+LiveAddressOption = Annotated[
+    str | None,
+    typer.Option("--live-address", metavar="IP", help="Address for Foxglove; beyond loopback only with --live-key."),
+]
+LiveKeyOption = Annotated[
+    Path | None,
+    typer.Option("--live-key", metavar="FILE", help="PEM with certificate and private key: Foxglove comes by TLS."),
+]
 
 
 class LiveScreen:
@@ -89,29 +111,42 @@ def _follow(port: int, screen: LiveScreen, done: threading.Event) -> None:
                 return
 
 
-def require_live() -> None:
-    """Raise ConfigurationError where `--live` cannot be served, before anything moves."""
+def live_server(live: bool, address: str | None, key: Path | None) -> list[str] | None:
+    """Options of the server that `--live`, `--live-address` and `--live-key` ask for; None where they ask for none.
+
+    Raises ConfigurationError where it cannot be served, before anything moves, and MissingInputError.
+    """
+    from daemon.live.door import LOOPBACK, Door
+    from daemon.live.server import FOXGLOVE_PORT, PLOTJUGGLER_PORT, layouts_folder
+
+    if not live:
+        if address is not None or key is not None:
+            raise ConfigurationError("belongs to `--live`; give that too.", field="--live-address, --live-key")
+        return None
     if importlib.util.find_spec("foxglove") is None:
         raise ConfigurationError("the package foxglove-sdk is needed: pip install 'iiwa-ident[live]'.", field="--live")
+    door = Door.of(address, FOXGLOVE_PORT, key)
+    message(
+        f"Live for Foxglove at {door.url}, for PlotJuggler (ZMQ Subscriber, JSON) at "
+        f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."
+    )
+    return ["--address", door.address, *([] if key is None else ["--key", str(key)])]
 
 
 @contextmanager
-def live_served(port: int) -> Iterator[subprocess.Popen[bytes]]:
-    """Serve the run on a UDP port to Foxglove and PlotJuggler while the block lasts, from a process of its own."""
+def live_served(port: int, options: list[str] | None) -> Iterator[None]:
+    """Serve the run on a UDP port, with the options of `live_server`, by a process of its own while the block lasts."""
     from daemon.children import child_environment
-    from daemon.live.server import FOXGLOVE_PORT, LOOPBACK, PLOTJUGGLER_PORT, layouts_folder
 
-    require_live()
-    message(
-        f"Live for Foxglove at ws://{LOOPBACK}:{FOXGLOVE_PORT}, for PlotJuggler (ZMQ Subscriber, JSON) at "
-        f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."
-    )
+    if options is None:
+        yield
+        return
     process = subprocess.Popen(
-        [sys.executable, "-m", "daemon.live.server", "--port", str(port)],
+        [sys.executable, "-m", "daemon.live.server", "--port", str(port), *options],
         stdin=subprocess.PIPE, start_new_session=True, env=child_environment(),
     )  # fmt: skip
     try:
-        yield process
+        yield
     finally:
         assert process.stdin is not None
         with contextlib.suppress(OSError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ipaddress
 import sys
 import tempfile
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,7 +22,7 @@ from daemon.cli.acquisition import (
 )
 from daemon.cli.app import app
 from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, installation_of
-from daemon.cli.live_view import live_served, require_live
+from daemon.cli.live_view import LiveAddressOption, LiveKeyOption, LiveOption, live_served, live_server
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError
@@ -114,9 +113,9 @@ def run(
     start_timeout: Annotated[
         float | None, typer.Option("--start-timeout", help="Seconds to wait for the robot; default: 30.")
     ] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="Serve the run to Foxglove and PlotJuggler on this machine.")
-    ] = False,
+    live: LiveOption = False,
+    live_address: LiveAddressOption = None,
+    live_key: LiveKeyOption = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
     serial: Annotated[
         str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
@@ -197,8 +196,7 @@ def run(
         skip_ladder=skip_ladder,
         model_file=None if model is None else str(model.absolute()),
     )
-    if live:
-        require_live()
+    viewers = live_server(live, live_address, live_key)
     out = Path(lab.output) / run_id if out is None else out
     if monitor_only:
         make_room(out)
@@ -213,7 +211,7 @@ def run(
         if not no_confirm and not simulation:
             confirm_motion(motion, settings["periods"])
         request = write_run_request(motion, out, **settings)
-    with live_served(port) if live else nullcontext(), run_shown() as view:
+    with live_served(port, viewers), run_shown() as view:
         outcome = run_acquisition(request, observe=view.observe)
     fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
     if json_file is not None:

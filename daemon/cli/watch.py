@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.live_view import REFRESH_S, LiveScreen, live_served
+from daemon.cli.live_view import (
+    REFRESH_S,
+    LiveAddressOption,
+    LiveKeyOption,
+    LiveOption,
+    LiveScreen,
+    live_served,
+    live_server,
+)
 from daemon.cli.output import data, message
 from daemon.errors import DaemonError, MissingInputError
 
@@ -41,9 +49,9 @@ def watch(
     ] = None,
     port: Annotated[int | None, typer.Option("--port", help="UDP port of the run, where several go on.")] = None,
     once: Annotated[bool, typer.Option("--once", help="Print one screen and leave.")] = False,
-    live: Annotated[
-        bool, typer.Option("--live", help="Serve it to Foxglove and PlotJuggler on this machine as well.")
-    ] = False,
+    live: LiveOption = False,
+    live_address: LiveAddressOption = None,
+    live_key: LiveKeyOption = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.")
     ] = None,
@@ -64,8 +72,7 @@ def watch(
     watcher = Watcher()
     with contextlib.ExitStack() as stack:
         found = _port_of(run, port)
-        if live:
-            stack.enter_context(live_served(found))
+        stack.enter_context(live_served(found, live_server(live, live_address, live_key)))
         subscription = stack.enter_context(LiveSubscription(found))
         with contextlib.suppress(KeyboardInterrupt):
             if json_file is not None:

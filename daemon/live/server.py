@@ -1,7 +1,7 @@
 """The live view for Foxglove (WebSocket) and PlotJuggler (ZeroMQ, JSON), as a process: `python -m daemon.live.server`.
 
 A watcher like any other: it reads the recorder's broadcast, so neither loop nor recorder knows of it, and it runs with
-less priority than both. Both sockets are on loopback only; from elsewhere an SSH tunnel reaches them, with its keys.
+less priority than both. Both sockets are on loopback only; with a TLS key Foxglove's may be on another address.
 It ends with the run, or with whoever started it (the end of its standard input).
 """
 
@@ -22,6 +22,7 @@ import msgspec
 import zmq
 
 from daemon.errors import ConfigurationError, DaemonError
+from daemon.live.door import LOOPBACK, Door
 from daemon.live.frame import LiveFrame
 from daemon.live.plot import LivePoint, point_of
 from daemon.live.residual import Modelled
@@ -34,7 +35,6 @@ __all__ = ["FOXGLOVE_PORT", "PLOTJUGGLER_PORT", "layouts_folder", "main", "serve
 
 FOXGLOVE_PORT, PLOTJUGGLER_PORT = 8765, 9872
 """What both programs propose when they connect."""
-LOOPBACK = "127.0.0.1"
 _POLL_S = 0.02
 _NICENESS = 10
 _QUEUE = 1000
@@ -48,15 +48,15 @@ def layouts_folder() -> Path:
     return Path(str(resources.files("daemon.live").joinpath("layouts")))
 
 
-def serve(port: int, foxglove_port: int, plotjuggler_port: int, is_over: Callable[[], bool]) -> None:
-    """Serve the run on UDP port `port` until it has ended or `is_over`.
+def serve(port: int, door: Door, plotjuggler_port: int, is_over: Callable[[], bool]) -> None:
+    """Serve the run on UDP port `port` until it has ended or `is_over`; door: of Foxglove.
 
     Raises ConfigurationError where foxglove-sdk is not installed or a port is taken.
     """
     watcher = Watcher()
     with contextlib.ExitStack() as stack:
         subscription = stack.enter_context(LiveSubscription(port))
-        send_event, foxglove = stack.enter_context(_foxglove(foxglove_port))
+        send_event, foxglove = stack.enter_context(_foxglove(door))
         sinks: list[Sink] = [foxglove, stack.enter_context(_plotjuggler(plotjuggler_port))]
         said = ""
         while not is_over():
@@ -74,7 +74,7 @@ def serve(port: int, foxglove_port: int, plotjuggler_port: int, is_over: Callabl
 
 
 @contextlib.contextmanager
-def _foxglove(port: int) -> Iterator[tuple[Callable[[LiveFrame], None], Sink]]:
+def _foxglove(door: Door) -> Iterator[tuple[Callable[[LiveFrame], None], Sink]]:
     """Topics as in the log where they are the same: /joint_states; /live as JSON, /run/log for the events."""
     try:
         import foxglove
@@ -89,10 +89,13 @@ def _foxglove(port: int) -> Iterator[tuple[Callable[[LiveFrame], None], Sink]]:
     joints = foxglove.Channel("/joint_states", message_encoding="cdr", schema=schema, context=context)
     live = foxglove.Channel("/live", message_encoding="json", schema=_json_schema(), context=context)
     log = LogChannel("/run/log", context=context)
+    certificate, key = (None, None) if door.identity is None else door.identity
     try:
-        server = foxglove.start_server(name="iiwa-ident", host=LOOPBACK, port=port, context=context)
-    except (OSError, RuntimeError) as error:
-        raise _port_taken(port, error) from error
+        server = foxglove.start_server(
+            name="iiwa-ident", host=door.address, port=door.port, context=context, tls_cert=certificate, tls_key=key
+        )
+    except (OSError, RuntimeError, ValueError) as error:
+        raise _cannot_serve(door.address, door.port, error) from error
 
     def send(known: Modelled, point: LivePoint) -> None:
         time_ns = int(1e9 * point.timestamp)
@@ -123,7 +126,7 @@ def _plotjuggler(port: int) -> Iterator[Sink]:
         try:
             socket.bind(f"tcp://{LOOPBACK}:{port}")
         except zmq.ZMQError as error:
-            raise _port_taken(port, error) from error
+            raise _cannot_serve(LOOPBACK, port, error) from error
 
         def send(known: Modelled, point: LivePoint) -> None:
             del known
@@ -136,8 +139,8 @@ def _plotjuggler(port: int) -> Iterator[Sink]:
         context.term()
 
 
-def _port_taken(port: int, error: Exception) -> ConfigurationError:
-    return ConfigurationError(f"TCP port {port} on {LOOPBACK} cannot be served ({error}).", field="--live")
+def _cannot_serve(address: str, port: int, error: Exception) -> ConfigurationError:
+    return ConfigurationError(f"TCP port {port} on {address} cannot be served ({error}).", field="--live")
 
 
 def _json_schema() -> dict[str, Any]:
@@ -153,6 +156,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--port", type=int, required=True, help="UDP port of the run")
     parser.add_argument("--foxglove-port", type=int, default=FOXGLOVE_PORT)
     parser.add_argument("--plotjuggler-port", type=int, default=PLOTJUGGLER_PORT)
+    parser.add_argument("--address", default=LOOPBACK, help="of this machine, for Foxglove")
+    parser.add_argument("--key", type=Path, help="PEM file: certificate and private key")
     options = parser.parse_args(arguments)
     # It ends with the recording, not when somebody presses a key.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -168,7 +173,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     threading.Thread(target=wait_for_starter, daemon=True).start()
     try:
-        serve(options.port, options.foxglove_port, options.plotjuggler_port, left_alone.is_set)
+        door = Door.of(options.address, options.foxglove_port, options.key)
+        serve(options.port, door, options.plotjuggler_port, left_alone.is_set)
     except DaemonError as error:
         print(f"There is no live view of this run: {error}", file=sys.stderr)
         return error.exit_code
