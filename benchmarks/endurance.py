@@ -36,6 +36,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="keep the run's folder here")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
+    if arguments.out is not None and arguments.out.exists():
+        parser.error(f"{arguments.out} is there already: the run would be refused, and its old figures shown.")
     with tempfile.TemporaryDirectory(prefix="iiwa-ident-endurance-", dir=os.environ.get("TMPDIR")) as scratch:
         folder = arguments.out or Path(scratch) / "run"
         figures = measure(arguments.minutes, folder, Path(scratch) / "robot.json")
