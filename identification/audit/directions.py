@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry, across
 from identification.audit.columns import INERTIAL as _INERTIAL
@@ -24,6 +22,8 @@ __all__ = ["Directions", "sphere"]
 FloatArray = npt.NDArray[np.float64]
 POINTS = 80
 TANGENT_RAD = 5e-3
+FIRST_REACH_RAD, LEAST_REACH_RAD = 0.1, 1e-4
+"""Of the points that the next step is drawn from: half of the grid's distance, and what no one measures."""
 
 
 def sphere(points: int = POINTS) -> FloatArray:
@@ -56,40 +56,55 @@ class Directions:
         """Of the rows, all."""
         return tuple(range(len(self.products.gram)))
 
-    def map(self, gravity: FloatArray, ratio: float) -> FloatArray:
-        """(K, 14 n) how the columns of a set-up are made of the products' columns."""
+    def turned(
+        self, products: tuple[FloatArray, FloatArray], gravity: FloatArray, ratio: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gram (14 n, 14 n) and right side (14 n,) of a set-up's columns, from those of the products' columns."""
+        gram, right = products
         size = PARAMETERS * self.n
-        result = np.zeros((size + 3 * HEAVY * self.n, size))
         scale = np.ones((self.n, PARAMETERS))
         scale[:, :_INERTIAL] = ratio**2
         scale[:, _INERTIAL], scale[:, -1] = ratio, ratio**2
-        result[:size] = np.diag(scale.ravel())
-        for link in range(self.n):
-            for parameter in range(HEAVY):
-                places = size + np.arange(3) * HEAVY * self.n + link * HEAVY + parameter
-                result[places, link * PARAMETERS + parameter] = gravity
-        return result
+        own = scale.ravel()
+        heavy = self._heavy
+        # Columns that feel gravity are the free ones plus those per unit of it; all is quadratic in the gravity.
+        mixed = own[:, None] * np.tensordot(gram[:size, size:].reshape(size, 3, -1), gravity, (1, 0))
+        weight = gram[size:, size:].reshape(3, heavy.size, 3, heavy.size)
+        result, seen = own[:, None] * gram[:size, :size] * own, own * right[:size]
+        result[:, heavy] += mixed
+        result[heavy] += mixed.T
+        result[np.ix_(heavy, heavy)] += np.tensordot(np.tensordot(gravity, weight, 1), gravity, (1, 0))
+        seen[heavy] += gravity @ right[size:].reshape(3, -1)
+        return result, seen
+
+    @property
+    def _heavy(self) -> npt.NDArray[np.int64]:
+        """Which of a set-up's columns feel gravity."""
+        return (PARAMETERS * np.arange(self.n)[:, None] + np.arange(HEAVY)).ravel()
 
     def evidence(
         self, gravity: FloatArray, weight: FloatArray, mean: FloatArray, factor: FloatArray, ratio: float = 1.0
     ) -> float:
-        """Log evidence of the torque with parameters N(mean, F Fᵀ) and weights (n,), up to a constant of the torque."""
-        return self._evidence(*self.products.summed(self.parts, weight), self.map(gravity, ratio), mean, factor)
+        """Log evidence of the torque with parameters N(mean, F Fᵀ) and weights (n,), up to a constant of the torque.
+
+        A vector stands for the diagonal of F, here and below.
+        """
+        return self._evidence(self.turned(self.products.summed(self.parts, weight), gravity, ratio), mean, factor)
 
     @staticmethod
-    def _evidence(
-        gram: FloatArray, right: FloatArray, turned: FloatArray, mean: FloatArray, factor: FloatArray
-    ) -> float:
-        gram, right = turned.T @ gram @ turned, turned.T @ right
+    def _evidence(products: tuple[FloatArray, FloatArray], mean: FloatArray, factor: FloatArray) -> float:
+        gram, right = products
         square = 2.0 * mean @ right - mean @ gram @ mean
         return float(0.5 * square) + log_evidence(gram, right - gram @ mean, factor)
 
     def left(self, gravity: FloatArray, weight: FloatArray, factor: FloatArray, part: int | None = None) -> FloatArray:
         """(n,) Nm RMS that free parameters leave; on one part those that are fitted to the others."""
-        gram, right = self.products.summed([other for other in self.parts if other != part], weight)
-        turned = self.map(gravity, 1.0)
-        root = cho_factor(np.eye(factor.shape[1]) + factor.T @ (turned.T @ gram @ turned) @ factor)
-        values = turned @ (factor @ cho_solve(root, factor.T @ (turned.T @ right)))
+        kept = self.products.summed([other for other in self.parts if other != part], weight)
+        gram, right = self.turned(kept, gravity)
+        factor = np.diag(factor) if factor.ndim == 1 else factor
+        root = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
+        own = factor @ cho_solve(root, factor.T @ right)
+        values = np.concatenate([own, np.outer(gravity, own[self._heavy]).ravel()])
         asked = self.parts if part is None else (part,)
         squares = self.products.left(asked, values, np.arange(len(values)))
         return np.asarray(np.sqrt(squares / np.maximum(self.products.counts(asked), 1.0)))
@@ -101,8 +116,8 @@ class Directions:
         products = self.products.summed(self.parts, weight)
 
         def evidence(direction: FloatArray) -> float:
-            turned = self.map(size * direction / np.linalg.norm(direction), 1.0)
-            return self._evidence(*products, turned, mean, factor)
+            turned = self.turned(products, size * direction / np.linalg.norm(direction))
+            return self._evidence(turned, mean, factor)
 
         points = sphere()
         values = [evidence(point) for point in points]
@@ -114,19 +129,38 @@ class Directions:
 
     @staticmethod
     def _refined(evidence: Callable[[FloatArray], float], start: FloatArray) -> tuple[FloatArray, float]:
-        """The likeliest unit vector (3,) near a start, and its log evidence."""
-        best, found = start, 0.0
-        for reach in (0.2, 0.02):
-            frame = np.vstack([best, across(best)])
-            simplex = np.array([[0.0, 0.0], [reach, 0.0], [0.0, reach]])
-            options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 60}
+        """The likeliest unit vector (3,) near a start, and its log evidence.
 
-            def cost(angles: FloatArray, frame: FloatArray) -> float:
-                return -evidence(frame[0] + angles @ frame[1:])
+        Newton's steps on the sphere, their derivatives from points `reach` away; none is longer than twice the reach,
+        which shrinks with them.
+        """
+        best, found, reach = start, evidence(start), FIRST_REACH_RAD
+        while reach > LEAST_REACH_RAD:
+            frame = across(best)
 
-            result = minimize(cost, np.zeros(2), (frame,), method="Nelder-Mead", options=options)
-            direction = frame[0] + result.x @ frame[1:]
-            best, found = direction / np.linalg.norm(direction), -float(result.fun)
+            def leant(angles: FloatArray, here: FloatArray = best, frame: FloatArray = frame) -> FloatArray:
+                direction = here + angles @ frame
+                return np.asarray(direction / np.linalg.norm(direction))
+
+            steps = reach * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 1.0]])
+            values = np.array([evidence(leant(step)) for step in steps])
+            slope = 0.5 * (values[:2] - values[2:4]) / reach
+            bend = np.diag(values[:2] + values[2:4] - 2.0 * found) / reach**2
+            bend[0, 1] = bend[1, 0] = (values[4] - values[0] - values[1] + found) / reach**2
+            hill = np.linalg.eigvalsh(bend)[-1] < 0.0
+            step = (
+                -np.linalg.solve(bend, slope)
+                if hill
+                else slope * (2.0 * reach / max(float(np.linalg.norm(slope)), 1e-300))
+            )
+            length = float(np.linalg.norm(step))
+            step *= min(1.0, 2.0 * reach / length) if length > 0.0 else 1.0
+            steps, values = np.vstack([steps, step]), np.append(values, evidence(leant(step)))
+            place = int(np.argmax(values))
+            if values[place] > found:
+                best, found = leant(steps[place]), float(values[place])
+            # A whole step of Newton's says how near the top is.
+            reach = min(reach, max(0.5 * length, 0.1 * reach)) if hill else 0.5 * reach
         return best, found
 
     def spread(self, gravity: FloatArray, weight: FloatArray, mean: FloatArray, factor: FloatArray) -> float:
@@ -140,8 +174,9 @@ class Directions:
             products = self.products.summed(parts, weight)
 
             def cost(first: float, second: float) -> float:
-                turned = gravity + size * TANGENT_RAD * (np.array([first, second]) @ frame)
-                return -self._evidence(*products, self.map(size * turned / np.linalg.norm(turned), 1.0), mean, factor)
+                leant = gravity + size * TANGENT_RAD * (np.array([first, second]) @ frame)
+                turned = self.turned(products, size * leant / np.linalg.norm(leant))
+                return -self._evidence(turned, mean, factor)
 
             here, ahead, back = cost(0, 0), (cost(1, 0), cost(0, 1)), (cost(-1, 0), cost(0, -1))
             mixed = 0.25 * (cost(1, 1) + cost(-1, -1) - cost(1, -1) - cost(-1, 1))

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import stdtrit
 
 __all__ = [
     "Estimate",
@@ -106,9 +105,13 @@ def marginal(gram: FloatArray, right: FloatArray, base: npt.NDArray[np.int64], f
 
 
 def log_evidence(gram: FloatArray, right: FloatArray, factor: FloatArray) -> float:
-    """Log odds of Gaussian parameters F z, z ~ N(0, 1), against none."""
-    root, lower = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
-    seen = factor.T @ right
+    """Log odds of Gaussian parameters F z, z ~ N(0, 1), against none; a vector stands for the diagonal of F."""
+    if factor.ndim == 1:
+        inner, seen = factor[:, None] * gram * factor, factor * right
+    else:
+        inner, seen = factor.T @ gram @ factor, factor.T @ right
+    inner[np.diag_indices_from(inner)] += 1.0
+    root, lower = cho_factor(inner)
     return float(0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
 
 
@@ -117,6 +120,8 @@ def between_parts(without: FloatArray) -> FloatArray:
 
     The jackknife's, as wide as Student's distribution of so many parts is beside the normal one.
     """
+    from scipy.special import stdtrit  # slow to load, and a recording that agrees with its robot does without
+
     count = len(without)
     moved = without - without.mean(axis=0)
     wider = float(stdtrit(count - 1, 0.975)) / 1.96

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.difference import Number, with_interval
@@ -96,6 +95,8 @@ def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple
     cost = square / floor[:, None]
     own = np.diag(cost).copy()
     upright = np.minimum(own, turned / floor)
+    from scipy.optimize import linear_sum_assignment  # slow to load, and a plain fit does without
+
     _, order = linear_sum_assignment(cost)
     # A joint takes part in a change of order only where its own torque is clearly not what is expected of it.
     total = float(cost[np.arange(n), order].sum())

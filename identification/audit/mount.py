@@ -15,7 +15,7 @@ from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import PARTS
 from identification.audit.directions import Directions
 from identification.audit.given import sizes_of, wide_open
-from identification.audit.rows import rows_of
+from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, rows_of
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
@@ -129,7 +129,7 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
     """
     for recording in recordings:
         try:
-            found = mounting_of([recording], robot)
+            found = mounting_of([recording], robot, LEAST_GAIN)
         except RecordingError:
             continue
         if found is not None and found.is_other:
@@ -137,18 +137,19 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
     return None
 
 
-def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting | None:
+def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: float = -np.inf) -> Mounting | None:
     """Gravity of recordings without any model of the arm; None for one that no gravity acts on or that is all level.
 
-    Raises RecordingError for recordings at rest or too short.
+    None too where the likeliest gravity gains less than `least_gain` nats against the stated one: how certain it is is
+    then not asked. Raises RecordingError for recordings at rest or too short.
     """
     stated = np.array(robot.gravity, dtype=np.float64)
-    rows = rows_of(recordings)
+    rows = rows_of([_excerpt(recording) for recording in recordings])
     geometry, sizes = Geometry(robot, rows), sizes_of(robot, rows)
     if not geometry.heavy.any():
         return None
-    everything = Directions.of(geometry, rows.torque, PARTS)
-    factor, mean = np.diag(wide_open(sizes)), np.zeros(len(sizes.each))
+    everything = Directions.of(geometry, rows.torque)
+    factor, mean = wide_open(sizes), np.zeros(len(sizes.each))
     gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
     weight = 1.0 / (_REPEATED * std**2)
     for _ in range(_TURNS):
@@ -157,9 +158,23 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel) -> Mounting 
         weight = 1.0 / (_REPEATED * std**2)
         gravity, _ = everything.best(weight, mean, factor, GRAVITY)
     gain = everything.evidence(gravity, weight, mean, factor) - everything.evidence(stated, weight, mean, factor)
+    if gain < least_gain:
+        return None
     size = GRAVITY * max(float(np.linalg.norm(stated)), 1e-9)
     angle = float(np.arccos(np.clip(gravity @ stated / size, -1.0, 1.0)))
     rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
     mirrored = everything.evidence(gravity, weight, mean, factor) - everything.evidence(-gravity, weight, mean, factor)
-    spread = everything.spread(gravity, weight, mean, factor)
+    spread = Directions.of(geometry, rows.torque, PARTS).spread(gravity, weight, mean, factor)
     return Mounting(gravity, stated, angle, spread, gain, mirrored, rms[0], rms[1])
+
+
+def _excerpt(recording: Recording) -> Recording:
+    """As many periods as every part of the rows needs to have blocks of: a motion repeated shows gravity no better."""
+    if recording.period_index is None or recording.period_s is None:
+        return recording
+    enough = int(np.ceil(FEWEST_BLOCKS * BLOCK_S / recording.period_s))
+    periods = np.unique(recording.period_index[recording.period_index >= 0])
+    if len(periods) <= enough:
+        return recording
+    stop = int(np.argmax(recording.period_index == periods[enough]))
+    return recording.rows(np.arange(recording.samples) < stop)

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-__all__ = ["fixed_columns"]
+__all__ = ["FixedColumns"]
+
+IntArray = npt.NDArray[np.int64]
 
 _SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
           "int64": 8, "uint64": 8, "float32": 4, "float64": 8}  # fmt: skip
@@ -22,18 +26,61 @@ _HEADER = 4
 _LITTLE_ENDIAN = b"\x00\x01"
 
 
-def fixed_columns(definition: str, messages: Sequence[bytes]) -> np.ndarray:
-    """A structured array with one row per message and the fields that come before the first one of variable size.
+class FixedColumns:
+    """Collects the fields of messages that come before the first one of variable size.
 
-    definition: text of the message, as in an MCAP schema. Raises ValueError where a message is shorter than its fields
-    or is not encoded as plain little-endian CDR.
+    definition: text of the message, as in an MCAP schema.
     """
-    layout = _layout(definition)
-    end = _HEADER + layout.itemsize
-    for message in messages:
-        if len(message) < end or not message.startswith(_LITTLE_ENDIAN):
-            raise ValueError(f"a message of {len(message)} bytes does not hold its {end} bytes of fixed fields")
-    return np.frombuffer(b"".join([message[_HEADER:end] for message in messages]), dtype=layout)
+
+    def __init__(self, definition: str) -> None:
+        self.layout = _layout(definition)
+        self._rows: list[npt.NDArray[np.void]] = []
+        self._misfit = ""
+
+    def __len__(self) -> int:
+        return sum(len(rows) for rows in self._rows)
+
+    def add(self, data: bytes, starts: IntArray, ends: IntArray) -> None:
+        """Messages that stand at these places of a block of bytes."""
+        end = self.layout.itemsize
+        short = ends - starts < end
+        if short.any():
+            self._misfit = (
+                f"a message of {(ends - starts)[short][0]} bytes does not hold its {end} bytes of fixed fields"
+            )
+            starts = starts[~short]
+        if starts.size == 0:
+            return
+        # As plain bytes, so that numpy copies whole messages and not field by field.
+        rows = np.ndarray(len(data) - end + 1, f"V{end}", data, strides=(1,))[starts]
+        if np.any(rows.view(np.uint8).reshape(-1, end)[:, : len(_LITTLE_ENDIAN)] != list(_LITTLE_ENDIAN)):
+            self._misfit = "a message is not encoded as plain little-endian CDR"
+        self._rows.append(rows)
+
+    def columns(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.generic]]:
+        """Fields by their names, one row per message. Raises KeyError for one that is not there, and ValueError where a
+        message was shorter than its fields or not encoded as plain little-endian CDR.
+        """
+        if self._misfit:
+            raise ValueError(self._misfit)
+        result = {}
+        for name in names:
+            kind, offset = self._field(name)
+            # As plain bytes too: one copy a message, not one a number.
+            column = np.empty(len(self), f"V{kind.itemsize}")
+            row = 0
+            for rows in self._rows:
+                part = np.ndarray(len(rows), column.dtype, rows, offset, (rows.itemsize,))
+                column[row : row + len(rows)] = part
+                row += len(rows)
+            result[name] = column.view(kind.base).reshape(-1, *kind.shape)
+        return result
+
+    def _field(self, name: str) -> tuple[np.dtype[Any], int]:
+        """Type and place of a field in a message."""
+        assert self.layout.fields is not None
+        kind, offset = self.layout.fields[name][:2]
+        return kind, offset
 
 
 def _layout(definition: str) -> np.dtype[np.void]:
@@ -54,6 +101,6 @@ def _layout(definition: str) -> np.dtype[np.void]:
         code = _KINDS.get(kind, f"{'u' if kind.startswith('u') else 'i'}{size}")
         names.append(name)
         formats.append(f"{count or ''}{'' if size == 1 else '<'}{code}")
-        offsets.append(start)
+        offsets.append(_HEADER + start)
         end = start + size * int(count or 1)
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": _HEADER + end})

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, Bag
-from identification.recordings.fixed_columns import fixed_columns
 from identification.recordings.npz_reader import resolve_robot
 from identification.recordings.recording import CLOCK_START, Finding, FloatArray, IntArray
 from identification.recordings.table import RawTable
@@ -49,7 +49,8 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
         & ~(states["duplicate"] | states["out_of_order"])
     )
     bad = np.flatnonzero(~usable) + 1
-    states = states[usable]
+    if bad.size:
+        states = {name: values[usable] for name, values in states.items()}
     findings: list[Finding] = []
     if bad.size:
         findings.append(
@@ -62,7 +63,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
                 "late; they were left out",
             )
         )
-    table = {name: np.ascontiguousarray(states[name], dtype=np.float64) for name in _VECTORS}
+    table = {name: states[name].astype(np.float64, copy=False) for name in _VECTORS}
     label = {name: states[name].astype(np.int64) for name in _NUMBERS}
     stated = states["send_period_ms"][states["send_period_ms"] > 0]
     send_period_ms = int(stated[0]) if stated.size else 0
@@ -102,22 +103,22 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     return result
 
 
-def _states(path: Path, bag: Bag) -> np.ndarray:
-    """The messages of /fri/state as a table, one row each. Raises RecordingError where they are not what they say."""
+def _states(path: Path, bag: Bag) -> dict[str, Any]:
+    """The fields of /fri/state, one row each message. Raises RecordingError where they are not what they say."""
     topic = bag.topics[FRI_STATE_TOPIC]
-    wanted = (*_VECTORS, *_NUMBERS, *_FLAGS)
+    assert topic.columns is not None
+    layout = topic.columns.layout
+    missing = [name for name in (*_VECTORS, *_NUMBERS, *_FLAGS) if name not in (layout.names or ())]
     try:
-        states = fixed_columns(topic.definition or "", [data for _, data in topic.messages])
-        missing = [name for name in wanted if name not in (states.dtype.names or ())]
-        if missing or any(states.dtype[name].shape != (JOINTS,) for name in _VECTORS):
+        if missing or any(layout[name].shape != (JOINTS,) for name in _VECTORS):
             raise ValueError(f"it has no {', '.join(missing)}" if missing else f"its arrays are not of {JOINTS} joints")
+        return topic.columns.columns((*_VECTORS, *_NUMBERS, *_FLAGS))
     except ValueError as error:
         raise RecordingError(
             f"{path.name}: the messages on {FRI_STATE_TOPIC} do not fit their schema {topic.type} ({error})",
             file=path,
             field=FRI_STATE_TOPIC,
         ) from error
-    return states
 
 
 def number_in(metadata: dict[str, str], name: str) -> float | None:

@@ -223,7 +223,7 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
         wanted = _named_together(table)
     choice = choose_joints(table.path, table.joint_names, table.position.shape[1], robot, wanted)
     columns = list(choice.columns)
-    changes: dict[str, Any] = {name: getattr(table, name)[:, columns] for name in ("position", "torque")}
+    changes: dict[str, Any] = {name: _columns(getattr(table, name), columns) for name in ("position", "torque")}
     optional = {name: _columns(values, columns) for name, values in table.optional.items()}
     findings, time, period = list(table.findings), table.time, table.period_index
     if choice.sentence:
@@ -261,7 +261,9 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
 
 
 def _columns(values: Any, columns: list[int]) -> Any:
-    """Columns of an optional array; one of another shape is left for the check of shapes to name."""
+    """Columns of an array, itself where they are all; one of another shape is left for the check of shapes to name."""
+    if columns == list(range(values.shape[-1])):
+        return values
     return values[:, columns] if values.ndim == 2 and values.shape[1] > max(columns) else values
 
 

@@ -60,23 +60,27 @@ def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | No
     revolute = np.ones(table.position.shape[1], dtype=np.bool_) if robot is None else robot.kinematics.revolute
     angle, speed = (_factors(quantity, units, revolute) for quantity in ("q", "dq"))
     optional = {
-        name: values * (angle if name in ("command_position", "link_position") else 1.0)
+        name: _times(values, angle) if name in ("command_position", "link_position") else values
         for name, values in table.optional.items()
     }
     if "velocity" in optional:
-        optional["velocity"] = optional["velocity"] * (speed if "dq" in units else angle)
+        optional["velocity"] = _times(optional["velocity"], speed if "dq" in units else angle)
     torque = UNITS["tau"][units.get("tau", "Nm")]
     if "external_torque" in optional:
-        optional["external_torque"] = optional["external_torque"] * torque
+        optional["external_torque"] = _times(optional["external_torque"], torque)
     return replace(
         table,
-        time=table.time * UNITS["t"][units.get("t", "s")],
-        position=table.position * angle,
-        torque=table.torque * torque,
+        time=_times(table.time, UNITS["t"][units.get("t", "s")]),
+        position=_times(table.position, angle),
+        torque=_times(table.torque, torque),
         optional=optional,
         units=units,
         torque_unit="A" if units.get("tau") == "A" else "Nm",
     )
+
+
+def _times(values: FloatArray, factor: FloatArray | float) -> FloatArray:
+    return values if np.all(factor == 1.0) else values * factor
 
 
 def _factors(quantity: str, units: dict[str, str], revolute: BoolArray) -> FloatArray:
@@ -139,6 +143,8 @@ def _known_limits(robot: RobotModel | None, n: int) -> tuple[FloatArray, FloatAr
 
 def _beyond(position: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """(n,) by how much of its range each joint leaves its limits; 0 inside, and where no limits are known."""
+    if np.all(position.min(axis=0) >= lower) and np.all(position.max(axis=0) <= upper):
+        return np.zeros(len(lower))
     span = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     low, high = np.percentile(position, [1.0, 99.0], axis=0)
     return np.asarray(np.maximum(0.0, np.maximum(high - upper, lower - low)) / span, dtype=np.float64)
@@ -149,8 +155,10 @@ def _position(recording: Recording, robot: RobotModel | None, revolute: BoolArra
     over = _beyond(recording.position, lower, upper)
     for unit, factor, which in (("deg", _DEGREE, revolute), ("mm", 1e-3, ~revolute)):
         wrong = which & (over > OVER_LIMIT)
+        if not wrong.any():
+            continue
         inside = _beyond(np.where(which, factor, 1.0) * recording.position, lower, upper)
-        if wrong.any() and not np.any(inside[which] > OVER_LIMIT):
+        if not np.any(inside[which] > OVER_LIMIT):
             joint = int(np.argmax(np.where(which, over, 0.0)))
             reach = float(np.abs(recording.position[:, joint]).max())
             si = "rad" if unit == "deg" else "m"

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
 
 from identification.errors import EstimationError
 from identification.signals.periods import PeriodTable, average_periods
@@ -113,6 +112,8 @@ def _interpolation(
 
 def _without_spikes(values: FloatArray) -> FloatArray:
     """(N, n) values bounded at Huber's deviations from their running median: what slowly wanders far stays."""
+    from scipy.ndimage import median_filter  # slow to load, and most recordings have no outliers
+
     middle = median_filter(values, size=(5, 1), mode="wrap")
     bound = HUBER_BOUND * _DEVIATION_FROM_MEDIAN * np.median(np.abs(values - middle), axis=0)
     return np.asarray(middle + np.clip(values - middle, -bound, bound), dtype=np.float64)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.sparse import csr_array
 
 from identification.signals.processed import LinearOperator, unchanged
@@ -43,10 +42,9 @@ def over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
     standing &= standing.mean(axis=0) < LONGEST_STANDSTILL_SHARE
     coarse = step_s > SHORTEST_STANDSTILL_S
     shortest = FEWEST_SLOW_SAMPLES if coarse else round(SHORTEST_STANDSTILL_S / step_s) | 1
-    resting = minimum_filter1d(standing.astype(np.int8), shortest, axis=0, mode="wrap")
-    standing = maximum_filter1d(resting, shortest, axis=0, mode="wrap").astype(np.bool_)
+    standing = _marked_around(_marked_around(standing, shortest) == shortest, shortest) > 0
     width = max(3, round(STANDSTILL_MARGIN_S / step_s)) | 1
-    bridged = maximum_filter1d(standing.any(axis=1).astype(np.int8), width, mode="wrap").astype(np.bool_)
+    bridged = _marked_around(np.asarray(standing.any(axis=1)), width) > 0
     samples, places = bridged.size, np.flatnonzero(bridged)
     if places.size in (0, samples):
         return unchanged
@@ -66,8 +64,16 @@ def over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
     line = csr_array((weights.ravel(), (rows, columns.ravel())), shape=(places.size, samples))
 
     def bridge(values: FloatArray) -> FloatArray:
-        result = values.copy()
+        result = values.copy("K")
         result[places] = (line @ values.reshape(samples, -1)).reshape(places.size, *values.shape[1:])
         return result
 
     return bridge
+
+
+def _marked_around(marks: npt.NDArray[np.bool_], width: int) -> npt.NDArray[np.int64]:
+    """How many of the `width` (odd) samples around each one are marked, along axis 0 on a circle."""
+    half = width // 2
+    around = np.take(marks, np.arange(-half - 1, len(marks) + half), axis=0, mode="wrap")
+    total = np.cumsum(around, axis=0, dtype=np.int64)
+    return total[width:] - total[:-width]
