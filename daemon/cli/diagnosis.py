@@ -52,6 +52,7 @@ NOT_MEASURED = (
 )
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 NAMED = "What differs between the recordings stands above, under Set-up; the model itself is not in question."
+SETTLED = "Explained: the recordings differ by what is named here, and with that put in nothing but noise remains."
 
 
 @app.command()
@@ -188,13 +189,16 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     if not baseline.noise_is_measured and diagnosis.verdict == "no_mismatch":
         return [f"{unknown} No mismatch is shown, and none is ruled out."]
     sentence = VERDICTS[diagnosis.verdict]
-    if diagnosis.verdict == "unexplained" and not baseline.detected.any():
-        named = () if diagnosis.audit is None else diagnosis.audit.differences
+    differs = heldout is not None and any(item.differs for item in heldout.misfits)
+    named = () if diagnosis.audit is None or not differs else diagnosis.audit.differences
+    if diagnosis.verdict == "explained" and named:
+        sentence = f"{SETTLED} {NAMED}"
+    elif diagnosis.verdict == "unexplained" and not baseline.detected.any():
         sentence = f"{DISAGREE} {NAMED}" if named else DISAGREE
-        if any(item.effect == "payload" for item in named):
-            sentence += " `iiwa-ident payload` weighs a load more exactly."
-    elif heldout is not None and any(item.differs for item in heldout.misfits):
+    elif differs:
         sentence += " The held-out recordings disagree with the fitted ones."
+    if any(item.effect == "payload" for item in named):
+        sentence += " `iiwa-ident payload` weighs a load more exactly."
     return [sentence] if baseline.noise_is_measured else [unknown, sentence]
 
 

@@ -129,8 +129,9 @@ def _too_wide(given: _Given) -> bool:
 def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     model, first, now = given.model, found.first, found.now
     noise = now.noise
-    before, after = (
-        np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0)) for each in (first, now)
+    before, after, least = (
+        np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0))
+        for each in (first, now, found.whole)
     )
     numbers = found_numbers(now)
     for each in numbers:
@@ -160,15 +161,15 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
         )
         for item in misread
     ]
-    verdict = _verdict(differences, before, after, noise.std, model)
+    own = np.where(np.isfinite(model.left), model.left, noise.std)
+    holds = bool(np.all(np.minimum(least, after) < STILL_ITS_OWN * own))
+    verdict = _verdict(differences, before, after, noise.std, holds)
     return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
-                 _sentence(model.name, verdict, differences, before, after))  # fmt: skip
+                 _sentence(model.name, verdict, differences, before, after), holds)  # fmt: skip
 
 
 def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,
-             model: GivenModel) -> str:  # fmt: skip
-    own = np.where(np.isfinite(model.left), model.left, noise)
-    holds = bool(np.all(after < STILL_ITS_OWN * own))
+             holds: bool) -> str:  # fmt: skip
     if not differences:
         return "nothing" if holds else "unexplained"
     if holds and np.array_equal(before, after):

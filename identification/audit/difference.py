@@ -112,7 +112,8 @@ class Difference:
 class Audit:
     """A model against recordings. differences: the fewest that explain it. verdict: "nothing" where the model holds,
     "named", "partly", "unexplained", or "model_too_wide". source: the model's name. rms_before, rms_after: (n,) Nm on
-    rows that were not used, with the differences and without. sentence: the answer as a whole.
+    rows that were not used, with the differences and without. sentence: the answer as a whole. holds: whether the model
+    leaves no more than of its own recordings once the differences are put in.
     """
 
     source: str
@@ -121,6 +122,7 @@ class Audit:
     rms_before: tuple[float, ...]
     rms_after: tuple[float, ...]
     sentence: str
+    holds: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """The entry `audit` of diagnosis.json."""

@@ -65,12 +65,15 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audited:
-    """What was found. signs: (n,) by which the torque was turned. now, first: with all differences, and with none."""
+    """What was found. signs: (n,) by which the torque was turned. now, first: with all differences, and with none.
+    whole: as now, with the inertia that every load has and that needs more numbers than tell a load.
+    """
 
     steps: tuple[Step, ...]
     signs: FloatArray
     now: Explanation
     first: Explanation
+    whole: Explanation
 
 
 def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Audited:
@@ -101,7 +104,16 @@ def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -
         now = after.without(needless)
         if step.hypothesis.bends:
             now = replace(now, noise=now.noise_with())
-    return Audited(steps, np.ones(n), now, first)
+    return Audited(steps, np.ones(n), now, first, _with_inertia(now, candidates))
+
+
+def _with_inertia(now: Explanation, candidates: list[Hypothesis]) -> Explanation:
+    """With all numbers of each body that was told by its mass and centre."""
+    for step in now.steps:
+        for larger in candidates:
+            if step.is_body and larger.place == step.place and len(larger.columns) > len(step.columns):
+                now = now.without([step]).plus(larger, now.day)
+    return now
 
 
 def _needless(now: Explanation) -> list[Hypothesis]:
@@ -309,14 +321,19 @@ def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypoth
 
 
 def _fewest_columns_first(scored: list[Scored], own: bool) -> list[Scored]:
-    """Bodies that explain the same within a few per cent: that with the fewest numbers is tried first.
+    """Bodies that explain the same within a few per cent: the fewest numbers are tried first, then the commonest thing.
 
+    On the last joint's axis a load does to the torque what it does on the link before: most loads hang at the flange.
     own: of a fit of this arm, where a link does not change but what hangs on it does.
     """
     if not scored or not scored[0][2].is_body:
         return scored
     best = scored[0][0]
     alike = [one for one in scored if one[2].is_body and one[0] > best - ALIKE * abs(best)]
-    alike.sort(key=lambda one: (own and one[2].effect == "link_parameters", len(one[2].columns), -one[0]))
+
+    def order(one: Scored) -> tuple[bool, int, float, float]:
+        return own and one[2].effect == "link_parameters", len(one[2].columns), -one[2].log_odds, -one[0]
+
+    alike.sort(key=order)
     chosen = {id(one[2]) for one in alike}
     return [*alike, *[one for one in scored if id(one[2]) not in chosen]]

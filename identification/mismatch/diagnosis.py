@@ -190,7 +190,7 @@ def diagnose(
         )
         diagnosis = with_changes(diagnosis, refused)
     if audited is None and fit is not None and diagnosis.heldout is not None:
-        diagnosis = replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot))
+        diagnosis = settled(replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot)))
     encoders = compare_encoders(recordings, heldout)
     if encoders:
         sentences = tuple(item.sentence for item in encoders)
@@ -242,6 +242,19 @@ def _other_set_up(
     name = " and ".join(recording_names([*fitted, *unseen])[: len(fitted)])
     found = _audited(unseen, robot, model_of_fit(fit, name), name)
     return found if found is not None and found.differences else None
+
+
+def settled(diagnosis: Diagnosis) -> Diagnosis:
+    """Explained, where the held-out recordings alone disagree, and what differs in their set-up is named and is all."""
+    audit, heldout = diagnosis.audit, diagnosis.heldout
+    if audit is None or heldout is None or not (audit.verdict == "named" and audit.holds):
+        return diagnosis
+    stays = bool(diagnosis.curves or diagnosis.classes) or not all(item.differs for item in heldout.misfits)
+    unnamed = not diagnosis.findings and bool(diagnosis.baseline.detected.any())
+    if stays or unnamed or diagnosis.verdict not in ("unexplained", "partly_explained"):
+        return diagnosis
+    known = f"{audit.sentence} With that put in, nothing above the noise remains."
+    return replace(diagnosis, verdict="explained", remaining=f"{known} {diagnosis.remaining}")
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:

@@ -48,6 +48,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         if diagnosis.audit is not None:
             sentences["unexplained"] += "".join(f" {item.sentence}" for item in diagnosis.audit.differences)
         sentences["partly_explained"] += " The held-out recordings disagree with the fitted ones."
+        differs = "" if diagnosis.audit is None else " ".join(item.sentence for item in diagnosis.audit.differences)
+        begun = sentences["explained"] if diagnosis.findings else "The model explains the fitted recordings."
+        sentences["explained"] = f"{begun} The held-out recordings differ from them by what is named: {differs}"
     if diagnosis.heldout is None and diagnosis.findings:
         for verdict in ("explained", "partly_explained"):
             sentences[verdict] += " No held-out recording has confirmed it."

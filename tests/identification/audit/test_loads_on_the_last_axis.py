@@ -1,0 +1,61 @@
+"""Claims about a load on the last joint's axis, which does to the torque what it does on the link before.
+
+Truth: Pinocchio's torque of the paper's arm with a point mass at the flange, added by the parallel-axis theorem.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.physics import iiwa14_table_three
+from identification.audit import audit
+from identification.estimators.physical import PhysicalParameters
+from identification.model_file import Model, read_model, write_model
+from identification.recording_fit import FitSettings, fit_recordings
+from identification.recordings import Recording, read_recording
+from identification.robots import load_robot
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
+
+NOISE_NM = 0.05
+
+
+def recorded(folder: Path, seed: int, mass: float = 0.0, height: float = 0.0) -> Recording:
+    """mass: kg on the axis of joint 7, height m from the origin of link 7."""
+    links, samples = iiwa14_table_three(), 2000
+    masses, centres, inertias = links.mass.copy(), links.center_of_mass.copy(), links.inertia.copy()
+    place, total = np.array([0.0, 0.0, height]), masses[6] + mass
+    arm = place - centres[6]
+    inertias[6] = inertias[6] + masses[6] * mass / total * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    centres[6] = (masses[6] * centres[6] + mass * place) / total
+    masses[6] = total
+    physical = PhysicalParameters(masses, centres, inertias, links.viscous, links.coulomb)
+    states = fourier_motion(7, period_s=20.0, samples=samples, seed=seed)
+    torque = inverse_dynamics(load_robot("iiwa14"), physical, *states)
+    torque += NOISE_NM * np.random.default_rng(100 + seed).standard_normal((samples, 7))
+    file = folder / f"{seed}-{mass}.npz"
+    np.savez(file, t=np.arange(samples) * 0.01, q=states[0], tau=torque, robot="iiwa14")
+    return read_recording(file)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    folder = tmp_path_factory.mktemp("model")
+    result = fit_recordings([recorded(folder, 31)], load_robot("iiwa14"), FitSettings(physical=False))
+    return read_model(write_model(result.to_model_json(), folder / "model.json"))
+
+
+@pytest.mark.parametrize(("seed", "mass", "height"), [(32, 3.0, 0.15), (33, 1.0, 0.1), (34, 2.0, 0.2), (35, 0.5, 0.15)])
+def test_a_load_on_the_last_axis_is_at_the_flange_with_the_link_before_named_beside_it(
+    model: Model, tmp_path: Path, seed: int, mass: float, height: float
+) -> None:
+    found = audit([recorded(tmp_path, seed, mass, height)], load_robot("iiwa14"), model)
+    load = found.differences[0]
+    assert load.effect == "payload"
+    assert load.link == 7
+    low, high = load.numbers[0].interval
+    assert low < mass < high
+    assert "a load on link 6" in load.sentence
+    assert found.holds
