@@ -6,7 +6,7 @@ budget shall hold) and any knowledge of collisions (the caller passes a judge).
 
 Each stage keeps the best part of the one before and searches on from there with more iterations: most starts end in
 poor local optima and show it early. What a time budget leaves after the last stage goes into hops: the best motions are
-disturbed and improved again (basin hopping), on all processes, until the time is up.
+disturbed and improved again (basin hopping), on all processes; towards the end the best are polished.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from identification.excitation.constraints import verify
 from identification.excitation.detectability_term import WORST_CONDITION, DetectabilityTerm
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
-from identification.excitation.local_search import DesignSettings, LocalSearch, Problem
+from identification.excitation.local_search import Descent, DesignSettings, LocalSearch, Problem
 from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
 from identification.excitation.objective import (
     DETECTABILITY,
@@ -58,6 +58,7 @@ _JUDGEMENTS = 1.5
 """So many times what the judgement of one candidate took is kept for that of the best."""
 _LOOK_S = 0.25
 _HOPPING_SHARE = 0.95
+_POLISHED_FROM = 0.85
 _HOPPED_FROM = 3
 _DISTURBED = (0.1, 0.2, 0.05, 0.3)
 _RANKED = 24
@@ -150,17 +151,14 @@ def design_excitation(
                 if number == 1
                 else sorted(candidates, key=lambda start: (candidates[start][0], start))[:count]
             )
-            tasks = [
-                _Task(start, stage.iterations, stage.samples, candidates[start][1] if number > 1 else None)
-                for start in order
-            ]
+            tasks = [_Task(start, (stage.descent,), candidates[start][1] if number > 1 else None) for start in order]
             for done, outcome in enumerate(run(tasks, stage.budget_share, is_before, is_searching_time), start=1):
                 note(outcome, number, done, len(tasks))
                 # While the others search on.
                 if number == done == 1:
                     reserve_s += _JUDGEMENTS * judgement_s()
         if settings.budget_s is not None and clock is not None and is_before(_HOPPING_SHARE):
-            hops = run(_hops(candidates, settings), 1.0, is_before, is_searching_time)
+            hops = run(_hops(candidates, settings, is_before), 1.0, is_before, is_searching_time)
             for done, outcome in enumerate(hops, start=1):
                 note(outcome, len(settings.stages) + 1, done, 0)
     return _best_result(robot, problem, candidates, history, acceptable, nominal)
@@ -168,11 +166,10 @@ def design_excitation(
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """One local search to run: which start, how long, and from where (None: draw it)."""
+    """One local search to run: which start, by which descents, and from where (None: draw it)."""
 
     start: int
-    iterations: int
-    fineness: int
+    descents: tuple[Descent, ...]
     coefficients: FloatArray | None
     disturbed: float = 0.0
     """Share of a random motion that is mixed in before the search."""
@@ -191,21 +188,24 @@ way may search on.
 """
 
 
-def _hops(candidates: dict[int, tuple[float, FloatArray]], settings: DesignSettings) -> Iterator[_Task]:
+def _hops(
+    candidates: dict[int, tuple[float, FloatArray]], settings: DesignSettings, is_before: Callable[[float], bool]
+) -> Iterator[_Task]:
     """Without end: the best motions so far in turn, disturbed by a share that alternates, as new starts.
 
-    The candidates are read when a task is asked for, so that a better motion is hopped from at once.
+    The candidates are read when a task is asked for, so that a better motion is hopped from at once. Late in the budget
+    the best ones are polished, each once, before more are disturbed.
     """
-    last = settings.stages[-1]
-    for number in itertools.count():
+    polished: set[int] = set()
+    for number in itertools.count(settings.starts):
         best = sorted(candidates, key=lambda start: (candidates[start][0], start))[:_HOPPED_FROM]
-        yield _Task(
-            settings.starts + number,
-            last.iterations,
-            last.samples,
-            candidates[best[number % len(best)]][1],
-            _DISTURBED[number % len(_DISTURBED)],
-        )
+        rough = [start for start in best if start not in polished]
+        if rough and not is_before(_POLISHED_FROM):
+            polished |= {rough[0], number}
+            yield _Task(number, (settings.polish,), candidates[rough[0]][1])
+            continue
+        share = _DISTURBED[number % len(_DISTURBED)]
+        yield _Task(number, settings.hop, candidates[best[number % len(best)]][1], share)
 
 
 def _problem(
@@ -263,8 +263,10 @@ def _work(task: _Task, seed: int) -> _Outcome:
     elif task.disturbed:
         other = search.random_start(np.random.default_rng([seed, task.start]))
         coefficients = (1.0 - task.disturbed) * coefficients + task.disturbed * other
-    value, found = search.improve(coefficients, task.iterations, task.fineness, _time_is_up)
-    return _Outcome(task.start, value, found)
+    value = np.inf
+    for descent in task.descents:
+        value, coefficients = search.improve(coefficients, descent, _time_is_up)
+    return _Outcome(task.start, value, coefficients)
 
 
 @contextmanager

@@ -48,20 +48,38 @@ _HOPELESS = 1.0e3
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
-    """One round of the tournament: the part of all starts that takes part, the SLSQP iterations each one gets, and the
-    share of the time budget after which no further search of this round begins.
+class Descent:
+    """SLSQP iterations of one descent. samples: how much finer than the settings' samples it looks; the sign of the
+    velocity is sharpened alike. sharpness: of the condition number that it sees (`log_condition_number`), None: as it
+    is; what a motion is worth is told by the condition number as it is.
+    """
 
-    samples: how much finer than the settings' samples this round looks; the sign of the velocity is sharpened alike.
+    iterations: int
+    samples: int = 1
+    sharpness: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One round of the tournament: the part of all starts that takes part, the descent each one gets (see `Descent`),
+    and the share of the time budget after which no further search of this round begins.
     """
 
     part: float
     iterations: int
     budget_share: float
     samples: int = 1
+    sharpness: float | None = None
+
+    @property
+    def descent(self) -> Descent:
+        """What each start of the round gets."""
+        return Descent(self.iterations, self.samples, self.sharpness)
 
 
-STAGES = (Stage(1.0, 50, 0.55), Stage(0.25, 100, 0.75, 2), Stage(0.08, 150, 0.85, 4), Stage(0.04, 150, 0.9, 4))
+STAGES = (Stage(1.0, 60, 0.3, 1, 4.0), Stage(0.3, 60, 0.4, 1, 12.0), Stage(0.1, 60, 0.5, 2, 32.0))
+HOP = (Descent(40, 1, 8.0), Descent(60, 2, 32.0))
+POLISH = Descent(150, 4, 128.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +92,7 @@ class DesignSettings:
     result depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
     offset_rad: centre of each joint's motion, zero by default. noise_nm: torque noise of each joint per sample at
     1 kHz, by which D, A and detectability weigh the rows; None weighs all alike. periods: of the run effects shall
-    show in.
+    show in. hop: what each disturbed motion goes through, polish: what the best ones get at last, within a budget.
     """
 
     objective: str = "cond"
@@ -90,6 +108,8 @@ class DesignSettings:
     noise_nm: tuple[float, ...] | None = None
     periods: int = 16
     stages: tuple[Stage, ...] = STAGES
+    hop: tuple[Descent, ...] = HOP
+    polish: Descent = POLISH
 
     def __post_init__(self) -> None:
         """Refuse settings nothing can be designed for."""
@@ -119,10 +139,11 @@ class Problem:
     torque: TorqueLimit | None = None
     room: Term | None = None
 
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self, sharpness: float | None = None) -> tuple[Term, ...]:
         """What is minimised: the objective, and what keeps torque, condition number and distances within bounds."""
         noise = None if self.settings.noise_nm is None else np.array(self.settings.noise_nm)
-        terms = terms_of(self.settings.objective, noise, {DETECTABILITY: self.detectability, PAYLOAD: self.payload})
+        others = {DETECTABILITY: self.detectability, PAYLOAD: self.payload}
+        terms = terms_of(self.settings.objective, noise, others, sharpness)
         if self.detectability is not None:
             terms += (bounded_condition,)
         return (*terms, *(term for term in (self.torque, self.room) if term is not None))
@@ -148,19 +169,10 @@ class LocalSearch:
         self._basis = rest_null_space(settings.harmonics)
         self._scale = problem.limits.velocity[:, None]
         self._offset = problem.offset
-        terms = problem.terms()
-        self._objectives = {
-            fineness: FourierObjective(
-                problem.base,
-                terms,
-                1.0 / settings.period_s,
-                settings.harmonics,
-                settings.samples * fineness,
-                SIGN_WIDTH_RAD_S / fineness,
-            )
-            for fineness in sorted({1} | {stage.samples for stage in settings.stages})
-        }
-        self._objective = self._objectives[1]
+        self._problem = problem
+        descents = [*(stage.descent for stage in settings.stages), *settings.hop, settings.polish]
+        self._figure = self._seen_by(Descent(0, max(descent.samples for descent in descents)))
+        self._objective = self._figure
         self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
         rows = self._constraints.linear_rows() @ self._basis * self._scale[:, :, None]
         joints, count, width = rows.shape
@@ -168,6 +180,17 @@ class LocalSearch:
         linear[np.arange(joints), :, np.arange(joints)] = rows
         self._linear = linear.reshape(joints * count, joints * width)
         self._shape = (joints, width)
+
+    def _seen_by(self, descent: Descent) -> FourierObjective:
+        settings = self._problem.settings
+        return FourierObjective(
+            self._problem.base,
+            self._problem.terms(descent.sharpness),
+            1.0 / settings.period_s,
+            settings.harmonics,
+            settings.samples * descent.samples,
+            SIGN_WIDTH_RAD_S / descent.samples,
+        )
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
         """Random coefficients at rest at the start, each joint using 60 to 100 % of what its limits allow."""
@@ -180,15 +203,15 @@ class LocalSearch:
     def improve(
         self,
         coefficients: FloatArray,
-        iterations: int,
-        fineness: int = 1,
+        descent: Descent,
         time_is_up: Callable[[], bool] | None = None,
     ) -> tuple[float, FloatArray]:
-        """Value and coefficients after at most so many iterations, exactly inside the constraints.
+        """Value and coefficients after one descent, exactly inside the constraints.
 
-        time_is_up: asked after each iteration; the search then ends with what it has, if that is better.
+        The value is of the objective as it is, at the most samples that any descent of the settings has. time_is_up:
+        asked after each iteration; the search then ends with what it has, if that is better.
         """
-        self._objective = self._objectives[fineness]
+        self._objective = self._seen_by(descent)
         start = (coefficients / self._scale) @ self._basis
         reached = start.ravel()
         inequality: Any = {"type": "ineq", "fun": self._inequalities, "jac": self._inequality_slopes}
@@ -207,13 +230,13 @@ class LocalSearch:
                 jac=True,
                 method="SLSQP",
                 constraints=inequality,
-                options={"maxiter": iterations, "ftol": 1e-6},
+                options={"maxiter": descent.iterations, "ftol": 1e-6},
                 callback=callback,
             ).x
         ends = [repaired(self._coefficients(reached), self._constraints, self._basis)]
         if time_is_up is not None and time_is_up():  # on the way an iterate may be worse than where it began
             ends.append(coefficients)
-        values = [float(self._objective(end, self._offset)[0]) for end in ends]
+        values = [float(self._figure(end, self._offset)[0]) for end in ends]
         best = int(np.argmin(values))
         return values[best], ends[best]
 

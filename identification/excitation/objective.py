@@ -30,15 +30,22 @@ At the iiwa's (14) optimum it makes cond 3 % larger than the true sign() does, w
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 
 
-def log_condition_number(gram: FloatArray) -> tuple[float, FloatArray]:
+def log_condition_number(gram: FloatArray, sharpness: float | None = None) -> tuple[float, FloatArray]:
     """Log cond(Y) and the matrix C with ∂/∂Y = Y C, from G = Yᵀ Y, eq. (13).
 
     d log σ = uᵀ dY v / σ for a singular triple, and u = Y v / σ: C = v₁ v₁ᵀ / λ₁ - v_p v_pᵀ / λ_p.
-    Infinite, with C = 0, where the smallest eigenvalue is lost in rounding.
+    Infinite, with C = 0, where the smallest eigenvalue is lost in rounding. With a sharpness s the means
+    (Σ λˢ)^(1/s) and (Σ λ⁻ˢ)^(-1/s) stand for the largest and the smallest eigenvalue: where the smallest ones meet, at
+    every good motion, cond has an edge along which a descent creeps, and these have none.
     """
     values, vectors = np.linalg.eigh(gram)
     if values[0] <= 1e-14 * values[-1]:
         return np.inf, np.zeros_like(gram)
+    if sharpness is not None:
+        upper, lower = (values / values[-1]) ** sharpness, (values[0] / values) ** sharpness
+        ratio = np.log(values[-1] / values[0]) + (np.log(upper.sum()) + np.log(lower.sum())) / sharpness
+        weights = (upper / upper.sum() - lower / lower.sum()) / values
+        return 0.5 * float(ratio), (vectors * weights) @ vectors.T
     first, last = vectors[:, -1], vectors[:, 0]
     gradient = np.outer(first, first) / values[-1] - np.outer(last, last) / values[0]
     return 0.5 * float(np.log(values[-1] / values[0])), gradient
@@ -98,21 +105,26 @@ def mixture_weights(text: str) -> dict[str, float]:
     return weights
 
 
-def criterion_of(text: str) -> Criterion:
-    """The criterion of an objective's text, see `mixture_weights`; without `OTHERS`.
+def criterion_of(text: str, sharpness: float | None = None) -> Criterion:
+    """The criterion of an objective's text, see `mixture_weights`; without `OTHERS`. sharpness: of cond.
 
     A mix adds its terms as logarithms that can be compared, each larger by 0.1 when 10 % worse: log cond, the mean of
     log σ over the p parameters (-log det / 2p), and the logarithm of the root mean square of σ (½ log(trace / p)).
     """
     weights = mixture_weights(text)
-    return CRITERIA[next(iter(weights))] if len(weights) == 1 else _mix(weights)
+    criteria = _criteria(sharpness)
+    return criteria[next(iter(weights))] if len(weights) == 1 else _mix(weights, criteria)
 
 
-def _mix(weights: dict[str, float]) -> Criterion:
+def _criteria(sharpness: float | None) -> Mapping[str, Criterion]:
+    return CRITERIA if sharpness is None else {**CRITERIA, "cond": lambda gram: log_condition_number(gram, sharpness)}
+
+
+def _mix(weights: dict[str, float], criteria: Mapping[str, Criterion]) -> Criterion:
     def mix(gram: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = 0.0, np.zeros_like(gram)
         for name, weight in weights.items():
-            term, slope = CRITERIA[name](gram)
+            term, slope = criteria[name](gram)
             if not np.isfinite(term):
                 return np.inf, np.zeros_like(gram)
             scale = weight * {"cond": 1.0, "d": 0.5 / len(gram), "a": 0.5}[name]
@@ -157,11 +169,15 @@ class GramTerm:
 
 
 def terms_of(
-    text: str, noise_nm: FloatArray | None = None, others: Mapping[str, Term | None] | None = None
+    text: str,
+    noise_nm: FloatArray | None = None,
+    others: Mapping[str, Term | None] | None = None,
+    sharpness: float | None = None,
 ) -> tuple[Term, ...]:
     """The terms of an objective's text. With noise_nm (n,) the D and A criteria weigh each joint's rows by 1/noise².
 
-    cond stays that of Y_b as it is, eq. (13). others: the terms of OTHERS that the text has.
+    cond stays that of Y_b as it is, eq. (13), or with rounded edges, see `log_condition_number`. others: the terms of
+    OTHERS that the text has.
     """
     weights = mixture_weights(text)
     terms: list[Term] = []
@@ -174,10 +190,11 @@ def terms_of(
         return tuple(terms)
     if not terms and (len(weights) == 1 or noise_nm is None):
         noisy = noise_nm if "cond" not in weights else None
-        return (GramTerm(criterion_of(text), noisy),)
+        return (GramTerm(criterion_of(text, sharpness), noisy),)
     plain = {name: weight for name, weight in weights.items() if name == "cond" or noise_nm is None}
     weighed = {name: weight for name, weight in weights.items() if name not in plain}
-    terms += [GramTerm(_mix(part), noise) for part, noise in ((plain, None), (weighed, noise_nm)) if part]
+    criteria = _criteria(sharpness)
+    terms += [GramTerm(_mix(part, criteria), noise) for part, noise in ((plain, None), (weighed, noise_nm)) if part]
     return tuple(terms)
 
 

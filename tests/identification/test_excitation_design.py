@@ -21,7 +21,7 @@ from identification.excitation import (
 )
 from identification.excitation.constraints import PaperConstraints, verify
 from identification.excitation.design import DesignProgress, design_excitation
-from identification.excitation.local_search import DesignSettings, LocalSearch, Problem, Stage
+from identification.excitation.local_search import Descent, DesignSettings, LocalSearch, Problem, Stage
 from identification.excitation.objective import BaseMatrix
 from identification.robots import load_robot
 from safety.collision import Workspace
@@ -30,7 +30,9 @@ from safety.limits import limits_for
 from safety.preflight import preflight
 
 STAGES = (Stage(1.0, 30, 0.6), Stage(0.5, 15, 0.9, 2))
-QUICK = DesignSettings(seed=3, starts=2, processes=1, samples=40, stages=STAGES)
+QUICK = DesignSettings(
+    seed=3, starts=2, processes=1, samples=40, stages=STAGES, hop=(Descent(15, 2),), polish=Descent(15, 2)
+)
 
 
 def _condition_number(trajectory: FourierTrajectory) -> float:
@@ -116,7 +118,7 @@ def test_a_search_whose_time_is_up_ends_with_the_better_of_what_it_has_and_what_
             asked.append(1)
             return len(asked) >= iterations
 
-        return search.improve(start, 200, 1, time_is_up)
+        return search.improve(start, Descent(200), time_is_up)
 
     one, inside = time_is_up_after(1)
     assert len(asked) == 2  # after the iteration, and when what it has is judged
@@ -195,7 +197,7 @@ def test_a_time_budget_is_used_up_by_hops_from_the_best_motions() -> None:
     stages = (Stage(1.0, 3, 0.5), Stage(0.5, 3, 0.9))
     robot, limits = load_robot("iiwa14"), iiwa_limits("iiwa14")
     finished: list[DesignProgress] = []
-    settings = DesignSettings(starts=2, stages=stages, seed=1, budget_s=12.0)
+    settings = DesignSettings(starts=2, stages=stages, hop=(Descent(3),), polish=Descent(3), seed=1, budget_s=12.0)
     result = design_excitation(robot, limits, settings, progress=finished.append, clock=lambda: float(len(finished)))
     hops = [event for event in result.history if event.planned == 0]
     assert len(hops) > 3
@@ -219,7 +221,9 @@ def test_a_slow_judgement_is_counted_in_the_budget() -> None:
     def clock() -> float:
         return len(finished) + 8.0 * len(judged)
 
-    settings = DesignSettings(starts=2, stages=(Stage(1.0, 3, 0.5),), seed=1, budget_s=40.0)
+    settings = DesignSettings(
+        starts=2, stages=(Stage(1.0, 3, 0.5),), hop=(Descent(3),), polish=Descent(3), seed=1, budget_s=40.0
+    )
     design_excitation(robot, limits, settings, progress=finished.append, clock=clock, acceptable=acceptable)
     assert len(judged) == 2
     assert 30.0 <= clock() <= settings.budget_s
