@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,20 @@ if TYPE_CHECKING:
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
     from identification.investigation.added_mass import AddedMass
+
+
+class Done(StrEnum):
+    """Actions of an operator that a command can be told of; a mass has an option of its own."""
+
+    TURN_TOOL = "turn_tool"
+    WARM_UP = "warm_up"
+
+
+class Wanted(StrEnum):
+    """What no motion shows, and an operator may want to be settled."""
+
+    GAIN = "gain"
+    LOAD = "load"
 
 
 @app.command()
@@ -53,6 +68,13 @@ def investigate(
         str | None,
         typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
     ] = None,
+    done: Annotated[
+        Done | None, typer.Option("--done", help="What was done to the arm since, as the page asked for.")
+    ] = None,
+    settle: Annotated[
+        list[Wanted] | None,
+        typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange."),
+    ] = None,
     serial: Annotated[str | None, typer.Option("--serial", help="Serial number of the arm, as of `run`.")] = None,
     start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search for motions.")] = 1,
@@ -71,6 +93,7 @@ def investigate(
     from daemon.investigate.account import read_account, save
     from daemon.investigate.loop import Investigation
     from daemon.investigate.story import write_story
+    from identification.investigation.actions import Action
 
     host, port = parse_bind(bind)
     simulation = ipaddress.ip_address(host).is_loopback
@@ -87,7 +110,12 @@ def investigate(
         )
     elif budget is not None:
         account = msgspec.structs.replace(account, budget_s=60.0 * budget)
+    if settle:
+        wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
+        account = msgspec.structs.replace(account, wanted=wanted)
+    acted = None if done is None else Action(done.value)
     if mass is not None:
+        acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
         tool = tool or added_mass  # the preflight has to carry it
     driver = _driver(account.robot, workspace, tool, mount, gravity, host, port, simulation,
@@ -104,7 +132,7 @@ def investigate(
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show, plan_only=plan_only)
         if resumed:
-            loop.resume(after_drop=after_drop, acted=mass is not None)
+            loop.resume(after_drop=after_drop, acted=acted)
         account = loop.run()
     page = write_story(out, account)
     if json_file is not None:

@@ -12,8 +12,9 @@ import msgspec
 from daemon.errors import ConfigurationError, LogIOError
 from daemon.investigate.states import State
 from daemon.json_files import read_json, write_json
+from identification.investigation.actions import Action
 
-__all__ = ["FORMAT", "Account", "Alive", "Motion", "Named", "Recorded", "Step", "read_account", "save"]
+__all__ = ["FORMAT", "Account", "Alive", "Motion", "Named", "Recorded", "Step", "Told", "read_account", "save"]
 
 FORMAT = "iiwa-ident/investigation/1"
 NAME = "investigation.json"
@@ -54,12 +55,14 @@ class Motion(_Entry, frozen=True, kw_only=True):
 class Recorded(_Entry, frozen=True, kw_only=True):
     """A recording. motion: None for one that was given. stood_out: whether afterwards some hypothesis stood out.
 
-    added_mass: kg and m from the flange of a known mass that was on it.
+    added_mass: kg and m from the flange of a known mass that was on it. action: the motion was driven again to see
+    what this did.
     """
 
     file: str
     motion: Motion | None = None
     added_mass: tuple[float, float, float, float] | None = None
+    action: Action | None = None
 
 
 class Named(_Entry, frozen=True, kw_only=True):
@@ -68,6 +71,15 @@ class Named(_Entry, frozen=True, kw_only=True):
     effect: str
     joint: int | None
     alternatives: tuple[str, ...] = ()
+
+
+class Told(_Entry, frozen=True, kw_only=True):
+    """What an action of the operator told. answer: short, for programs."""
+
+    action: Action
+    answer: str
+    settled: bool
+    sentence: str
 
 
 class Step(_Entry, frozen=True, kw_only=True):
@@ -92,7 +104,9 @@ class Account(_Entry, frozen=True, kw_only=True):
 
     confirming: motions in a row that were to add evidence where the hypotheses were told apart already.
     sentence: how it ended, or stands. exit_code: of the last motion that was not completed.
-    added_mass: kg and m from the flange of a known mass that is on it now.
+    added_mass: kg and m from the flange of a known mass that is on it now. wanted: questions of the operator about what
+    no motion shows, of `INVISIBLE`. doing: an action that was done and whose motion is not recorded yet. told: what
+    the first `heard` of the recordings after an action told.
     """
 
     robot: str
@@ -108,6 +122,10 @@ class Account(_Entry, frozen=True, kw_only=True):
     actions: tuple[str, ...] = ()
     exit_code: int = 1
     added_mass: tuple[float, float, float, float] | None = None
+    wanted: tuple[str, ...] = ()
+    doing: Action | None = None
+    told: tuple[Told, ...] = ()
+    heard: int = 0
     format: str = FORMAT
 
     @property

@@ -17,26 +17,40 @@ import msgspec
 import numpy as np
 
 from daemon.errors import ConfigurationError
-from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step, save
+from daemon.investigate.account import Account, Motion, Recorded, Told, save
+from daemon.investigate.motions import (
+    FIRST_PERIODS,
+    SAME_MOTION,
+    SECOND_PERIODS,
+    chosen_motion,
+    describe_motion,
+    same_motion,
+    shipped_motion,
+)
 from daemon.investigate.states import RESTING, Event, State, after
-from identification.excitation import Trajectory, default_trajectory, iiwa_limits, validation_trajectory
+from daemon.investigate.steps import as_a_class, step_of
+from identification.excitation import (
+    Trajectory,
+    default_trajectory,
+    iiwa_limits,
+)
+from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
-from identification.investigation.choice import ENOUGH, PERIODS, Choice
-from identification.investigation.equivalences import twins_of
-from identification.investigation.experiments import PERIOD_S, Experiment, Room
-from identification.investigation.forecast import stands_out
-from identification.investigation.study import Study, study
+from identification.investigation.choice import PERIODS
+from identification.investigation.equivalences import Equivalence, invisible, twins_of
+from identification.investigation.experiments import PERIOD_S, Room
+from identification.investigation.forecast import Forecast
+from identification.investigation.study import Study, study, what_it_told
 from identification.recordings import Recording
 from identification.recordings.reader import inputs_of, read_recording
 from identification.robots import RobotModel
 
-__all__ = ["FIRST_PERIODS", "Drive", "Driver", "Investigation", "smallest_budget_s"]
+__all__ = ["Drive", "Driver", "Investigation", "smallest_budget_s"]
 
 Tell = Callable[[str], None]
 Progress = Callable[[str, float], None]
 Ask = Callable[[Motion], bool]
 
-FIRST_PERIODS, SECOND_PERIODS = 8, 4
 LEAST_GAIN = 0.02
 """Rise of the probability to tell below which a motion is not worth its time for what it tells."""
 MOST_CONFIRMING = 2
@@ -97,7 +111,7 @@ class Investigation:
         self._plan_only = plan_only
         self._room = room
         self._study: Study | None = None
-        self._choices: Sequence[tuple[Choice | None, Motion, Trajectory]] = ()
+        self._choices: Sequence[tuple[Motion, Trajectory]] = ()
 
     def run(self) -> Account:
         """Go on from where the account stands until it rests."""
@@ -118,8 +132,10 @@ class Investigation:
         self._diagnose()
         return self.account
 
-    def resume(self, *, after_drop: bool = False, acted: bool = False) -> None:
+    def resume(self, *, after_drop: bool = False, acted: Action | None = None) -> None:
         """Stand where a person may be asked again. Raises ConfigurationError after a drop that nobody released.
+
+        acted: what the operator did to the arm since.
 
         A motion whose recording is whole on disk is taken as recorded; one that was broken off is asked for anew.
         """
@@ -127,18 +143,17 @@ class Investigation:
         if state is State.RECORDING and self._take_finished():
             self._keep(state=after(state, Event.RECORDED))
             return
-        if state is State.SETTLED:
-            return
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
                 "the robot dropped out of the session during the last motion, and nothing moves again by itself: look "
                 "at the arm and the cabinet, then add --after-drop.",
                 file=str(self._folder),
             )
-        if state is State.NEEDS_ACTION and not acted:
-            return
-        if state is State.NEEDS_ACTION:
-            self._keep(state=after(state, Event.ACTED))
+        if state in (State.NEEDS_ACTION, State.SETTLED):
+            if acted is not None:
+                self._keep(state=after(state, Event.ACTED), doing=acted)
+            elif state is State.SETTLED and self.account.wanted:
+                self._keep(state=after(state, Event.RESUMED))
             return
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
         self._keep(state=after(state, event))
@@ -151,15 +166,52 @@ class Investigation:
         found = self._studied()
         recordings = len(self.account.recordings)
         if not self.account.steps or self.account.steps[-1].recordings != recordings:
-            self._keep(steps=(*self.account.steps, _step(found, recordings)))
+            self._keep(steps=(*self.account.steps, step_of(found, recordings)))
             self._tell(f"After {recordings} recordings: {found.answer}")
             for question in found.questions:
                 self._tell(f"Open: {question.sentence}")
-        if found.settled:
-            twins = twins_of([item.effect for item in found.diagnosis.findings])
-            self._keep(sentence=f"Settled. {found.answer}", actions=tuple(item.sentence for item in twins))
-            return Event.NOTHING_OPEN
-        return Event.OPEN
+        self._hear(found)
+        if not found.settled:
+            return Event.OPEN
+        twins = twins_of([item.effect for item in found.diagnosis.findings])
+        if self._asks_for([*twins, *map(invisible, self.account.wanted)]):
+            self._keep(sentence=f"What motion can tell is known; what is left, no motion settles. {found.answer}")
+            return Event.NO_MOTION_TELLS
+        self._keep(sentence=f"Settled. {found.answer}{self._heard}", actions=())
+        return Event.NOTHING_OPEN
+
+    def _asks_for(self, equivalences: Sequence[Equivalence]) -> bool:
+        """Ask for what settles these, where nobody did it yet; whether there is such a thing."""
+        told = {item.action for item in self.account.told if item.settled}
+        left = [item for item in equivalences if item.action not in told]
+        self._keep(actions=tuple(item.sentence for item in left))
+        return bool(left)
+
+    @property
+    def _heard(self) -> str:
+        """What actions told, as the end of a sentence."""
+        return "".join(f" {item.sentence}" for item in self.account.told if item.settled)
+
+    def _hear(self, found: Study) -> None:
+        """What the last recording after an action told."""
+        last = self.account.recordings[-1]
+        done = len([item for item in self.account.recordings if item.action is not None])
+        if last.action is None or done == self.account.heard:
+            return
+        before = next(
+            item for item in reversed(self.account.recordings[:-1])
+            if item.action is not None or item is self.account.recordings[0]
+        )  # fmt: skip
+        inputs = inputs_of([read_recording(item.file) for item in (before, last)])
+        pair = inputs.recordings[0], inputs.recordings[1]
+        outcomes = what_it_told(last.action, pair, found, inputs.robot, _mass(last.added_mass))
+        told = tuple(
+            Told(action=item.action, answer=item.answer, settled=item.settled, sentence=item.sentence)
+            for item in outcomes
+        )
+        for item in told:
+            self._tell(item.sentence)
+        self._keep(told=(*self.account.told, *told), heard=done)
 
     def _choose(self) -> Event:
         given = len(self.account.recordings)
@@ -167,35 +219,46 @@ class Investigation:
             seconds = PERIOD_S * (FIRST_PERIODS, SECOND_PERIODS)[given]
             if seconds > self.account.left_s:
                 return self._out_of_time()
-            self._choices = (self._shipped(given),)
+            self._choices = (shipped_motion(self.account.robot, given),)
+            return Event.CHOSEN
+        if self.account.doing is not None:
+            if self.account.left_s < PERIOD_S * SECOND_PERIODS:
+                return self._out_of_time()
+            self._choices = (same_motion(self.account, self._folder),)
             return Event.CHOSEN
         found = self._studied()
         random = np.random.default_rng([self.account.seed, given])
         room = self._room or Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
+        # Where no time is left, what one motion more would tell is still worth knowing.
+        left = max(self.account.left_s, PERIODS[0] * PERIOD_S)
         design = found.chooser.choose(
-            random, room, self.account.left_s, progress=lambda share: self._progress("choosing the next motion", share)
+            random, room, left, progress=lambda share: self._progress("choosing the next motion", share)
         )
-        if not design.choices:
-            return self._out_of_time()
         if design.equivalences:
-            self._keep(
-                sentence=f"No motion settles what is left. {found.answer}",
-                actions=tuple(item.sentence for item in design.equivalences),
-            )
-            return Event.NO_MOTION_TELLS
+            if self._asks_for(design.equivalences):
+                self._keep(sentence=f"No motion settles what is left. {found.answer}")
+                return Event.NO_MOTION_TELLS
+            self._keep(sentence=f"Settled. {found.answer}{self._heard}")
+            return Event.KNOWN
         best = design.choices[0].forecast
-        confirming = self.account.confirming + 1 if best.probability - best.now < LEAST_GAIN else 0
-        if confirming > MOST_CONFIRMING:
+        useless = best.probability - best.now < LEAST_GAIN
+        no_time = self.account.left_s < PERIODS[0] * PERIOD_S
+        confirming = self.account.confirming + 1 if useless else 0
+        if useless and (no_time or confirming > MOST_CONFIRMING):
+            if found.diagnosis.classes:
+                self._keep(sentence=as_a_class(found))
+                return Event.KNOWN
             self._keep(sentence=f"No motion of this arm would tell more. {found.answer}")
             return Event.NOTHING_TELLS
+        if no_time:
+            return self._out_of_time(best)
         self._keep(confirming=confirming)
-        self._choices = tuple(self._motion(choice, found) for choice in design.choices)
+        self._choices = tuple(chosen_motion(self.account, choice, found) for choice in design.choices)
         return Event.CHOSEN
 
     def _check(self) -> Event:
         objection = ""
-        for choice, motion, trajectory in self._choices:
-            del choice
+        for motion, trajectory in self._choices:
             file = self._folder / motion.trajectory
             file.write_text(json.dumps(trajectory.to_json()) + "\n", encoding="utf-8")
             objection = self._driver.objection(file)
@@ -246,14 +309,18 @@ class Investigation:
         return True
 
     def _take(self, motion: Motion, recording: Path) -> None:
-        taken = Recorded(file=str(recording), motion=motion, added_mass=self.account.added_mass)
-        self._keep(recordings=(*self.account.recordings, taken), pending=None)
+        action = self.account.doing if motion.kind == SAME_MOTION else None
+        taken = Recorded(file=str(recording), motion=motion, added_mass=self.account.added_mass, action=action)
+        doing = None if action is not None else self.account.doing
+        self._keep(recordings=(*self.account.recordings, taken), pending=None, doing=doing)
         self._study = None
 
     def _studied(self) -> Study:
         if self._study is None:
-            recordings, robot = self._read()
-            masses = [_mass(item.added_mass) for item in self.account.recordings]
+            # What was done to the arm is asked of pairs of recordings; the diagnosis is of the arm as it was.
+            own = [item for item in self.account.recordings if item.action is None]
+            recordings, robot = _read(own)
+            masses = [_mass(item.added_mass) for item in own]
             self._study = study(
                 [recordings[0], *recordings[2:]],
                 robot,
@@ -264,48 +331,11 @@ class Investigation:
             )
         return self._study
 
-    def _read(self) -> tuple[Sequence[Recording], RobotModel]:
-        read = [read_recording(item.file) for item in self.account.recordings]
-        unloaded = [item for item, at in zip(read, self.account.recordings, strict=True) if at.added_mass is None]
-        refuse_other_arms(unloaded)
-        inputs = inputs_of(read)
-        return inputs.recordings, inputs.robot
-
-    def _shipped(self, given: int) -> tuple[None, Motion, Trajectory]:
-        robot, number = self.account.robot, given + 1
-        first = given == 0
-        motion = Motion(
-            number=number,
-            kind="excitation" if first else "another excitation",
-            purpose="the shipped excitation: the parameters of the arm, and what stands out from them"
-            if first
-            else "another excitation, on which every name is checked",
-            trajectory=f"trajectory-{number:02d}.json",
-            periods=FIRST_PERIODS if first else SECOND_PERIODS,
-            seconds=PERIOD_S * (FIRST_PERIODS if first else SECOND_PERIODS),
-        )
-        return None, motion, default_trajectory(robot) if first else validation_trajectory(robot)
-
-    def _motion(self, choice: Choice, found: Study) -> tuple[Choice, Motion, Trajectory]:
-        number = len(self.account.recordings) + 1
-        alive, pair = found.assessment.alive, choice.forecast.hardest
-        experiment: Experiment = choice.experiment
-        motion = Motion(
-            number=number,
-            kind=experiment.kind,
-            purpose=experiment.purpose,
-            trajectory=f"trajectory-{number:02d}.json",
-            periods=choice.periods,
-            seconds=choice.seconds,
-            forecast=choice.forecast.probability,
-            now=choice.forecast.now,
-            tells=None if pair is None else (alive[pair.truth].name, alive[pair.rival].name),
-        )
-        return choice, motion, experiment.trajectory(self.account.robot)
-
-    def _out_of_time(self) -> Event:
+    def _out_of_time(self, best: Forecast | None = None) -> Event:
         leader = self.account.steps[-1].alive[0] if self.account.steps else None
         leads = "" if leader is None else f" What leads: {leader.name}, {100 * leader.probability:.0f} %."
+        if best is not None:
+            leads += f" {PERIODS[0] * PERIOD_S:.0f} s more would settle it with {100 * best.probability:.0f} %."
         self._keep(
             sentence=f"Out of time: {self.account.used_s / 60.0:.1f} of {self.account.budget_s / 60.0:.1f} minutes of "
             "motion are used, and the rest is too short for a motion. Call again with a larger --budget to go on."
@@ -317,22 +347,15 @@ class Investigation:
         self.account = save(self._folder, msgspec.structs.replace(self.account, **changes))
 
 
+def _read(recorded: Sequence[Recorded]) -> tuple[Sequence[Recording], RobotModel]:
+    read = [read_recording(item.file) for item in recorded]
+    refuse_other_arms([item for item, at in zip(read, recorded, strict=True) if at.added_mass is None])
+    inputs = inputs_of(read)
+    return inputs.recordings, inputs.robot
+
+
 def _mass(given: tuple[float, float, float, float] | None) -> AddedMass | None:
     return None if given is None else AddedMass(given[0], given[1:])
-
-
-def describe_motion(motion: Motion) -> str:
-    """What a motion is for and what it will tell, in one sentence."""
-    what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods"
-    if motion.forecast is None or motion.tells is None:
-        return f"{what}, {motion.seconds:.0f} s."
-    truth, rival = motion.tells
-    if (motion.now or 0.0) >= ENOUGH:
-        return f"{what}, {motion.seconds:.0f} s. The hypotheses are told apart already; it adds evidence for a name."
-    return (
-        f"{what}. In {motion.seconds:.0f} s this tells {truth} from {rival} and all else alive with "
-        f"{100 * motion.forecast:.0f} % (now {100 * (motion.now or 0.0):.0f} %)."
-    )
 
 
 def refuse_other_arms(recordings: Sequence[Recording]) -> None:
@@ -345,34 +368,3 @@ def refuse_other_arms(recordings: Sequence[Recording]) -> None:
                 f"its {name} is '{other}', that of {first} is '{one}': recordings of one arm with one tool are needed.",
                 file=second,
             )
-
-
-def _step(found: Study, recordings: int) -> Step:
-    diagnosis = found.diagnosis
-    return Step(
-        recordings=recordings,
-        verdict=diagnosis.verdict,
-        answer=found.answer,
-        alive=tuple(
-            Alive(
-                name=item.name,
-                effect=item.effect,
-                joint=item.place.joint,
-                probability=item.probability,
-                log_odds=item.log_odds,
-            )
-            for item in found.assessment.alive
-        ),
-        questions=tuple(item.sentence for item in found.questions),
-        findings=tuple(
-            Named(
-                effect=item.effect,
-                joint=item.place.joint,
-                alternatives=tuple(other.effect for other in item.alternatives),
-            )
-            for item in diagnosis.findings
-        ),
-        stands_out=stands_out(found.assessment.alive),
-        remaining=diagnosis.remaining,
-        agreements=found.agreements,
-    )

@@ -41,6 +41,7 @@ class Event(StrEnum):
     NO_TIME = "no_time"
     NOTHING_TELLS = "nothing_tells"
     NO_MOTION_TELLS = "no_motion_tells"
+    KNOWN = "known"
     SAFE = "safe"
     UNSAFE = "unsafe"
     AGREED = "agreed"
@@ -58,10 +59,12 @@ _S, _E = State, Event
 TABLE: dict[tuple[State, Event], State] = {
     (_S.DIAGNOSING, _E.NOTHING_OPEN): _S.SETTLED,
     (_S.DIAGNOSING, _E.OPEN): _S.CHOOSING,
+    (_S.DIAGNOSING, _E.NO_MOTION_TELLS): _S.NEEDS_ACTION,
     (_S.CHOOSING, _E.CHOSEN): _S.CHECKING,
     (_S.CHOOSING, _E.NO_TIME): _S.OUT_OF_BUDGET,
     (_S.CHOOSING, _E.NOTHING_TELLS): _S.UNDECIDED,
     (_S.CHOOSING, _E.NO_MOTION_TELLS): _S.NEEDS_ACTION,
+    (_S.CHOOSING, _E.KNOWN): _S.SETTLED,
     (_S.CHECKING, _E.SAFE): _S.ASKING,
     (_S.CHECKING, _E.UNSAFE): _S.BLOCKED,
     (_S.ASKING, _E.AGREED): _S.RECORDING,
@@ -83,7 +86,9 @@ TABLE: dict[tuple[State, Event], State] = {
     (_S.BLOCKED, _E.RESUMED): _S.CHOOSING,
     (_S.OUT_OF_BUDGET, _E.RESUMED): _S.CHOOSING,
     (_S.UNDECIDED, _E.RESUMED): _S.CHOOSING,
-    (_S.NEEDS_ACTION, _E.ACTED): _S.DIAGNOSING,
+    (_S.NEEDS_ACTION, _E.ACTED): _S.CHOOSING,
+    (_S.SETTLED, _E.ACTED): _S.CHOOSING,
+    (_S.SETTLED, _E.RESUMED): _S.DIAGNOSING,
 }
 """What comes next. A pair that does not stand here does not happen."""
 

@@ -22,7 +22,8 @@ import numpy as np
 
 from daemon.errors import SealBrokenError
 from daemon.investigate.account import Account, Motion, Recorded, Step, read_account
-from daemon.investigate.loop import FIRST_PERIODS, SECOND_PERIODS, Drive, Investigation
+from daemon.investigate.loop import Drive, Investigation
+from daemon.investigate.motions import FIRST_PERIODS, SECOND_PERIODS
 from daemon.investigate.states import State
 from daemon.investigate.story import write_story
 from daemon.motion.preparation import check_table

@@ -84,7 +84,8 @@ class Chooser:
         mass: on the flange when the next motion is driven.
         """
         layout = Layout.of(assessment.alive)
-        parts = [sums_of(item, layout.forms) for item in assessment.evidences]
+        beside = assessment.discrepancies
+        parts = [sums_of(item, layout.forms, beside=beside) for item in assessment.evidences]
         recorded = parts[0]
         for part in parts[1:]:
             recorded = recorded + part
@@ -106,14 +107,14 @@ class Chooser:
 
     def foretell(self, experiment: Experiment, periods: int) -> Forecast:
         """What a motion would tell, in addition to all recordings."""
-        after = self.recorded + sums_of(self.rows(experiment, periods), self.layout.forms)
-        alive = self.assessment.alive
-        return forecast(alive, self.separated, separations(after, self.layout, alive))
+        alive, beside = self.assessment.alive, self.assessment.discrepancies
+        after = self.recorded + sums_of(self.rows(experiment, periods), self.layout.forms, beside=beside)
+        return forecast(alive, self.separated, separations(after, self.layout, alive, beside))
 
     @cached_property
     def separated(self) -> FloatArray:
         """(H, H) λ of the pairs on what is recorded."""
-        return separations(self.recorded, self.layout, self.assessment.alive)
+        return separations(self.recorded, self.layout, self.assessment.alive, self.assessment.discrepancies)
 
     def choose(
         self,

@@ -13,8 +13,10 @@ from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import cholesky, solve_triangular
 
 from identification.base_parameters import BaseRegressor
+from identification.investigation.discrepancy import Discrepancies
 from identification.mismatch.detectability import PlannedRows, Rows
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Effect, Place
@@ -63,27 +65,51 @@ def forms_of(motion: Motion, effects: Sequence[Effect] = EFFECTS) -> Iterator[tu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
-    """Normal equations of base parameters (p) and of the columns of some forms (m): gram (p + m, p + m), and p."""
+    """Normal equations of base parameters (p) and of the columns of some forms (m): gram (p + m, p + m), and p.
+
+    classes: per joint, those of the columns of classes (q): (q, q + p + m).
+    """
 
     gram: FloatArray
     base: int
+    classes: tuple[FloatArray, ...] = ()
 
     def __add__(self, other: Sums) -> Sums:
         """Those of both recordings together."""
-        return Sums(self.gram + other.gram, self.base)
+        classes = tuple(own + more for own, more in zip(self.classes, other.classes, strict=True))
+        return Sums(self.gram + other.gram, self.base, classes)
 
-    def projected(self) -> FloatArray:
-        """(m, m) of the columns after base parameters took up what they can."""
-        base, p = self.gram[: self.base, : self.base], self.base
+    def projected(self, deviations: Sequence[FloatArray] = ()) -> FloatArray:
+        """(m, m) of the columns after base parameters and classes took up what they can.
+
+        deviations: per joint (q,) Nm, how large the weight of each column of the classes may be beforehand.
+        """
+        gram, p = self.gram, self.base
+        for own, spread in zip(self.classes, deviations, strict=bool(deviations)):
+            there = np.flatnonzero(spread)
+            if there.size:
+                root = spread[there]
+                inner = root[:, None] * own[there[:, None], there] * root
+                inner[np.diag_indices(there.size)] += 1.0
+                factor = cholesky(inner, lower=True, check_finite=False)
+                across = root[:, None] * own[there, len(spread) :]
+                half = solve_triangular(factor, across, lower=True, check_finite=False)
+                gram = gram - half.T @ half
+        base = gram[:p, :p]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
         inverse = np.linalg.pinv(base * np.outer(scale, scale), _RANK, hermitian=True) * np.outer(scale, scale)
-        across = self.gram[:p, p:]
-        rest = self.gram[p:, p:] - across.T @ inverse @ across
+        across = gram[:p, p:]
+        rest = gram[p:, p:] - across.T @ inverse @ across
         return np.asarray(0.5 * (rest + rest.T))
 
 
-def sums_of(rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None) -> Sums:
-    """Normal equations of one recording. extra: (R, n, k) further columns, put behind those of the forms."""
+def sums_of(
+    rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None, beside: Discrepancies | None = None
+) -> Sums:
+    """Normal equations of one recording. extra: (R, n, k) further columns, put behind those of the forms.
+
+    beside: classes whose columns are kept apart.
+    """
     parts = [rows.nominal, *(form_rows(rows, form) for form in forms)]
     if extra is not None:
         parts.append(extra)
@@ -92,7 +118,16 @@ def sums_of(rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None) 
     if used is not None:
         whitened = np.where(used[..., None], whitened, 0.0)
     flat = whitened.reshape(-1, whitened.shape[2])
-    return Sums(flat.T @ flat, rows.nominal.shape[2])
+    classes = []
+    for joint, columns in enumerate(() if beside is None else beside.columns(rows.motion, rows.project)):
+        if not columns.size:
+            classes.append(np.zeros((0, flat.shape[1])))
+            continue
+        own = columns / rows.noise[:, joint, None]
+        if used is not None:
+            own = np.where(used[:, joint, None], own, 0.0)
+        classes.append(own.T @ np.concatenate([own, whitened[:, joint]], axis=1))
+    return Sums(flat.T @ flat, rows.nominal.shape[2], tuple(classes))
 
 
 def form_rows(rows: Rows, form: Form) -> FloatArray:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
 
+from identification.investigation.actions import ASK, Action
 from identification.investigation.hypotheses import Hypothesis
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,27 +21,6 @@ FloatArray = npt.NDArray[np.float64]
 ONE_TORQUE = 1e-3
 """Share of a hypothesis's λ that tells it from a rival, on the best of all motions, below which the two are one."""
 
-
-class Action(StrEnum):
-    """What an operator can do that no motion can."""
-
-    ADD_MASS = "add_mass"
-    TURN_TOOL = "turn_tool"
-    LEVEL_BASE = "level_base"
-    WARM_UP = "warm_up"
-
-
-ASK = {
-    Action.ADD_MASS: "Fasten a known mass to the flange and give the command again with --added-mass KG@X,Y,Z (kg, and "
-    "m from the flange): what is proportional to the torque grows with it, what is not stays.",
-    Action.TURN_TOOL: "Turn the tool by half a turn on the flange, record again, and ask `iiwa-ident compare BEFORE "
-    "AFTER`: a load turns with the tool, the last link does not.",
-    Action.LEVEL_BASE: "Level the base with an inclinometer, record again, and ask `iiwa-ident compare BEFORE AFTER`: "
-    "where it says base tilt, the base leaned; all else stays.",
-    Action.WARM_UP: "Warm the arm up by half an hour of motion, record again, and ask `iiwa-ident compare BEFORE "
-    "AFTER`: friction falls with temperature, an offset of the sensor stays.",
-}
-"""The question to the operator, in plain words."""
 
 _BY_PAIR = {
     frozenset(pair): action
@@ -74,6 +53,13 @@ ALWAYS_ONE = {
 """Effects that have a twin without an entry in the library: the twin in words, and what tells the two apart."""
 
 
+INVISIBLE = {
+    "gain": ("a gain common to all torque sensors", "heavier links", Action.ADD_MASS),
+    "load": ("a load on the flange", "other parameters of the last link", Action.TURN_TOOL),
+}
+"""What no motion shows at all, because base parameters take it up whole: two names for it, and what settles it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Equivalence:
     """Two names for one torque on every motion. action: what settles it; None: nothing that this program knows."""
@@ -101,6 +87,11 @@ def twins_of(effects: Sequence[str]) -> tuple[Equivalence, ...]:
         for effect in dict.fromkeys(effects)
         if effect in ALWAYS_ONE
     )
+
+
+def invisible(question: str) -> Equivalence:
+    """The equivalence that an operator asks to be settled. question: of INVISIBLE."""
+    return Equivalence(*INVISIBLE[question])
 
 
 def inseparable(

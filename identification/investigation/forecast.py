@@ -34,7 +34,8 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecast:
-    """probability: that the truth stands out afterwards, whichever it is. now: the same without a motion more.
+    """probability: that a name, or that there is nothing more, stands out afterwards and is true. now: the same without
+    a motion more. Where something without a name is there, no motion gives it one: that chance is left out of both.
 
     hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds.
     """
@@ -49,7 +50,7 @@ def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatA
     """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion."""
     gain = np.maximum(after - before, 0.0)
     told = [_told(hypotheses, i, gain) for i in range(len(hypotheses))]
-    weights = np.array([item.probability for item in hypotheses])
+    weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
     one = [float(max(0.0, 1.0 - np.sum(1.0 - row))) for row in told]
     standing = np.zeros_like(gain)
     now = [float(max(0.0, 1.0 - np.sum(1.0 - _told(hypotheses, i, standing)))) for i in range(len(hypotheses))]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from identification.investigation.columns import Form, Sums, sums_of
+from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
 
@@ -52,24 +53,25 @@ class Layout:
         return cls(tuple(forms))
 
 
-def separations(sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis]) -> FloatArray:
+def separations(
+    sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis], beside: Discrepancies | None = None
+) -> FloatArray:
     """(H, H) λ of each hypothesis (row), were it true, against each rival (column); 0 on the diagonal.
 
-    Against "nothing more" it is what is visible of the effect at all. In the row of "nothing more" stands what a rival
-    of the size that it has now would show: so much speaks against it where it is not there.
+    The classes that a rival has beside it take up what they can at their size. Against "nothing more" it is what is
+    visible of the effect at all. In the row of "nothing more" stands what a rival of the size that it has now would
+    show: so much speaks against it where it is not there.
     """
-    rest = sums.projected()
     places = layout.places
     count = len(hypotheses)
     result = np.zeros((count, count))
-    for i, truth in enumerate(hypotheses):
-        if truth.best is None:
-            continue
-        own, size = places[truth.best], truth.coefficients
-        whole = float(size @ rest[own, own] @ size)
-        for j, rival in enumerate(hypotheses):
-            if i == j:
+    for j, rival in enumerate(hypotheses):
+        rest = sums.projected(() if beside is None else beside.deviations(rival.beside))
+        for i, truth in enumerate(hypotheses):
+            if i == j or truth.best is None:
                 continue
+            own, size = places[truth.best], truth.coefficients
+            whole = float(size @ rest[own, own] @ size)
             if rival.best is None:
                 result[i, j] = result[j, i] = max(0.0, whole)
                 continue
@@ -86,15 +88,19 @@ def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> 
     return float(across @ np.linalg.pinv(block * np.outer(scale, scale), 1e-9, hermitian=True) @ across)
 
 
-def agreement(evidences: Sequence[Evidence], form: Form) -> float:
+def agreement(
+    evidences: Sequence[Evidence], form: Form, beside: Discrepancies | None = None, variances: Variances = ()
+) -> float:
     """Chance of coefficients that differ between recordings as these do, or more, if all of them have one torque.
 
-    Each recording's own estimate, base parameters of its own refitted, against the mean weighted by precision: χ² with
-    m (recordings − 1) degrees of freedom. 1 where fewer than two recordings show the form.
+    Each recording's own estimate, base parameters of its own refitted, classes of these variances beside it, against
+    the mean weighted by precision: χ² with m (recordings − 1) degrees of freedom. 1 where fewer than two recordings
+    show the form.
     """
     strengths, sums = [], []
     for item in evidences:
-        rest = sums_of(item, [form], item.torque[..., None]).projected()
+        found = sums_of(item, [form], item.torque[..., None], beside)
+        rest = found.projected(() if beside is None else beside.deviations(variances))
         own, across = rest[: form.size, : form.size], rest[: form.size, form.size]
         if np.linalg.eigvalsh(own)[0] > SAME * float(np.trace(own)) > 0.0:
             strengths.append(own)

@@ -7,6 +7,7 @@ motion (`choice`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,10 +16,12 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.investigation.actions import Action, Difference, Outcome, added_mass, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass, without_added_mass
+from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form
-from identification.investigation.hypotheses import Assessment, assess, describe
+from identification.investigation.hypotheses import Assessment, describe
 from identification.investigation.separation import agreement
 from identification.mismatch.data_faults.faults import stops_physics
 from identification.mismatch.diagnosis import diagnose
@@ -119,8 +122,47 @@ def study(
     chooser = Chooser.of(assessment, evidences, regressor, values, known, mass_now)
     leading = () if assessment.leader.best is None else (assessment.leader.best,)
     bare = _with_its_noise(evidences, assessment)
-    agreements = tuple((describe(form.effect, form.place), agreement(bare, form)) for form in (*known, *leading))
+    beside, variances = assessment.discrepancies, assessment.leader.beside
+    agreements = tuple(
+        (describe(form.effect, form.place), agreement(bare, form, beside, variances)) for form in (*known, *leading)
+    )
     return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment), agreements)
+
+
+def what_it_told(
+    action: Action,
+    pair: tuple[Recording, Recording],
+    found: Study,
+    robot: RobotModel,
+    mass: AddedMass | None = None,
+) -> tuple[Outcome, ...]:
+    """What an action told by one motion. pair: before and after it. mass: the known one, on the flange in the second.
+
+    Raises RecordingError where the two motions are not one.
+    """
+    regressor, values = found.chooser.regressor, found.chooser.values
+    difference = Difference.of(*(build_evidence(item, robot, regressor)[0] for item in pair))
+    if action is Action.ADD_MASS:
+        return () if mass is None else (added_mass(difference, mass),)
+    if action is Action.TURN_TOOL:
+        return (turned_tool(difference),)
+    told = []
+    for finding in found.diagnosis.findings:
+        if finding.effect == "torque_offset" and finding.place.joint is not None:
+            joint = finding.place.joint - 1
+            size = float(finding.coefficients[0]), math.sqrt(float(finding.covariance[0, 0]))
+            told.append(warmed_up(difference, joint, size, _coulomb(found, regressor, values, joint)))
+    return tuple(told)
+
+
+def _coulomb(found: Study, regressor: BaseRegressor, values: FloatArray, joint: int) -> tuple[float, float]:
+    """Coulomb friction of a joint (from 0) and its deviation, Nm."""
+    sums = found.chooser.recorded
+    column = regressor.position_of(f"FS_{joint + 1}")
+    base = sums.gram[: sums.base, : sums.base]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
+    covariance = np.linalg.pinv(base * np.outer(scale, scale), 1e-10, hermitian=True) * np.outer(scale, scale)
+    return float(values[column]), math.sqrt(float(covariance[column, column]))
 
 
 def _with_its_noise(evidences: Sequence[Evidence], assessment: Assessment) -> list[Evidence]:

@@ -53,6 +53,28 @@ def test_separation_is_the_distance_that_base_parameters_and_the_rival_leave() -
     assert found[0, 2] == pytest.approx(left(0.7 * first, base), rel=1e-6)
 
 
+def test_classes_take_up_what_their_size_allows() -> None:
+    """Truth: generalised least squares with the covariance noise + B V Bᵀ, written out over the rows."""
+    random = np.random.default_rng(7)
+    base, column, classes = (random.normal(size=(300, k)) for k in (4, 2, 9))
+    column = column + classes[:, :2]
+    deviations = np.where(np.arange(9) < 6, random.uniform(0.05, 0.5, 9), 0.0)
+    together = np.hstack([classes, base, column])
+    sums = Sums(np.hstack([base, column]).T @ np.hstack([base, column]), 4, (classes.T @ together,))
+    precision = np.linalg.inv(np.eye(300) + (classes * deviations**2) @ classes.T)
+    taken = precision @ base @ np.linalg.inv(base.T @ precision @ base) @ base.T @ precision
+    np.testing.assert_allclose(sums.projected([deviations]), column.T @ (precision - taken) @ column, rtol=1e-8)
+
+
+def test_what_has_no_name_is_not_foretold_to_get_one() -> None:
+    """A class of its own leads: whatever a motion shows, a form that is not there does not come to stand out."""
+    unnamed = replace(NOTHING, probability=0.9, log_odds=0.0, beside=(np.array([0.1]),))
+    alive = (unnamed, hypothesis("cable_spring", 1, -2.2, 0.1))
+    after = np.array([[0.0, 400.0], [400.0, 0.0]])
+    assert forecast(alive, np.zeros((2, 2)), after).probability == pytest.approx(0.1, abs=1e-3)
+    assert unnamed.name == "no form of the library (joint 1)"
+
+
 def test_a_forecast_of_two_hypotheses_is_the_gaussian_log_odds_integral() -> None:
     """Truth: log odds of a known waveform are N(λ/2, λ), drawn a hundred thousand times."""
     alive = (hypothesis("torque_offset", 1, 0.0, 0.5), hypothesis("cable_spring", 1, 0.0, 0.5))

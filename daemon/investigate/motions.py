@@ -1,0 +1,104 @@
+"""The motions of an investigation: the shipped ones that come first, those that are chosen, and one driven again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daemon.investigate.account import Account, Motion
+from identification.excitation import (
+    TableTrajectory,
+    Trajectory,
+    default_trajectory,
+    load_trajectory,
+    validation_trajectory,
+)
+from identification.investigation.choice import ENOUGH, Choice
+from identification.investigation.experiments import PERIOD_S
+from identification.investigation.study import Study
+from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings.reader import read_recording
+from identification.signals.periodic import smooth_motion
+from identification.signals.periods import average_periods, period_table
+
+__all__ = [
+    "FIRST_PERIODS",
+    "SAME_MOTION",
+    "SECOND_PERIODS",
+    "chosen_motion",
+    "describe_motion",
+    "same_motion",
+    "shipped_motion",
+]
+
+FIRST_PERIODS, SECOND_PERIODS = 8, 4
+SAME_MOTION = "same motion"
+"""Kind of the motion that shows what an action of the operator changed."""
+Planned = tuple[Motion, Trajectory]
+
+
+def shipped_motion(robot: str, given: int) -> Planned:
+    """The first or the second motion of an investigation from nothing. given: recordings at hand, 0 or 1."""
+    first = given == 0
+    periods = FIRST_PERIODS if first else SECOND_PERIODS
+    motion = Motion(
+        number=given + 1,
+        kind="excitation" if first else "another excitation",
+        purpose="the shipped excitation: the parameters of the arm, and what stands out from them"
+        if first
+        else "another excitation, on which every name is checked",
+        trajectory=f"trajectory-{given + 1:02d}.json",
+        periods=periods,
+        seconds=PERIOD_S * periods,
+    )
+    return motion, default_trajectory(robot) if first else validation_trajectory(robot)
+
+
+def chosen_motion(account: Account, choice: Choice, found: Study) -> Planned:
+    """A motion that was designed, with what it will tell."""
+    number = len(account.recordings) + 1
+    alive, pair = found.assessment.alive, choice.forecast.hardest
+    motion = Motion(
+        number=number,
+        kind=choice.experiment.kind,
+        purpose=choice.experiment.purpose,
+        trajectory=f"trajectory-{number:02d}.json",
+        periods=choice.periods,
+        seconds=choice.seconds,
+        forecast=choice.forecast.probability,
+        now=choice.forecast.now,
+        tells=None if pair is None else (alive[pair.truth].name, alive[pair.rival].name),
+    )
+    return motion, choice.experiment.trajectory(account.robot)
+
+
+def same_motion(account: Account, folder: Path) -> Planned:
+    """The first motion once more after an action, so that whatever was not changed cancels."""
+    number, first = len(account.recordings) + 1, account.recordings[0]
+    done = "" if account.doing is None else account.doing.value.replace("_", " ")
+    motion = Motion(
+        number=number,
+        kind=SAME_MOTION,
+        purpose=f"the first motion once more after the action '{done}': what it changed",
+        trajectory=f"trajectory-{number:02d}.json",
+        periods=SECOND_PERIODS,
+        seconds=PERIOD_S * SECOND_PERIODS,
+    )
+    if first.motion is not None:
+        return motion, load_trajectory(folder / first.motion.trajectory)
+    average = average_periods(period_table(read_recording(first.file)))
+    table = smooth_motion(average, DiagnosisSettings().motion_bandwidth_hz)[0]
+    return motion, TableTrajectory(table, 1.0 / average.sampling_period_s, account.robot)
+
+
+def describe_motion(motion: Motion) -> str:
+    """What a motion is for and what it will tell, in one sentence."""
+    what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods"
+    if motion.forecast is None or motion.tells is None:
+        return f"{what}, {motion.seconds:.0f} s."
+    truth, rival = motion.tells
+    if (motion.now or 0.0) >= ENOUGH:
+        return f"{what}, {motion.seconds:.0f} s. The hypotheses are told apart already; it adds evidence for a name."
+    return (
+        f"{what}. In {motion.seconds:.0f} s this tells {truth} from {rival} and all else alive with "
+        f"{100 * motion.forecast:.0f} % (now {100 * (motion.now or 0.0):.0f} %)."
+    )

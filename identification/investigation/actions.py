@@ -1,0 +1,202 @@
+"""What an operator can do that no motion can, and what a recording before and one after it say: the same motion twice.
+
+Between two recordings of one motion everything cancels that was not changed, a model error too, so that the difference
+of their torques is that of what was done and the noise of both. Turned tool: a load's first moments across the flange's
+axis and its products of inertia with it change their sign. Added mass: the share of its torque that a sensor reads is
+the sensor's gain. Warmed up: friction falls, and whatever part of an offset is friction falls with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from identification.base_parameters import direction_of
+from identification.errors import RecordingError
+from identification.investigation.added_mass import AddedMass
+from identification.mismatch.evidence import Evidence
+from identification.regressor import rigid_body_columns
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Action(StrEnum):
+    """What an operator can do that no motion can."""
+
+    ADD_MASS = "add_mass"
+    TURN_TOOL = "turn_tool"
+    LEVEL_BASE = "level_base"
+    WARM_UP = "warm_up"
+
+
+ASK = {
+    Action.ADD_MASS: "Fasten a known mass to the flange and give the command again with --added-mass KG@X,Y,Z (kg, and "
+    "m from the flange): what is proportional to the torque grows with it, what is not stays.",
+    Action.TURN_TOOL: "Turn the tool by half a turn on the flange and give the command again with --done turn_tool: a "
+    "load turns with the tool, the last link does not.",
+    Action.LEVEL_BASE: "Level the base with an inclinometer, record again, and ask `iiwa-ident compare BEFORE AFTER`: "
+    "where it says base tilt, the base leaned; all else stays.",
+    Action.WARM_UP: "Warm the arm up by half an hour of motion and give the command again with --done warm_up: "
+    "friction falls with temperature, an offset of the sensor stays.",
+}
+"""The question to the operator, in plain words."""
+PAIRED = (Action.ADD_MASS, Action.TURN_TOOL, Action.WARM_UP)
+"""Actions that the same motion before and after them tells of."""
+
+TOLD = 3.0
+"""Nats from which on one of two answers is given: odds of 20 to 1."""
+CLEAR = 1e-3
+"""Chance below which a difference is no noise."""
+_SAME_MOTION_RAD = 1e-3
+_TURNED = (1, 2, 6, 8)
+"""Of eq. (3), those that change their sign when a body turns by half a turn about z: MX, MY, XZ, YZ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """answer: short, for programs. settled: whether one answer stands. sentence: with the figures, for the operator."""
+
+    action: Action
+    answer: str
+    settled: bool
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Difference:
+    """Two recordings of one motion: rows (R, n) Nm of the second minus the first, and their deviation (R, n) Nm."""
+
+    before: Evidence
+    rows: FloatArray
+    noise: FloatArray
+
+    @classmethod
+    def of(cls, before: Evidence, after: Evidence) -> Difference:
+        """Raises RecordingError where the two motions are not one."""
+        same = before.motion.position.shape == after.motion.position.shape
+        if not same or float(np.abs(before.motion.position - after.motion.position).max()) > _SAME_MOTION_RAD:
+            raise RecordingError(
+                f"{after.recording.source.path} is not the motion of {before.recording.source.path}: what was changed "
+                "between them shows only where the arm moves alike",
+                file=after.recording.source.path,
+            )
+        return cls(before, after.torque - before.torque, np.sqrt(after.noise**2 + before.noise**2))
+
+    def fit(self, columns: FloatArray, joints: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Coefficients (m,) of columns (S, len(joints), m) Nm and their covariance, noise as large as what they leave.
+
+        Constants that drift between recordings are fitted beside them, joint by joint.
+        """
+        blocks, target = [], []
+        for number, joint in enumerate(joints):
+            drift = np.zeros((len(columns), len(joints)))
+            drift[:, number] = 1.0
+            rows = self.before.project(np.concatenate([columns[:, number], drift], axis=1))
+            blocks.append(rows / self.noise[:, joint, None])
+            target.append(self.rows[:, joint] / self.noise[:, joint])
+        matrix, measured = np.concatenate(blocks), np.concatenate(target)
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale), 1e-10, hermitian=True)
+        values = covariance @ ((matrix / scale).T @ measured)
+        left = measured - (matrix / scale) @ values
+        excess = max(1.0, float(left @ left) / max(1, measured.size - scale.size))
+        own = columns.shape[2]
+        return (values / scale)[:own], (excess * covariance / np.outer(scale, scale))[:own, :own]
+
+
+def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
+    """What each sensor reads of a known mass. difference: of the raw torques, the mass on the flange in the second."""
+    motion = difference.before.motion
+    torque = mass.torque(motion.robot, motion.position, motion.velocity, motion.acceleration)
+    gains, variances = [], []
+    for joint in range(motion.n):
+        values, covariance = difference.fit(torque[:, joint, None, None], [joint])
+        gains.append(float(values[0]) - 1.0)
+        variances.append(float(covariance[0, 0]))
+    precision = 1.0 / np.array(variances)
+    gain = float(precision @ np.array(gains) / precision.sum())
+    deviation = 1.0 / math.sqrt(float(precision.sum()))
+    distance = float(chi2.sf(float(precision @ (np.array(gains) - gain) ** 2), len(gains) - 1))
+    text = f"Of the known mass the sensors read {100 * (1 + gain):.2f} ± {100 * 1.96 * deviation:.2f} % (95 %)"
+    if distance < CLEAR:
+        worst = int(np.argmax(np.abs(np.array(gains) - gain) * np.sqrt(precision)))
+        return Outcome(
+            Action.ADD_MASS, "single_gain", True,
+            f"{text}, but not alike: joint {worst + 1} reads {100 * (1 + gains[worst]):.2f} % of it (chance "
+            f"{distance:.1g}). Its sensor has a gain of its own.",
+        )  # fmt: skip
+    if chi2.sf((gain / deviation) ** 2, 1) < CLEAR:
+        return Outcome(Action.ADD_MASS, "common_gain", True, f"{text}: all sensors have this gain, no link is heavier.")
+    return Outcome(
+        Action.ADD_MASS, "no_common_gain", True, f"{text}: no common gain beyond that; what the links weigh stands."
+    )
+
+
+def turned_tool(difference: Difference) -> Outcome:
+    """Whether what hangs on the flange turned with the tool."""
+    motion = difference.before.motion
+    wanted: list[tuple[int, ...]] = [()] * (motion.n - 1) + [_TURNED]
+    columns = np.empty((motion.samples, motion.n, len(_TURNED)))
+    parts = rigid_body_columns(motion.robot, motion.position, motion.velocity, motion.acceleration, wanted)
+    for rows, values in parts:
+        columns[rows] = values.transpose(2, 1, 0)
+    size, covariance = difference.fit(columns, range(motion.n))
+    chance = float(chi2.sf(float(size @ np.linalg.solve(covariance, size)), size.size))
+    moment, deviation = -0.5 * size[:2], 0.5 * np.sqrt(np.diag(covariance)[:2])
+    text = (
+        f"Across the flange's axis the load has first moments of {moment[0]:+.4f} ± {1.96 * deviation[0]:.4f} and "
+        f"{moment[1]:+.4f} ± {1.96 * deviation[1]:.4f} kg m (95 %; x and y of the last link, before the turn)"
+    )
+    if chance < CLEAR:
+        return Outcome(Action.TURN_TOOL, "load", True, f"{text}: there is a load that turned with the tool.")
+    return Outcome(
+        Action.TURN_TOOL, "last_link", True,
+        f"{text}: nothing turned. What is there belongs to the last link, or sits on the flange's axis.",
+    )  # fmt: skip
+
+
+def warmed_up(difference: Difference, joint: int, offset: tuple[float, float], coulomb: tuple[float, float]) -> Outcome:
+    """Whether an offset of a joint (from 0) is the sensor's, or Coulomb friction that differs between directions.
+
+    offset, coulomb: of the joint before, Nm, with deviations. The difference of two offsets is N(0, s²) where it is the
+    sensor's, and N(b (r − 1), …) where it is friction, r being the ratio of the Coulomb frictions.
+    """
+    motion = difference.before.motion
+    speed = motion.velocity[:, joint]
+    sign = direction_of(motion.velocity, motion.coulomb_velocity)[:, joint]
+    columns = np.stack([np.ones_like(speed), sign, speed], axis=1)[:, None]
+    # The constant is what is asked for here.
+    rows = difference.before.project(columns[:, 0]) / difference.noise[:, joint, None]
+    measured = difference.rows[:, joint] / difference.noise[:, joint]
+    covariance = np.linalg.inv(rows.T @ rows)
+    change = covariance @ (rows.T @ measured)
+    left = measured - rows @ change
+    covariance = covariance * max(1.0, float(left @ left) / (measured.size - 3))
+    (size, size_std), (dry, dry_std) = offset, coulomb
+    ratio = change[1] / dry
+    ratio_variance = covariance[1, 1] / dry**2 + (ratio * dry_std / dry) ** 2
+    expected = size * ratio
+    spread = covariance[0, 0] + (ratio * size_std) ** 2 + size**2 * ratio_variance
+    odds = _log_normal(change[0] - expected, spread) - _log_normal(change[0], covariance[0, 0])
+    text = (
+        f"Joint {joint + 1}: Coulomb friction changed by {100 * ratio:+.0f} %, the offset of {size:+.3g} Nm by "
+        f"{change[0]:+.3g} ± {1.96 * math.sqrt(covariance[0, 0]):.2g} Nm (95 %)"
+    )
+    if abs(ratio) <= TOLD * math.sqrt(ratio_variance):
+        return Outcome(Action.WARM_UP, "", False, f"{text}: friction did not change enough. Warm the arm up longer.")
+    if odds >= TOLD:
+        return Outcome(Action.WARM_UP, "asymmetric_coulomb_friction", True,
+                       f"{text}: it is Coulomb friction that differs between the two directions.")  # fmt: skip
+    if odds <= -TOLD:
+        return Outcome(Action.WARM_UP, "sensor_offset", True, f"{text}: it is an offset of the sensor.")
+    return Outcome(Action.WARM_UP, "", False, f"{text}: that tells neither from the other. Warm the arm up longer.")
+
+
+def _log_normal(distance: float, variance: float) -> float:
+    return -0.5 * (distance**2 / variance + math.log(variance))

@@ -1,0 +1,217 @@
+"""What may still be missing: forms of the library weighed among classes of dependence, and those that are alive.
+
+Every hypothesis, "none of the library" too, has classes and noise of its own beside it, as large as its own evidence
+asks for: a smooth error of the model is then no reason for a form, and a form has to be better than a free function of
+the same state. The evidence is that of the diagnosis (`identification.mismatch.unknown`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.investigation.columns import Form, form_rows
+from identification.investigation.discrepancy import Discrepancies, variances_of
+from identification.investigation.hypotheses import NOTHING, Assessment, Hypothesis
+from identification.investigation.screening import Screened, Weighting, screen, stacked, wrong_way
+from identification.mismatch.effects.base import Place
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.prepared import Prepared
+from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.evidence import loss_without
+from identification.mismatch.unknown.named import ABSENT
+from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
+from identification.mismatch.unknown.settings import ClaimSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+NO_FORM = 4.0
+"""Prior odds of "no form of the library" against all of them together, which share them evenly."""
+WITHIN = 7.0
+"""Nats below the most probable hypothesis up to which one is alive: odds of a thousand to one."""
+MOST_ALIVE, MOST_WEIGHED = 8, 6
+_DESCRIBED = frozenset(number for number, kind in enumerate(CLASSES) if kind.described)
+"""Classes that a name describes completely: alone on a joint the name stands for them."""
+_BACKGROUND = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
+_CONSTANT = next(number for number, kind in enumerate(CLASSES) if kind.name == "constant")
+_MOST_PASSES = 3
+_TOUCHED = 0.1
+"""Share of its largest torque from which on a form touches a joint, so that the classes there are asked anew."""
+
+
+def assess(
+    evidences: Sequence[Evidence],
+    known: Sequence[Form] = (),
+    asked: Collection[tuple[str, int | None]] = (),
+) -> Assessment:
+    """Weigh every form of the library on these evidences together.
+
+    known: settled findings. asked: effects with their joints (from 1) that stay alive whatever their evidence says
+    (claimed by the diagnosis, or among its alternatives).
+    """
+    settings = ClaimSettings()
+    rows = tuple(_with_known(item, known) for item in evidences)
+    unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None, settings)
+    plain = Selection.of(unknown, range(unknown.folds), settings)
+    nothing = _with_classes(plain)
+    beside = any(state.groups for state in nothing.states)
+    weightings = [Weighting.of(plain), *([Weighting.of(nothing)] if beside else [])]
+    screened, count = screen(rows, weightings, {(form.effect, form.place) for form in known})
+    prior = -math.log(NO_FORM * count)
+    sizes = [len(joint.bases) for joint in unknown.joints]
+    none = replace(NOTHING, beside=variances_of(nothing.states, sizes))
+    found, noise = [none], [_noise(nothing)]
+    for item in _chosen(screened, asked):
+        weighed = _weighed(nothing, unknown, rows, item, prior)
+        if weighed is not None:
+            found.append(weighed[0])
+            noise.append(weighed[1])
+    leader = max(range(len(found)), key=lambda number: found[number].log_odds)
+    edges = np.cumsum([item.frequency.size for item in rows])[:-1]
+    inflated = tuple(
+        replace(item, noise=item.noise * np.sqrt(noise[leader].T[band]))
+        for item, band in zip(rows, np.split(unknown.band, edges), strict=True)
+    )
+    alive = _alive(found, asked)
+    there = [np.flatnonzero(np.max([item.beside[joint] for item in alive], axis=0)) for joint in range(len(sizes))]
+    alive = tuple(
+        replace(item, beside=tuple(own[kept] for own, kept in zip(item.beside, there, strict=True))) for item in alive
+    )
+    bases = tuple(
+        tuple(joint.bases[number] for number in kept) for joint, kept in zip(unknown.joints, there, strict=True)
+    )
+    classes = tuple(
+        (joint + 1, CLASSES[number].name) for joint, state in enumerate(nothing.states)
+        for number in nothing.classes(joint, state)
+    )  # fmt: skip
+    return Assessment(alive, inflated, Discrepancies(bases, unknown.fitted, unknown.inputs[0].fade_width), classes)
+
+
+def _with_classes(plain: Selection) -> Selection:
+    """Classes on every joint that asks for one, the worst joint first; twice, as joints share base columns."""
+    rows = plain.rows
+    result = Selection(rows, plain.settings, plain.worlds, plain.signs, list(plain.states))
+    order = np.argsort(-rows.misfit * np.median(rows.problem.weight, axis=1) ** 2)
+    for _ in range(2):
+        for joint in map(int, order):
+            if rows.asked[joint] and result.asks(joint):
+                # Whatever else the torque depends on has a mean of its own; a constant alone is a name.
+                state = result.eliminated(joint, _DESCRIBED - {_CONSTANT})
+                only = set(result.classes(joint, state)) == {_CONSTANT}
+                result.states[joint] = result.eliminated(joint, _DESCRIBED) if only else state
+    score = result.total()
+    for _ in range(_MOST_PASSES):
+        for joint in map(int, order):
+            result.states[joint] = result.settled(joint, result.states[joint], FULL_ROUNDS)
+        before, score = score, result.total()
+        if score - before < 0.5:
+            break
+    return result
+
+
+def _losses(selection: Selection, joint: int, state: JointState) -> dict[int, float]:
+    """Nats that the evidence falls without each class of a joint, all else as it is."""
+    if not state.groups:
+        return {}
+    now = selection.posterior(joint, state)
+    return {
+        number: loss_without(state.gram, state.hyper, now, places)
+        for number, places in selection.classes(joint, state).items()
+    }
+
+
+def _background(selection: Selection) -> float:
+    """Nats of the smooth error that weighs most on any joint."""
+    losses = (_losses(selection, joint, state) for joint, state in enumerate(selection.states))
+    return max((loss for own in losses for number, loss in own.items() if number in _BACKGROUND), default=0.0)
+
+
+def _fewer(selection: Selection, joint: int) -> JointState:
+    """A joint's state without the classes that are not missed, the least missed first, the rest estimated anew."""
+    state = selection.settled(joint, selection.states[joint], FULL_ROUNDS)
+    while losses := _losses(selection, joint, state):
+        least = min(losses, key=lambda number: losses[number])
+        shorter = selection.settled(joint, selection.without(joint, state, [least]), FULL_ROUNDS)
+        if selection.score(joint, shorter) <= selection.score(joint, state):
+            break
+        state = shorter
+    return state
+
+
+def _chosen(screened: Sequence[Sequence[Screened]], asked: Collection[tuple[str, int | None]]) -> list[Screened]:
+    """The best ones of each weighting, and those that are asked for."""
+    found: dict[Form, Screened] = {}
+    for items in screened:
+        seen = [item for item in items if item.gain > 0.0]
+        ordered = sorted(seen, key=lambda item: -(item.gain + item.spread - 2.0 * item.best.size))
+        wanted = [item for item in ordered[MOST_WEIGHED:] if (item.effect.name, item.place.joint) in asked]
+        for item in (*ordered[:MOST_WEIGHED], *wanted):
+            found.setdefault(item.best, item)
+    return list(found.values())
+
+
+def _weighed(
+    nothing: Selection, unknown: Rows, rows: Sequence[Evidence], item: Screened, prior: float
+) -> tuple[Hypothesis, FloatArray] | None:
+    """One form with the classes that it leaves on its joints, and the noise beside it (n, bands)."""
+    joints, columns = stacked(rows, item.best)
+    every = np.zeros((unknown.problem.n, *columns.shape[1:]))
+    every[list(joints)] = columns
+    among = unknown.with_columns([(every, item.coefficients)])
+    parts = (among.of(range(among.folds)),)
+    whole = Selection(among, nothing.settings, parts, (1.0,))
+    whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
+    size = np.sqrt(((columns @ item.coefficients) ** 2).sum(axis=1))
+    for joint, own_size in zip(joints, size, strict=True):
+        if unknown.asked[joint] and own_size > _TOUCHED * size.max():
+            whole.states[joint] = _fewer(whole, joint)
+    now = whole.posterior(0, whole.states[0])
+    own = np.arange(unknown.prior.size, among.prior.size)
+    coefficients = now.base[own]
+    if wrong_way(item.effect, coefficients):
+        return None
+    place = now.covariance.shape[0] - now.base.size + own
+    absent = among.prior.copy()
+    absent[own] = ABSENT
+    rest = Selection(replace(among, prior=absent), whole.settings, parts, (1.0,), whole.states)
+    # A smooth error of the model may have any form: a name has to weigh as much as the largest one.
+    worth = whole.total() - rest.total() - _background(whole)
+    log_odds = min(whole.total() - nothing.total(), worth) + item.spread + prior
+    sizes = [len(joint.bases) for joint in unknown.joints]
+    return Hypothesis(
+        item.effect.name, item.place, item.forms, item.best, coefficients, now.covariance[np.ix_(place, place)],
+        log_odds, beside=variances_of(whole.states, sizes),
+    ), _noise(whole)  # fmt: skip
+
+
+def _noise(selection: Selection) -> FloatArray:
+    """(n, bands) factor of the measured variance, at least 1."""
+    return np.maximum(1.0, np.stack([state.hyper.noise for state in selection.states]))
+
+
+def _alive(found: Sequence[Hypothesis], asked: Collection[tuple[str, int | None]]) -> tuple[Hypothesis, ...]:
+    """The most probable ones, one shape of each effect and place, and those that are asked for."""
+    best: dict[tuple[str | None, Place], Hypothesis] = {}
+    for item in found:
+        key = (item.effect, item.place)
+        best[key] = max(best.get(key, item), item, key=lambda each: each.log_odds)
+    everything = sorted(best.values(), key=lambda item: -item.log_odds)
+    top = everything[0].log_odds
+    wanted = [item for item in everything if (item.effect, item.place.joint) in asked or item.effect is None]
+    near = [item for item in everything if item.log_odds >= top - WITHIN]
+    kept = sorted(dict.fromkeys([*near[:MOST_ALIVE], *wanted]), key=lambda item: -item.log_odds)
+    total = sum(math.exp(item.log_odds - top) for item in kept)
+    return tuple(replace(item, probability=math.exp(item.log_odds - top) / total) for item in kept)
+
+
+def _with_known(evidence: Evidence, known: Sequence[Form]) -> Evidence:
+    if not known:
+        return evidence
+    return replace(
+        evidence, nominal=np.concatenate([evidence.nominal, *(form_rows(evidence, form) for form in known)], axis=2)
+    )

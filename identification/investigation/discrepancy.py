@@ -1,0 +1,67 @@
+"""What may be there beside a hypothesis without a form: classes of dependence, each as large as the recordings ask for.
+
+Their columns on any motion, recorded or planned. A motion that leaves the recorded ranges meets functions that nobody
+has seen: there the same functions, held at the ends of the ranges, begin anew with weights of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.motion import Motion
+from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Part, Ranges
+from identification.mismatch.unknown.selection import JointState
+from identification.signals.processed import LinearOperator
+
+FloatArray = npt.NDArray[np.float64]
+Variances = tuple[FloatArray, ...]
+"""Of each basis of each joint, Nm²; 0: not there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Discrepancies:
+    """bases: per joint, the classes that some hypothesis has beside it. ranges: of the recorded motions.
+
+    fade_width: as in `Inputs`.
+    """
+
+    bases: tuple[tuple[Basis, ...], ...]
+    ranges: Ranges
+    fade_width: float
+
+    def columns(self, motion: Motion, project: LinearOperator) -> tuple[FloatArray, ...]:
+        """Per joint (R, q) Nm per unit weight: of each basis within the recorded ranges, then beyond them."""
+        inputs = Inputs(motion, self.ranges, self.fade_width, self.ranges)
+        shared: dict[tuple[int, int], Part] = {}
+        found = []
+        for bases in self.bases:
+            parts = []
+            for basis in bases:
+                kind, key = CLASSES[basis.number], (basis.number, basis.group)
+                values, inside = shared[key] if key in shared else kind.groups[basis.group](inputs, basis.joint)
+                if kind.shared:
+                    shared[key] = values, inside
+                parts += [basis.scaled((values, inside)), basis.scaled((values, 1.0 - inside))]
+            found.append(project(np.concatenate(parts, axis=1)) if parts else np.zeros((0, 0)))
+        return tuple(found)
+
+    def deviations(self, variances: Variances) -> tuple[FloatArray, ...]:
+        """Per joint (q,) standard deviation of each column's weight."""
+        return tuple(
+            np.repeat(np.sqrt(own), [2 * basis.centre.size for basis in bases])
+            for own, bases in zip(variances, self.bases, strict=True)
+        )
+
+
+def variances_of(states: Sequence[JointState], counts: Sequence[int]) -> Variances:
+    """Of all bases of each joint, those that a state does not hold at 0. counts: number of bases of each joint."""
+    found = []
+    for state, count in zip(states, counts, strict=True):
+        own = np.zeros(count)
+        own[list(state.groups)] = state.hyper.variance
+        found.append(own)
+    return tuple(found)

@@ -1,0 +1,121 @@
+"""Claims about what an action of an operator tells. Truth: MuJoCo's inverse dynamics of the arm before and after it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.cases.arm import Arm, random_links, sign
+from fixtures.cases.excitation import excitation_of
+from identification.base_parameters import BaseRegressor
+from identification.errors import RecordingError
+from identification.excitation import default_trajectory, validation_trajectory
+from identification.investigation.actions import Difference, added_mass, turned_tool, warmed_up
+from identification.investigation.added_mass import AddedMass
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.reduction import build_evidence
+from identification.recordings.reader import read_recording
+from identification.robots import RobotModel
+
+PERIODS, NOISE_NM = 4, 0.05
+MASS = AddedMass(2.0, (0.03, -0.02, 0.05))
+FLANGE_M = 0.126
+OFFSET_NM = 0.3
+
+
+class Recorded:
+    """Recordings of the shipped motion of one arm with a smooth error of the model that nobody knows."""
+
+    def __init__(self, folder: Path, robot: RobotModel, regressor: BaseRegressor) -> None:
+        self.arm = Arm(random_links(np.random.default_rng(5)))
+        self._folder, self._robot, self._regressor = folder, robot, regressor
+        self._random = np.random.default_rng(9)
+        self._number = 0
+
+    def __call__(
+        self, arm: Arm, *, gain: float = 0.0, friction: float = 1.0, offset: float = 0.0, other: bool = False
+    ) -> Evidence:
+        motion = excitation_of("", (validation_trajectory() if other else default_trajectory()).table())
+        torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        links = arm.links
+        torque += friction * (links.viscous * motion.velocity + links.coulomb * sign(motion.velocity))
+        torque += 0.3 * np.cos(motion.position + 2.0 * np.roll(motion.position, 1, axis=1))
+        torque *= 1.0 + gain
+        torque[:, 3] += offset
+        noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * self._random.normal(size=(PERIODS * len(torque), 7))
+        file = self._folder / f"{self._number}.npz"
+        self._number += 1
+        position = np.tile(motion.position, (PERIODS, 1))
+        np.savez(file, t=1e-3 * np.arange(len(noisy)), q=position, tau=noisy, robot=np.array("iiwa14"), period_s=10.0)
+        return build_evidence(read_recording(file), self._robot, self._regressor)[0]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, iiwa14: RobotModel, iiwa14_base: BaseRegressor) -> Recorded:
+    return Recorded(tmp_path_factory.mktemp("actions"), iiwa14, iiwa14_base)
+
+
+@pytest.fixture(scope="module")
+def before(recorded: Recorded) -> Evidence:
+    return recorded(recorded.arm, offset=OFFSET_NM)
+
+
+def with_mass(arm: Arm) -> Arm:
+    """The flange is turned by half a turn about the last link's z."""
+    return arm.with_point_mass(MASS.mass_kg, np.array([-0.03, 0.02, FLANGE_M + 0.05]))
+
+
+@pytest.mark.parametrize(("gain", "answer"), [(0.0, "no_common_gain"), (0.01, "common_gain")])
+def test_a_known_mass_tells_a_gain_of_all_sensors(recorded: Recorded, gain: float, answer: str) -> None:
+    arm = recorded.arm
+    told = added_mass(Difference.of(recorded(arm, gain=gain), recorded(with_mass(arm), gain=gain)), MASS)
+    assert (told.answer, told.settled) == (answer, True)
+    read = float(told.sentence.split("read ")[1].split(" ±")[0])
+    assert read == pytest.approx(100.0 * (1.0 + gain), abs=0.2)
+
+
+def test_a_load_that_turns_is_no_last_link(recorded: Recorded) -> None:
+    """Truth: first moments of a point mass, 1.5 kg at (0.04, 0.01) m, that is turned by half a turn."""
+    place = np.array([0.04, 0.01, 0.2])
+    first, second = (recorded.arm.with_point_mass(1.5, place * np.array([side, side, 1.0])) for side in (1.0, -1.0))
+    told = turned_tool(Difference.of(recorded(first), recorded(second)))
+    assert told.answer == "load"
+    moments = [float(part.split()[-1]) for part in told.sentence.split(" ±")[:2]]
+    np.testing.assert_allclose(moments, [0.06, 0.015], atol=2e-3)
+
+
+def test_a_last_link_of_another_mass_stays_where_it_is(recorded: Recorded) -> None:
+    arm = recorded.arm.with_point_mass(1.5, np.array([0.04, 0.01, 0.2]))
+    assert turned_tool(Difference.of(recorded(arm), recorded(arm))).answer == "last_link"
+
+
+@pytest.mark.parametrize(
+    ("friction", "offset", "answer"),
+    [(0.7, OFFSET_NM, "sensor_offset"), (0.7, 0.7 * OFFSET_NM, "asymmetric_coulomb_friction"), (1.0, OFFSET_NM, "")],
+)
+def test_a_warm_arm_tells_an_offset_from_friction(
+    recorded: Recorded, before: Evidence, friction: float, offset: float, answer: str
+) -> None:
+    """Friction of a warm arm is less by a share, and so is the part of it that differs between directions."""
+    after = recorded(recorded.arm, friction=friction, offset=offset)
+    dry = float(recorded.arm.links.coulomb[3])
+    told = warmed_up(Difference.of(before, after), 3, (OFFSET_NM, 0.005), (dry, 0.005))
+    assert told.answer == answer
+    assert told.settled == bool(answer)
+
+
+def test_another_motion_is_refused(recorded: Recorded, before: Evidence) -> None:
+    with pytest.raises(RecordingError, match="is not the motion of"):
+        Difference.of(before, recorded(recorded.arm, other=True))
+
+
+def test_what_cancels_leaves_the_noise_of_both(recorded: Recorded, before: Evidence) -> None:
+    """Truth: whitened rows of nothing but noise have mean square one."""
+    rows = Difference.of(before, recorded(recorded.arm, offset=OFFSET_NM))
+    whitened = (rows.rows / rows.noise)[200:]
+    assert float(np.mean(whitened**2)) == pytest.approx(1.0, abs=0.1)
+    shifted = replace(before, torque=before.torque)
+    assert np.all(Difference.of(before, shifted).rows == 0.0)

@@ -1,0 +1,71 @@
+"""Claims about which hypotheses are alive. Truth: cases whose hidden physics is drawn here and known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.cases.arm import Arm, random_links
+from fixtures.cases.disturbances import draw_background
+from fixtures.cases.excitation import excitation_of
+from identification.base_parameters import BaseRegressor
+from identification.excitation import default_trajectory, iiwa_limits
+from identification.investigation import assessment
+from identification.investigation.assessment import assess
+from identification.investigation.choice import Chooser
+from identification.investigation.experiments import Room, experiment
+from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
+from identification.mismatch.reduction import build_evidence
+from identification.recordings.reader import read_recording
+from identification.robots import RobotModel
+
+PERIODS, NOISE_NM = 4, 0.03
+
+
+def evidences(
+    folder: Path, robot: RobotModel, regressor: BaseRegressor, *, background: bool, spring: float
+) -> list[Evidence]:
+    """The shipped motion of an arm with a spring on joint 3, or with a smooth error of the model on all joints."""
+    random = np.random.default_rng(21)
+    arm, smooth = Arm(random_links(random)), draw_background(random)
+    found = []
+    for number, trajectory in enumerate((default_trajectory(),)):
+        motion = excitation_of("", trajectory.table())
+        torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        torque += arm.links.viscous * motion.velocity + arm.links.coulomb * np.sign(motion.velocity)
+        torque[:, 2] += spring * motion.position[:, 2]
+        if background:
+            torque += smooth.torque(motion)
+        noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * random.normal(size=(PERIODS * len(torque), 7))
+        position = np.tile(motion.position, (PERIODS, 1))
+        file = folder / f"{number}.npz"
+        np.savez(file, t=1e-3 * np.arange(len(noisy)), q=position, tau=noisy, robot=np.array("iiwa14"), period_s=10.0)
+        found += build_evidence(read_recording(file), robot, regressor)
+    values = fit_parameters(found)
+    return [with_parameters(item, regressor, values) for item in found]
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_a_spring_leads_where_it_is_and_no_form_does_beside_a_smooth_error(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    iiwa14: RobotModel,
+    iiwa14_base: BaseRegressor,
+    background: bool,
+) -> None:
+    """A smooth error of the model can be taken for many forms: none may lead, and no motion is foretold to name one."""
+    monkeypatch.setattr(assessment, "MOST_WEIGHED", 3)
+    rows = evidences(tmp_path, iiwa14, iiwa14_base, background=background, spring=0.0 if background else 0.3)
+    found = assess(rows)
+    if not background:
+        assert (found.leader.effect, found.leader.place.joint) == ("cable_spring", 3)
+        assert found.certain > 0.95
+        assert float(found.leader.coefficients[0]) == pytest.approx(0.3, abs=4.0 * found.leader.relative_std * 0.3)
+        return
+    assert found.leader.effect is None
+    assert found.leader.without_name
+    chooser = Chooser.of(found, rows, iiwa14_base, fit_parameters(rows))
+    motion = experiment(np.random.default_rng(2), Room(iiwa_limits("iiwa14"), np.zeros(7)), "whole_range", 2)
+    assert chooser.foretell(motion, 4).probability < 0.05
