@@ -4,6 +4,8 @@ draws its cases is judged by how long the machine takes.
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,3 +24,11 @@ def shared_folder() -> Path:
     if not folder.is_dir():
         pytest.skip("no folder 'shared' beside the checkout (real recordings and reference tables are not shipped)")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def loud() -> Iterator[None]:
+    """A command with --quiet that runs in this process leaves it quiet: the next test would see no progress."""
+    yield
+    if (output := sys.modules.get("daemon.cli.output")) is not None:
+        output.set_verbosity(0, False)

@@ -4,8 +4,7 @@ Here: the order of these steps in one tick, the polls for a stop, the time-outs,
 step does (`codec`, `session`, `pilot`, `gate`, `handover`, `link_statistics`), real-time settings, processes, files.
 
 Rules of a tick: the blocking receive paces it, with a finite time-out and no sleep; no log line, no disk, no lock;
-nothing is kept but counters, so nothing grows; the answer leaves before the sample is handed over. While it waits for
-a message whose answer is ready, it goes through that answer's code once, for warm caches, and waits on.
+nothing is kept but counters, so nothing grows; the answer leaves before the sample is handed over.
 
 After a stall of this process the kernel holds a backlog of old messages. All of it is taken out and judged before
 anything is decided, and only the newest message is answered: an answer to an older one would come too late to count,
@@ -29,7 +28,9 @@ from fri_client.loop.ending import MOST_FAULTS, Ending
 from fri_client.loop.gate import CommandGate
 from fri_client.loop.journal import Journal
 from fri_client.loop.link_statistics import LinkStatistics
+from fri_client.loop.peer import Peer
 from fri_client.loop.pilot import Answer, Pilot
+from fri_client.loop.rehearsal import Rehearsal
 from fri_client.loop.result import LoopResult, LoopSettings, Outcome
 from fri_client.loop.stop_watch import RecorderPatience, StopWatch
 from fri_client.loop.version_evidence import VersionEvidence
@@ -41,7 +42,6 @@ from fri_client.messages import (
     MonitoringMessage,
 )
 from fri_client.motion.program import MotionProgram, StopReason
-from fri_client.session.robot_clock import Moment
 from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
 from safety.guard import Judged
@@ -50,10 +50,6 @@ __all__ = ["FriLoop"]
 
 _MOST_AT_ONCE = 256
 """Datagrams taken out of the channel before something is decided; its buffer holds fewer unless somebody floods it."""
-
-_REHEARSAL_NS = 200_000
-"""So long before the next message is due the loop goes through its answer once: ten times what that takes, and more
-than the kernel is late with a time-out."""
 
 _WAITING, _HOLD = int(MotionPhase.WAITING), int(MotionPhase.HOLD)
 _LATCHED, _DONE = int(MotionPhase.LATCHED), int(MotionPhase.DONE)
@@ -107,8 +103,8 @@ class FriLoop:
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
         self._ahead = AnswerAhead(self._codec)
-        self._robot: Address | None = None
-        self._foreign = 0
+        self._peer = Peer(settings.robot_host)
+        self._rehearsal = Rehearsal(channel, self.session, self._gate, self._ahead, self._stop_watch, clock_ns)
         self._restarts = 0
         self._unanswered = 0
         self._silence_told = False
@@ -144,7 +140,8 @@ class FriLoop:
         while outcome is None:
             try:
                 if self._ahead.is_ready:
-                    self._rehearse()
+                    size, received_ns = self._received
+                    self._rehearsal.wait(self._view[:size], received_ns)
                 size, address = receive(buffer)
             except BlockingIOError:
                 now = clock()
@@ -160,25 +157,10 @@ class FriLoop:
                 outcome = self._ending.outcome(now, started, self._faults, silent=self._silence_told)
         return self._conclude(outcome, started)
 
-    def _rehearse(self) -> None:
-        """Wait for the message as the receive does, and shortly before it is due go through its answer for nothing.
-
-        After a millisecond of sleep the caches are cold, and filling them took a third of the turn-around.
-        """
-        size, received_ns = self._received
-        due = received_ns + (self.session.send_period_ms or 0) * 1_000_000 - _REHEARSAL_NS
-        spare = due - self._clock_ns()
-        if self.session.clock.simulated or spare <= 0 or self._channel.wait(spare * 1e-9):
-            return
-        self._ahead.rehearse(bytes(self._view[:size]))
-        self._gate.is_expected(due + _REHEARSAL_NS)
-        if not self._stop_watch.is_asked:
-            self._channel.is_waiting()
-
     # One tick.
 
     def _receive(self, size: int, address: Address, receive_ns: int) -> None:
-        if address == self._robot:
+        if address == self._peer.address:
             datagram = bytes(self._view[:size])
             command = self._ahead.command_for(datagram)
             if (
@@ -198,7 +180,7 @@ class FriLoop:
         message = None
         if session.clock.simulated:
             message = self._codec.decode_monitoring(datagram)
-            moment = self._next_moment(session.clock.time_of(message, receive_ns))
+            moment = session.clock.next_moment(session.clock.time_of(message, receive_ns), self._ahead.counter)
             send_ns = None if moment is None else self._gate.send(foreseen.judged, command, address, moment)
         else:
             send_ns = self._gate.send_expected(command, address, receive_ns)
@@ -214,13 +196,6 @@ class FriLoop:
         self._journal.note_session(session, receive_ns)
         self._finish(_Newest(message, datagram, address, _FRESH, receive_ns, due=True), send_ns, command)
         return True
-
-    def _next_moment(self, time_ns: int) -> Moment | None:
-        """Of the message after the newest, if it came at that time; None where the robot cannot have sent it yet."""
-        clock = self.session.clock
-        if not clock.admits(1, time_ns):
-            return None
-        return clock.moment(1, time_ns, self._ahead.counter)
 
     def _receive_all(self, size: int, address: Address, receive_ns: int) -> None:
         """The datagram in the buffer and all that waits behind it; then one answer, to the newest message."""
@@ -252,22 +227,22 @@ class FriLoop:
     def _judge(self, datagram: bytes, address: Address, receive_ns: int, before: _Newest | None) -> _Newest | None:
         """The newest message that may be answered, after this datagram; `before` is the one before it."""
         session = self.session
-        if address != self._robot and not self._may_be_robot(address):
-            self._foreign += 1
+        peer = self._peer
+        if not peer.may_be(address):
             return before
         try:
             message = self._codec.decode_monitoring(datagram)
         except CodecError as error:
             self._undecodable(datagram, error, receive_ns)
             return before
-        if self._robot is None:
+        if peer.address is None:
             session.clock.simulated = message.is_simulated_time
         disposition = session.judge(message, receive_ns)
         if disposition != _FRESH and not session.answer_due:
             self._not_fresh(disposition, message, datagram, receive_ns)
             return before
-        if self._robot is None:  # whoever sends a whole message with seven positions that an arm can have
-            self._robot = address
+        if peer.address is None:  # whoever sends a whole message with seven positions that an arm can have
+            peer.address = address
         if before is not None:
             self._unanswered += before.due
             self._finish(before, 0, None)
@@ -383,7 +358,7 @@ class FriLoop:
         self.statistics.restart()
         self._journal.event(EventCode.SILENCE, 0, silence_ns / 1e9, limit)
         if session.drop is None:
-            self._robot = None  # before a motion the robot may come back from another port
+            self._peer.address = None  # before a motion the robot may come back from another port
         elif self.motion.phase < _LATCHED:
             self._drop(now)
 
@@ -405,20 +380,15 @@ class FriLoop:
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, _UNDECODABLE)
         self._publish(now)
 
-    def _may_be_robot(self, address: Address) -> bool:
-        """Whether an address that is not the robot's may be it: none is known yet, and the host fits."""
-        host = self._settings.robot_host
-        return self._robot is None and (host is None or address[0] == host)
-
     def _publish(self, now: int) -> None:
         late = self.statistics.late + self._unanswered
-        self._journal.publish(now, self.session, self.motion, self.statistics, late, self._foreign)
+        self._journal.publish(now, self.session, self.motion, self.statistics, late, self._peer.foreign)
 
     # The end.
 
     def _conclude(self, outcome: Outcome, started_ns: int) -> LoopResult:
         now = self._clock_ns()
-        result = self._ending.result(outcome, now, started_ns, self._foreign)
+        result = self._ending.result(outcome, now, started_ns, self._peer.foreign)
         result.late = self.statistics.late + self._unanswered
         result.undecodable = self.statistics.undecodable
         if outcome != "completed":

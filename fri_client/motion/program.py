@@ -1,8 +1,8 @@
 """The motion of one acquisition as a state machine that is driven by ticks and knows neither sockets nor clocks.
 
 Here: the order of the phases, the label of each sample, a stop from any tick, and when the arm counts as standing
-still. Not here: which stop it is (`stop`), the shape of ramps and stops and the judgement of commands
-(`safety`), the session (`session`), who calls (`loop`).
+still. Not here: where on its path the motion is (`course`), which stop it is (`stop`), the shape of ramps and stops
+and the judgement of commands (`safety`), the session (`session`), who calls (`loop`).
 
     WAITING -> START_RAMP -> LEAD_IN -> EXCITATION x periods -> STOP_RAMP -> HOLD -> DONE
                    any stop reason at any tick ------------------> STOP_RAMP
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,23 +26,17 @@ from numpy.typing import NDArray
 
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode
-from fri_client.motion.path import MotionPath
-from fri_client.motion.re_entry import ReEntry, plan_braking, plan_re_entry, re_entry_steps
+from fri_client.motion.course import Course
 from fri_client.motion.standstill import Standstill
 from fri_client.motion.stop import MotionStop
 from fri_client.motion.stop_reason import StopKind, StopReason, too_much_torque
-from fri_client.motion.table import MotionError, checked_table, command_stride, state_of_row
+from fri_client.motion.table import MotionError, checked_table, command_stride
 from safety.guard import CommandGuard, GuardVerdict, Judged
 from safety.limits import JointLimits
-from safety.path_stop import PathStop, PathStops
-from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
 __all__ = ["Foreseen", "MotionError", "MotionProgram", "StopKind", "StopReason", "command_stride"]
 
 FloatArray = NDArray[np.float64]
-
-_ROWS_BEFORE_PATH_STOP = 3
-"""Commands on the table before a stop may keep to it: its first differences reach back so far."""
 
 _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
 
@@ -84,36 +78,20 @@ class MotionProgram:
         external_torque_limit: Sequence[float] | None = None,
     ) -> None:
         table = checked_table(table, limits.joint_count)
-        stride = command_stride(len(table), table_period_s, command_period_s)
-        self._limits = limits
         self.command_period_s = command_period_s
         self._samples_per_command = samples_per_command
-        self._periods = periods
         self.guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
         self._external_torque_limit = None if external_torque_limit is None else tuple(external_torque_limit)
-        # Tuples of floats: a tick then takes one out and makes nothing new.
-        self._path: list[tuple[float, ...]] = list(map(tuple, table[::stride].tolist()))
-        self._lead_in = round(lead_in_s / command_period_s)
-        first = -self._lead_in * stride % len(table)
-        self._start_state = state_of_row(table, first, table_period_s)
-        self._stride = stride
-        self._path_stops = PathStops(table, table_period_s, stride, limits)
-        end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
-        self._stop = MotionStop(limits, self.guard, end_ramp, command_period_s)
-        self._first = first // stride
-        self._motion_path = MotionPath(self._path_stops, len(self._path), self._first, stride, command_period_s)
-        self._step = 0  # steps done within the current phase
-        self._total = periods * len(self._path)
-        self._start_ramp: Ramp | None = None
-        self._start_position: tuple[float, ...] = ()
-        self._start_ticks = 0
+        self._course = Course(
+            table,
+            limits,
+            command_period_s=command_period_s,
+            table_period_s=table_period_s,
+            periods=periods,
+            lead_in_s=lead_in_s,
+        )
+        self._stop = MotionStop(limits, self.guard, self._course.end_ramp, command_period_s)
         self._last: Sequence[float] = ()
-        self._start_done = 0
-        self._on_path = 0
-        self._re_entry: ReEntry | None = None
-        self._re_entry_step = 0
-        self._re_entries: list[tuple[float, int, int]] = []  # start, ticks, how many of them went out
-        self._straight_from = 0  # commands on the table that were no part of the last re-entry begin here
         self.phase = _WAITING
         self.period = -1
         self.sample_in_period = -1
@@ -122,12 +100,12 @@ class MotionProgram:
     @property
     def samples_per_period(self) -> int:
         """Monitoring messages per period."""
-        return len(self._path) * self._samples_per_command
+        return self._course.commands_per_period * self._samples_per_command
 
     @property
     def periods_completed(self) -> int:
         """Periods of which every command went out."""
-        return min(self._periods, max(0, self._on_path - self._lead_in) // len(self._path))
+        return self._course.periods_completed
 
     @property
     def commanded(self) -> bool:
@@ -174,14 +152,7 @@ class MotionProgram:
 
         Raises RampError with joint and numbers when there is no ramp inside the limits.
         """
-        if self._start_ramp is not None and ipo_position == self._start_position:
-            return
-        self._start_ramp = plan_start_ramp(
-            ipo_position, *self._start_state, self._limits, command_period_s=self.command_period_s
-        )
-        self._start_position = ipo_position
-        self._start_ticks = round(self._start_ramp.duration_s / self.command_period_s)
-        self._motion_path.begin(self._start_ramp, self._start_ticks)
+        self._course.prepare(ipo_position)
 
     def begin(self, ipo_position: tuple[float, ...]) -> None:
         """Anchor on the IPO position of the first COMMANDING_ACTIVE message; the next `tick` returns the first command.
@@ -194,7 +165,6 @@ class MotionProgram:
         self.guard.anchor(ipo_position)
         self._last = ipo_position
         self.phase = _START_RAMP
-        self._step = 0
 
     def stop(self, reason: StopReason) -> None:
         """Ask for a stop ramp at the next tick; the first reason counts, and none does once the arm is stopping."""
@@ -218,7 +188,7 @@ class MotionProgram:
                         self.stop(too_much_torque(joint + 1, value, limits[joint]))
                         break
             if self._stop.asked is None:
-                command = self._upcoming()
+                command = self._course.upcoming()
                 if command is not None:
                     outcome = self.guard.examine(command, measured_position)
                     if isinstance(outcome, Judged):
@@ -252,7 +222,7 @@ class MotionProgram:
         """
         if self._stop.asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
             return None
-        command = self._upcoming()
+        command = self._course.upcoming()
         judged = None if command is None else self.guard.examine(command, None)
         if not isinstance(judged, Judged):
             return None
@@ -274,26 +244,11 @@ class MotionProgram:
         if self.phase >= _STOP_RAMP:
             self.guard.come_to_rest()
             self._stop.abandon()
-        if not _START_RAMP <= self.phase < _STOP_RAMP or not self._start_done:
+        course = self._course
+        if not _START_RAMP <= self.phase < _STOP_RAMP or not course.has_begun or course.stands:
             return
-        if self._re_entry is not None and not self._re_entry_step:
-            return  # no command went out since it was planned
-        start = float(self._start_done + self._on_path - 1)
-        if self._re_entry is not None:
-            ticks = len(self._re_entry.positions)
-            start = float(re_entry_steps(self._re_entry.start, ticks)[self._re_entry_step - 1])
-            self._re_entries.append((self._re_entry.start, ticks, self._re_entry_step))
         self.guard.come_to_rest()
-        self._re_entry_step = 0
-        if start >= self._start_ticks + self._lead_in + self._total - 1:  # broken off again and again, past the end
-            self._start_done, self._on_path = self._start_ticks, self._lead_in + self._total
-            self._re_entry = ReEntry(start, 0, [])
-            return
-        self._re_entry = plan_re_entry(
-            start, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
-        )
-        if self._re_entry is None:
-            self._re_entry = ReEntry(start, 0, [])  # the stop finds an arm that stands
+        if not course.take_up_from_rest():
             sentence = "Too many cycles were lost, and the path leaves no room to take it up again from rest."
             self.stop(StopReason(EventCode.RAMP_ERROR, sentence))
 
@@ -326,60 +281,19 @@ class MotionProgram:
 
     def commanded_paths(self) -> list[FloatArray]:
         """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored; see `MotionPath`."""
-        if not self._last:
-            return []
-        entries = list(self._re_entries)
-        if self._re_entry is not None:
-            entries.append((self._re_entry.start, len(self._re_entry.positions), self._re_entry_step))
-        done = self._start_done + self._on_path
-        return self._motion_path.stretches(self._start_position, entries, done, self._stop.commands())
-
-    # The path.
+        return self._course.commanded(self._stop.commands()) if self._last else []
 
     def _advance(self) -> None:
-        """One step along ramp, lead-in, table or re-entry; moves the labels."""
-        if self._re_entry is not None:
-            self._next_of_re_entry(self._re_entry)
-            return
-        if self.phase == _START_RAMP:
-            if self._step < self._start_ticks:
-                self._step += 1
-                self._start_done = self._step
-                return
+        """The command of the path went out: the labels move with it."""
+        place = self._course.advance()
+        if self.phase == _START_RAMP and self._course.has_left_the_ramp:
             self.phase = _LEAD_IN
-            self._step = 0
-        place = self._on_path - self._lead_in
-        self._on_path += 1
-        if place >= 0:
-            self.phase = _EXCITATION
-            self.period, sample = divmod(place, len(self._path))
-            self.sample_in_period = sample * self._samples_per_command
-
-    def _upcoming(self) -> Sequence[float] | None:
-        """The next command of ramp, lead-in, table or re-entry; None when the table is done. Nothing moves."""
-        if self._re_entry is not None:
-            positions = self._re_entry.positions
-            return positions[self._re_entry_step] if positions else None
-        if self.phase == _START_RAMP and self._step < self._start_ticks and self._start_ramp is not None:
-            return self._start_ramp.position_at(self._step * self.command_period_s)
-        if self._on_path >= self._lead_in + self._total:
-            return None
-        return self._path[(self._first + self._on_path) % len(self._path)]
-
-    def _next_of_re_entry(self, re_entry: ReEntry) -> None:
-        self.period = self.sample_in_period = -1
-        self._re_entry_step += 1
-        if self._re_entry_step < len(re_entry.positions):
+        if place < 0:
+            self.period = self.sample_in_period = -1
             return
-        self._re_entry = None
-        self._re_entries.append((re_entry.start, self._re_entry_step, self._re_entry_step))
-        done = re_entry.landing + 1
-        self._step = self._start_done = min(done, self._start_ticks)
-        self._on_path = self._straight_from = done - self._start_done
-        if self._on_path and self.phase == _START_RAMP:
-            self.phase = _LEAD_IN
-
-    # The stop.
+        self.phase = _EXCITATION
+        self.period, sample = divmod(place, self._course.commands_per_period)
+        self.sample_in_period = sample * self._samples_per_command
 
     def _begin_stop(self) -> None:
         self._plan_stop()
@@ -387,30 +301,9 @@ class MotionProgram:
         self.period = self.sample_in_period = -1
 
     def _plan_stop(self) -> None:
-        if self._re_entry is not None and not self._re_entry_step:
-            return  # the arm stands
-        self._stop.plan(
-            self._along_path(),
-            table_is_done=self.phase == _EXCITATION and self._on_path == self._lead_in + self._total,
-        )
-
-    def _along_path(self) -> Callable[[], PathStop | None] | None:
-        """What plans the stop on the path from the last command; None on the start ramp, and just after it."""
-        straight = self._on_path - self._straight_from
-        if self._re_entry is None and straight >= _ROWS_BEFORE_PATH_STOP:
-            row = (self._first + self._on_path - 1) * self._stride
-            return lambda: self._path_stops.plan(row)
-        if self._re_entry is not None:
-            start, ticks, sent, straight = self._re_entry.start, len(self._re_entry.positions), self._re_entry_step, 0
-        elif self._straight_from:
-            start, ticks, sent = self._re_entries[-1]
-        else:
-            return None
-        steps = re_entry_steps(start, ticks)[:sent]
-        recent = np.concatenate(([start] * 4, steps, steps[-1] + np.arange(1.0, straight + 1.0)))[-4:]
-        return lambda: plan_braking(
-            recent, self.command_period_s, self._motion_path.positions_at, self._path_stops.fits
-        )
+        if not self._course.stands:
+            is_done = self.phase == _EXCITATION and self._course.is_done
+            self._stop.plan(self._course.stop_along(), table_is_done=is_done)
 
     def _propose_stop(self, measured_position: Sequence[float] | None) -> Judged | None:
         judged = self._stop.propose(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None

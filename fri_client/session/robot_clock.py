@@ -108,6 +108,10 @@ class RobotClock:
         due_ns = cycle_ns if self.due_ns is None else self.due_ns + steps * self._period_ns
         return Moment(cycle_ns, time_ns, counter, cycle_ns > due_ns)
 
+    def next_moment(self, time_ns: int, counter: int) -> Moment | None:
+        """Of the message after the newest, if it came at that time; None where the robot cannot have sent it yet."""
+        return self.moment(1, time_ns, counter) if self.admits(1, time_ns) else None
+
     def note(self, steps: int, time_ns: int, period_ms: int | None) -> None:
         """The message `steps` after the newest one came at that time; period_ms: the send period that it states."""
         period_ns = (period_ms or 0) * 1_000_000

@@ -22,15 +22,14 @@ from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
 from daemon.run.service import run_acquisition
 
-from .test_service import (
+from .recorder_results import read_events, read_states
+from .service_runs import (
     REPOSITORY,
     WATCHDOG_S,
     assert_nothing_missing,
     child_of,
-    events_of,
     free_port,
     gentle_request,
-    states_of,
 )
 
 FILL_AND_RUN = """
@@ -130,8 +129,8 @@ def test_a_disk_that_stays_full_ends_the_motion_and_the_rest_is_kept_in_the_temp
     recording = Path(outcome.recordings[0])
     assert recording.is_relative_to(tmp_path / "temporary")
     assert_nothing_missing(recording)
-    assert len(states_of(recording)) == outcome.samples == outcome.loop.received
-    assert "DISK_FULL" in {event.name for event in events_of(recording)}
+    assert len(read_states(recording)) == outcome.samples == outcome.loop.received
+    assert "DISK_FULL" in {event.name for event in read_events(recording)}
     assert any("No space left on device" in sentence for sentence in outcome.sentences)
     assert any(str(recording.parent) in sentence for sentence in outcome.sentences)
     assert (left / "recording.broken.mcap").stat().st_size > 0
@@ -173,4 +172,4 @@ def test_a_disk_that_hangs_until_the_ring_is_nearly_full_stops_the_arm_and_costs
     assert outcome.loop.reason == "RECORDER_LOST"
     assert outcome.loop.lost_in_handover == 0
     assert_nothing_missing(Path(outcome.recordings[0]))
-    assert len(states_of(Path(outcome.recordings[0]))) == outcome.loop.received
+    assert len(read_states(Path(outcome.recordings[0]))) == outcome.loop.received

@@ -24,7 +24,7 @@ from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover.ring import HandoverRing
 
 from .producer import Producer, make_job, make_request
-from .test_recorder import WATCHDOG_S, read_states, start_process, wait_until
+from .recorder_results import WATCHDOG_S, read_states, start_process, wait_until
 
 
 @pytest.fixture

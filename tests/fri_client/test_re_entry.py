@@ -131,9 +131,9 @@ def test_a_stop_in_a_re_entry_stays_on_the_path(first: int, into: int, drops: bo
     drive.tick(into)
     begin = len(drive.commands)
     if drive.motion.phase >= MotionPhase.STOP_RAMP or drive.motion.phase == MotionPhase.START_RAMP:
-        assume(drive.motion._re_entry is not None)
-    on_path = drive.motion._motion_path.positions_at
-    here = drive.motion._start_done + drive.motion._on_path
+        assume(drive.motion._course._re_entry is not None)
+    on_path = drive.motion._course._path.positions_at
+    here = drive.motion._course._on_ramp + drive.motion._course._on_table
     path = on_path(np.arange(here - 400.0, here + 700.0, 0.1).clip(0.0))
     drive.motion.latch() if drops else drive.motion.stop(OPERATOR)
     for _ in range(1500):
@@ -162,7 +162,7 @@ def test_a_path_without_room_for_a_re_entry_is_given_up_where_the_arm_stands() -
     table = sine_table(800, 0.1)
     drive = Drive(program(table, lead_in_s=0.1))
     drive.tick(2600)
-    drive.motion._path_stops.fits = lambda _: False  # type: ignore[method-assign, assignment]
+    drive.motion._course._stops.fits = lambda _: False  # type: ignore[method-assign, assignment]
     drive.motion.resume_from_rest()
     last = drive.commands[-1]
     drive.finish()

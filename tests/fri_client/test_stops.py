@@ -76,7 +76,7 @@ def test_an_error_while_a_path_stop_is_planned_costs_one_tick_and_not_the_stop()
         def plan(self, row: int) -> None:
             raise ZeroDivisionError(row)
 
-    drive.motion._path_stops = Broken()  # type: ignore[assignment]
+    drive.motion._course._stops = Broken()  # type: ignore[assignment]
     drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
     try:
         drive.tick()

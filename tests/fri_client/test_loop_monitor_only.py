@@ -1,0 +1,91 @@
+"""The loop against a scripted robot when it only monitors: it gives back what the robot says and commands nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from fri_client.handover.motion_phase import MotionPhase
+from fri_client.handover.ring import Disposition, EventCode
+from fri_client.loop.result import LoopSettings
+from fri_client.messages import FriVersion
+
+from .scripted_robot import (
+    ACTIVE,
+    COMMANDING_WAIT,
+    IDLE,
+    READY,
+    REST,
+    WAIT,
+    SteppedClock,
+    running,
+)
+
+
+@pytest.mark.parametrize("version", [FriVersion.V1_15, FriVersion.V2_5])
+def test_a_run_that_only_monitors_gives_back_what_the_robot_says_and_lasts_until_the_robot_leaves(
+    version: FriVersion,
+) -> None:
+    with running(version, LoopSettings(receive_timeout_s=60.0, monitor_only=True, command_timeout_s=0.001)) as (
+        client,
+        robot,
+    ):
+        robot.exchange(WAIT, 3)
+        for step in range(300):  # somebody leads the arm
+            robot.position = tuple(angle + 1e-3 * step for angle in REST)
+            answer = robot.exchange(READY)
+            data = answer.command_data
+            assert (data is None) == (version.major == 2)  # PROTOCOL section 8
+            assert data is None or data.joint_position == robot.position
+        robot.position = REST
+        for state in [COMMANDING_WAIT] * 60 + [ACTIVE] * 300:
+            data = robot.exchange(state).command_data
+            assert data is not None
+            assert data.joint_position == REST
+        robot.exchange(READY, 20)
+        robot.send(IDLE)
+        result, records = client.finish(), client.records()
+    assert (result.outcome, result.reason) == ("completed", "completed"), result.sentence
+    assert "The robot ended its session" in result.sentence
+    assert "no motion was commanded" in result.sentence
+    assert len([each for each in records if each.disposition == Disposition.FRESH and each.monitoring]) == 684
+    assert {each.phase for each in records} == {MotionPhase.WAITING}
+    assert {each.period for each in records} == {-1}
+
+
+@pytest.mark.parametrize(
+    ("code", "outcome"), [(EventCode.OPERATOR_STOP, "completed"), (EventCode.RECORDER_LOST, "stopped")]
+)
+def test_a_run_that_only_monitors_ends_well_when_somebody_ends_it(code: EventCode, outcome: str) -> None:
+    with running(settings=LoopSettings(receive_timeout_s=60.0, monitor_only=True)) as (client, robot):
+        robot.exchange(READY, 50)
+        client.ring.request_stop(code)
+        result = client.finish()
+    assert (result.outcome, result.reason) == (outcome, code.name)
+    assert "moved" not in result.sentence  # who knows what moved the arm
+
+
+def test_a_run_that_only_monitors_ends_when_the_robot_falls_silent_and_waits_for_it_before() -> None:
+    clock, settings = SteppedClock(), LoopSettings(receive_timeout_s=0.2, monitor_only=True)
+    with running(settings=settings, clock_ns=clock) as (client, robot):
+        clock.now_ns += 400_000_000
+        robot.exchange(READY, 5)
+        client.wait_until_heard(messages=5)
+        assert client.thread.is_alive()
+        clock.now_ns += 400_000_000
+        assert client.finish().outcome == "completed"
+
+
+@pytest.mark.parametrize(("operation", "outcome"), [(2, "not_started"), (0, "completed"), (None, "completed")])
+def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outcome: str) -> None:
+    settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, test_mode_only=True)
+    with running(settings=settings) as (client, robot):
+        robot.exchange(WAIT, 3, operation=operation)
+        robot.exchange(COMMANDING_WAIT, 5, operation=operation)
+        if outcome == "completed":
+            robot.until_done(client, operation=operation)
+        while client.thread.is_alive():
+            robot.send(ACTIVE, operation=operation)
+            robot.take_if_alive(client)
+        result = client.finish()
+    assert result.outcome == outcome, result.sentence
+    assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")
