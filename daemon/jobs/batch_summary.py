@@ -24,7 +24,7 @@ def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Pa
     page.write_text(render(_document(task, items, out, joints)), encoding="utf-8")
     with table.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
-        numbers = [f"{name}_{joint + 1}_nm" for name in ("rms", "noise") for joint in range(joints)]
+        numbers = [f"{name}_{joint + 1}" for name in ("rms", "noise") for joint in range(joints)]
         writer.writerow(["recording", "file", "exit_code", "result", *numbers, "torque_units", "page"])
         for item in items:
             values = [*_filled(item.rms_nm, joints), *_filled(item.noise_floor_nm, joints)]

@@ -35,14 +35,14 @@ def fit_verdict(model: Mapping[str, Any]) -> tuple[str, Tone]:
         share = _span(((model.get("rms_table") or [{}])[0]).get("percent_of_rms_torque") or (), " %")
         beside = f" ({share})" if share else ""
         return (
-            f"By joint, the model leaves {_span(left, ' Nm')} RMS of the measured torque{beside}; how much of that is "
-            f"noise, these recordings do not tell. {known}"
+            f"The model leaves {_span(left, ' Nm')} RMS of the measured torque{beside}{_per_joint(left)}; how much of "
+            f"that is noise, these recordings do not tell. {known}"
         ), "neutral"
     worse = [joint for joint, value in enumerate(times) if value is not None and value > MISFIT_AS_LARGE_AS_NOISE]
     if not worse:
         return (
-            f"What the model leaves is mostly noise: by joint, {_span(told, '')} times what the noise alone would. "
-            f"{known}"
+            f"What the model leaves is mostly noise: {_span(told, '')} times what the noise alone would"
+            f"{_per_joint(told)}. {known}"
         ), "good"
     most = max(worse, key=lambda joint: times[joint] or 0.0)
     where = f"joint {most + 1}" if len(worse) == 1 else f"joints {listed([str(joint + 1) for joint in worse])}"
@@ -59,4 +59,9 @@ def _ratio(value: float | None, floor: float | None) -> float | None:
 
 def _span(values: Sequence[float | None], unit: str) -> str:
     known = [value for value in values if value is not None]
-    return f"{rounded(min(known), 2)} to {rounded(max(known), 2)}{unit}" if known else ""
+    ends = dict.fromkeys((rounded(min(known), 2), rounded(max(known), 2))) if known else ()
+    return " to ".join(ends) + unit if ends else ""
+
+
+def _per_joint(values: Sequence[float | None]) -> str:
+    return ", by joint" if len(values) > 1 else ""

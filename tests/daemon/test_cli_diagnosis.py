@@ -239,7 +239,7 @@ def test_a_batch_leaves_one_page_and_one_table(tmp_path: Path) -> None:
     assert "1 of 2 recordings are fitted, 1 failed" in text
     with table.open(encoding="utf-8", newline="") as stream:
         first, second = csv.DictReader(stream)
-    names = ("recording", "rms_1_nm", "rms_2_nm", "noise_2_nm", "page")
+    names = ("recording", "rms_1", "rms_2", "noise_2", "page")
     assert [first[name] for name in names] == ["monday", "0.25", "", "0.2", "monday/report.html"]
     assert (second["exit_code"], second["page"]) == ("65", "")
 
