@@ -166,6 +166,9 @@ class BaseRegressor:
 
         A third of the memory of `stacked`, and nothing is written or looked through in vain: what a fit reads.
         """
+        if self.robot.mimics:  # a leader's torque depends on the links beyond its followers too
+            matrix, every = self.matrix(q, dq, ddq), np.arange(self.size)
+            return [(np.ascontiguousarray(matrix[:, joint].T), every) for joint in range(self.robot.n)]
         inertial = self._inertial_columns
         own = [[extra for extra in self._extra_columns if extra[2] == joint] for joint in range(self.robot.n)]
         # A joint's torque depends on the links beyond it: of its first columns nothing is written. Where the arm
@@ -260,10 +263,13 @@ def _group(robot: RobotModel, symbols: tuple[str, ...]) -> tuple[IntArray, Float
     q = generator.uniform(-np.pi, np.pi, (samples, robot.n))
     dq = generator.uniform(-2.0, 2.0, (samples, robot.n))
     ddq = generator.uniform(-4.0, 4.0, (samples, robot.n))
+    for follower, leader, multiplier, offset in robot.followers:
+        q[:, follower] = multiplier * q[:, leader] + offset
+        dq[:, follower], ddq[:, follower] = multiplier * dq[:, leader], multiplier * ddq[:, leader]
     full = np.zeros((samples, robot.n, robot.n, stride))
     full[..., :_INERTIAL_COUNT] = torque_regressor(robot, q, dq, ddq).reshape(samples, robot.n, robot.n, -1)
     for place, symbol in enumerate(symbols, start=_INERTIAL_COUNT):
-        for joint in range(robot.n):
+        for joint in robot.driven:  # friction and rotor of a joint that follows are part of its leader's
             full[:, joint, joint, place] = _extra_values(symbol, joint, dq, ddq, 0.0)
     columns = full.reshape(samples * robot.n, robot.n * stride)
     kept = independent_columns(columns, _order_of_preference(robot.n, symbols))

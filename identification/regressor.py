@@ -217,6 +217,7 @@ class _Chain:
 
     def __init__(self, robot: RobotModel, wanted: Sequence[Sequence[int]], firsts: Sequence[int], samples: int) -> None:
         self._links = _links(robot.kinematics, tuple(map(tuple, wanted)), tuple(firsts))
+        self._coupling = [_coupling(robot, link) for link in self._links] if robot.mimics else []
         self._turn = np.array([link.turn for link in self._links])
         self._axes = np.array([link.axis for link in self._links])[:, :, None]
         # In a chain a link's rows are of no use once the next link has its own: two arrays in turn stay in the cache.
@@ -252,6 +253,8 @@ class _Chain:
             self._carry(link, parent, rotations[index], q[index], rows)
             self._add_joint(link, rows, spin[index], dq[index], ddq[index])
             self._project(link, rows, out[link.columns])
+            if self._coupling:
+                _to_leaders(self._coupling[index], out[link.columns])
 
     def _carry(self, link: _Link, parent: FloatArray, rotation: FloatArray, q: FloatArray, child: FloatArray) -> None:
         """Express the parent's vectors at the child's origin and in the child's frame."""
@@ -308,6 +311,29 @@ class _Chain:
                 np.einsum("mcs,kcs->mks", wrench, axes[:, :components], out=out[place, :upstream])
             else:  # a branch of a tree: its upstream joints are not the first ones
                 out[place, list(link.joints[:-1])] = np.einsum("mcs,kcs->mks", wrench, axes[:, :components])
+
+
+def _coupling(robot: RobotModel, link: _Link) -> list[tuple[int, int, float, bool]]:
+    """(follower, leader, multiplier, whether the leader has a torque of this link by itself or from another)."""
+    known, found = set(link.joints), []
+    for follower, leader, multiplier, _ in robot.followers:
+        if follower in link.joints:
+            found.append((follower, leader, multiplier, leader in known))
+            known.add(leader)
+    return found
+
+
+def _to_leaders(coupling: Sequence[tuple[int, int, float, bool]], out: FloatArray) -> None:
+    """The power of a joint that follows is its leader's: τ of the leader gets multiplier · τ of the follower, which has
+    none of its own (virtual work). out: (columns, n, samples).
+    """
+    for follower, leader, multiplier, known in coupling:
+        torque = multiplier * out[:, follower]
+        if known:
+            out[:, leader] += torque
+        else:
+            out[:, leader] = torque
+        out[:, follower] = 0.0
 
 
 def _blocks(used: npt.NDArray[np.bool_], rows: Sequence[int]) -> tuple[tuple[slice, slice], ...]:

@@ -27,7 +27,7 @@ from identification.errors import EstimationError
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
-from identification.robots.model import RobotModel
+from identification.robots.model import RobotModel, refuse_followers
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["audit", "compared"]
@@ -95,6 +95,7 @@ def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
 
 
 def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> _Given:
+    refuse_followers(robot, "compare a model with")
     options = model.options if isinstance(model, Model) else RegressorOptions()
     regressor = BaseRegressor(robot, options)
     if isinstance(model, Model) and set(model.names) != set(regressor.names):

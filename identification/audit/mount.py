@@ -125,8 +125,11 @@ def require_stated_stand(recordings: Sequence[Recording], robot: RobotModel) -> 
 def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Recording, Mounting] | None:
     """The first recording that contradicts the robot's gravity, and how its base stands; None where none does.
 
-    Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing.
+    Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing; an arm with
+    joints that follow others is not asked.
     """
+    if robot.mimics:
+        return None
     for recording in recordings:
         try:
             found = mounting_of([recording], robot, LEAST_GAIN)

@@ -24,7 +24,7 @@ from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
 from identification.recordings.recording import Recording
 from identification.robots.flange import Flange
-from identification.robots.model import RobotModel
+from identification.robots.model import RobotModel, refuse_followers
 
 __all__ = ["Body", "cabinet_load_data", "weigh"]
 
@@ -63,6 +63,7 @@ def weigh(
     Raises RecordingError for recordings at rest or too short, EstimationError where no load can be seen or it is beyond
     reason.
     """
+    refuse_followers(robot, "weigh a load on")
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
     flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"

@@ -44,6 +44,7 @@ from identification.excitation.objective import (
 from identification.excitation.payload_term import PayloadTerm
 from identification.excitation.prediction import torque_noise
 from identification.robots import RobotModel
+from identification.robots.model import refuse_followers
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -211,6 +212,7 @@ def _hops(
 def _problem(
     robot: RobotModel, limits: ExcitationLimits, settings: DesignSettings, nominal: PhysicalParameters | None
 ) -> Problem:
+    refuse_followers(robot, "design a motion of")
     if limits.joints != robot.n:
         raise DesignError(f"The limits are for {limits.joints} joints, but {robot.name} has {robot.n}.")
     offset = np.zeros(robot.n) if settings.offset_rad is None else np.array(settings.offset_rad, dtype=np.float64)

@@ -29,6 +29,7 @@ from identification.export.urdf import move_meshes, write_urdf
 from identification.export.xml_text import document
 from identification.model_file import Model
 from identification.robots import RobotModel
+from identification.robots.model import refuse_followers
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -97,6 +98,7 @@ def export_model(
     if form not in FORMATS:
         raise ModelFileError(f"There is no format '{form}'; known are {', '.join(FORMATS)}.")
     path, robot = Path(path), model.load_robot()
+    refuse_followers(robot, "export")
     if prior is not None and parameter_set != "consistent":
         raise ModelFileError("A prior belongs to the consistent parameter set; the physical one has none.")
     parameters = parameters_of(model, parameter_set, None if prior is None else given_bodies(prior, robot))

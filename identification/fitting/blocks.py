@@ -82,7 +82,9 @@ def build_block(
     columns = np.zeros((*torque.shape, regressor.size))
     for joint, (packed, used) in enumerate(over_time):
         columns[:, joint, used] = signals.project(packed.T)
-    fitted = signals.used.copy()
+    # A joint that follows another has no torque of its own that could be measured.
+    alone = np.isin(np.arange(regressor.robot.n), regressor.robot.driven)
+    fitted = signals.used & alone
     held_out = np.zeros_like(fitted)
     if split is not None and signals.row_time is not None:
         outside = split.held_out(signals.row_time, start_s, duration_s)
@@ -90,8 +92,8 @@ def build_block(
         # would carry fitted data into the held-out score.
         guard = 0.5 / float(signals.facts.get("low_pass_hz", np.inf))
         clear = split.boundary_distance(signals.row_time, start_s, duration_s) >= guard
-        held_out = signals.used & (outside & clear)[:, None]
-        fitted = signals.used & ~outside[:, None]
+        held_out = signals.used & alone & (outside & clear)[:, None]
+        fitted = signals.used & alone & ~outside[:, None]
     if not fitted.any() and not held_out.any():
         return None
     if signals.evaluate is signals.project:
@@ -100,7 +102,7 @@ def build_block(
         measured = signals.evaluate(signals.torque)
         joints = []
         for joint, (packed, used) in enumerate(over_time):
-            inside = signals.evaluated[:, joint]
+            inside = signals.evaluated[:, joint] & alone[joint]
             evaluated = signals.evaluate(packed.T).T
             joints.append((evaluated if inside.all() else evaluated[:, inside], used, measured[inside, joint]))
         evaluation = RowsOverTime(tuple(joints))

@@ -56,7 +56,7 @@ class TorqueDelay:
     def sentence(self) -> str:
         """What an operator should know."""
         joints = ", ".join(
-            f"{1e3 * value:+.2f} ± {1e3 * std:.2f}"
+            f"{1e3 * value:+.2f} ± {1e3 * std:.2f}" if np.isfinite(value) else "–"
             for value, std in zip(self.per_joint, self.per_joint_std, strict=True)
         )
         return (

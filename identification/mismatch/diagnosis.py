@@ -63,6 +63,7 @@ from identification.recordings.independence import recording_names, refuse_share
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.robots.model import refuse_followers
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -107,6 +108,7 @@ def diagnose(
     report = progress if progress is not None else _silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
+    refuse_followers(robot, "diagnose")
     recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = None

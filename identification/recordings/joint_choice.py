@@ -24,6 +24,7 @@ __all__ = ["JointChoice", "choose_joints", "for_robot", "match_names", "select_j
 LARGEST_SHARE_OF_PARTIAL_ROWS = 0.2
 _NUMBERED = re.compile(r"^(.*?)(\d+)$")
 _SHOWN = 24
+_OF_MOTION = ("position", "velocity", "command_position", "link_position")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,19 +125,19 @@ def choose_joints(
             )
     if wanted is not None:
         columns = _wanted(file, recorded, count, wanted)
-        if robot is not None and len(columns) != robot.n:
+        if robot is not None and len(columns) != len(robot.driven):
             raise RecordingError(
                 f"{name}: {len(columns)} joints are chosen ({', '.join(wanted)}), but {_described(robot)}",
                 file=file,
                 field="joint_names",
             )
     elif recorded is None or robot is None:
-        if robot is not None and count != robot.n:
+        if robot is not None and count != len(robot.driven):
             raise RecordingError(_of_other_number(name, count, robot), file=file, field="q")
         return JointChoice(tuple(range(count)), None if recorded is None else tuple(recorded))
     else:
         serial = bool(np.all(robot.kinematics.parent == np.arange(-1, robot.n - 1)))
-        matched = match_names(recorded, robot.joint_names, serial=serial)
+        matched = match_names(recorded, robot.driven_names, serial=serial)
         if matched is None:
             raise RecordingError(_unmatched(name, recorded, robot), file=file, field="joint_names")
         columns = matched
@@ -150,7 +151,7 @@ def _names_after(
     recorded: Sequence[str] | None, robot: RobotModel | None, chosen: Sequence[str]
 ) -> tuple[str, ...] | None:
     if robot is not None:
-        return robot.joint_names
+        return robot.driven_names
     return None if recorded is None else tuple(chosen)
 
 
@@ -173,8 +174,8 @@ def _sentence(labels: Sequence[str], columns: Sequence[int], left: Sequence[str]
     chosen = [labels[column] for column in columns]
     if robot is not None and list(columns) != sorted(columns):
         parts.append(f"its joints stand in another order than those of {robot.name} and were matched by name")
-    elif robot is not None and tuple(chosen) != robot.joint_names:
-        parts.append(f"its joints {_listed(chosen)} were taken as {_listed(robot.joint_names)} of {robot.name}")
+    elif robot is not None and tuple(chosen) != robot.driven_names:
+        parts.append(f"its joints {_listed(chosen)} were taken as {_listed(robot.driven_names)} of {robot.name}")
     if left:
         parts.append(f"{_listed(left)} {'are' if len(left) > 1 else 'is'} left out")
     return "; ".join(parts)
@@ -182,16 +183,17 @@ def _sentence(labels: Sequence[str], columns: Sequence[int], left: Sequence[str]
 
 def _of_other_number(name: str, count: int, robot: RobotModel) -> str:
     advice = (
-        f"if {robot.n - count} of them stood still and were not recorded, say where: --lock JOINT=POSITION"
-        if count < robot.n
-        else f"choose its columns from the base outwards, as in --joints {','.join(map(str, range(1, robot.n + 1)))}"
+        f"if {len(robot.driven) - count} of them stood still and were not recorded, say where: --lock JOINT=POSITION"
+        if count < len(robot.driven)
+        else "choose its columns from the base outwards, as in "
+        f"--joints {','.join(map(str, range(1, len(robot.driven) + 1)))}"
     )
     return f"{name}: holds {count} joints, but {_described(robot)}; {advice}"
 
 
 def _unmatched(name: str, recorded: Sequence[str], robot: RobotModel) -> str:
-    there = [joint for joint in robot.joint_names if joint in recorded]
-    missing = [joint for joint in robot.joint_names if joint not in recorded]
+    there = [joint for joint in robot.driven_names if joint in recorded]
+    missing = [joint for joint in robot.driven_names if joint not in recorded]
     if there:
         lock = " ".join(f"--lock {joint}=0" for joint in missing)
         return (
@@ -200,12 +202,12 @@ def _unmatched(name: str, recorded: Sequence[str], robot: RobotModel) -> str:
         )
     return (
         f"{name}: its joints {_listed(recorded)} cannot be matched with those of {robot.name}, "
-        f"{_listed(robot.joint_names)}; name {robot.n} of them in that order with --joints NAME,NAME,…"
+        f"{_listed(robot.driven_names)}; name {len(robot.driven)} of them in that order with --joints NAME,NAME,…"
     )
 
 
 def _described(robot: RobotModel) -> str:
-    return f"the robot {robot.name} has {robot.n} ({_listed(robot.joint_names)})"
+    return f"the robot {robot.name} has {len(robot.driven)} ({_listed(robot.driven_names)})"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -278,8 +280,29 @@ def _named_together(table: RawTable) -> tuple[str, ...]:
 def for_robot(recording: Recording, robot: RobotModel, wanted: Sequence[str] | None = None) -> Recording:
     """The recording with the robot's joints in its order; the same object where they are so already.
 
-    Raises RecordingError where they cannot be matched.
+    A joint that follows another stands where its rule says, without a torque of its own. Raises RecordingError where
+    the joints cannot be matched.
     """
+    if not robot.mimics:
+        return _chosen_of(recording, robot, wanted)
+    if recording.n == robot.n and recording.joint_names == robot.joint_names:
+        return recording
+    chosen = _chosen_of(recording, robot, wanted)
+    changed: dict[str, Any] = {}
+    for name in ("position", "torque", *OPTIONAL_ARRAYS):
+        values = getattr(chosen, name)
+        if values is None:
+            continue
+        whole = np.zeros((chosen.samples, robot.n))
+        whole[:, list(robot.driven)] = values
+        for follower, leader, multiplier, offset in robot.followers:
+            if name in _OF_MOTION:
+                whole[:, follower] = multiplier * whole[:, leader] + (0.0 if name == "velocity" else offset)
+        changed[name] = whole
+    return replace(chosen, joint_names=robot.joint_names, **changed)
+
+
+def _chosen_of(recording: Recording, robot: RobotModel, wanted: Sequence[str] | None) -> Recording:
     choice = choose_joints(recording.source.path, recording.joint_names, recording.n, robot, wanted)
     columns = list(choice.columns)
     if not choice.sentence and columns == list(range(recording.n)):

@@ -124,6 +124,7 @@ def read_recording(
         table = in_si(table, arm, units)
         stated = table.units
         recording = build_recording(table, sha256=_digest(file))
+        recording = recording if arm is None or not arm.mimics else for_robot(recording, arm)
         if stated:
             metadata = {**recording.source.metadata, "units_stated": " ".join(stated)}
             recording = replace(recording, source=replace(recording.source, metadata=metadata))

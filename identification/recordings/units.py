@@ -57,7 +57,11 @@ def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | No
                 file=table.path,
                 field=f"{quantity}_unit",
             )
-    revolute = np.ones(table.position.shape[1], dtype=np.bool_) if robot is None else robot.kinematics.revolute
+    revolute = (
+        np.ones(table.position.shape[1], dtype=np.bool_)
+        if robot is None
+        else robot.kinematics.revolute[list(robot.driven)]
+    )
     angle, speed = (_factors(quantity, units, revolute) for quantity in ("q", "dq"))
     optional = {
         name: _times(values, angle) if name in ("command_position", "link_position") else values

@@ -13,7 +13,7 @@ import pinocchio
 
 from identification.errors import RobotError
 from identification.robots.flange import Flange
-from identification.robots.model import Kinematics, RobotModel, build_pinocchio_model, snap_to_right_angles
+from identification.robots.model import Kinematics, Mimic, RobotModel, build_pinocchio_model, snap_to_right_angles
 
 __all__ = ["lock_joints"]
 
@@ -21,10 +21,10 @@ __all__ = ["lock_joints"]
 def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """The robot whose joints in `positions` (name → rad or m) do not move: n smaller by their number.
 
-    Joints that a mimic rule ties to a locked one are locked with it, at multiplier · position + offset (of the URDF).
+    Joints that a mimic rule ties to a locked one are locked with it, at multiplier · position + offset (of the URDF);
+    those that follow one that moves go on following it, the joint with the motor, also through others between.
     Inertias of held links are added to the links that carry them. Raises RobotError for a joint the robot does not
-    have, for one that itself follows another, where none would be left to move, and where a joint follows one that
-    moves: two joints of one motor are no model of this program.
+    have, for one that itself follows another, where none would be left to move, and for joints that follow in a circle.
     """
     unknown = [name for name in positions if name not in robot.joint_names]
     if unknown:
@@ -33,9 +33,9 @@ def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel
             file=robot.source,
             field=unknown[0],
         )
-    held = _with_followers(robot, dict(positions))
+    held, mimics = _with_followers(robot, dict(positions))
     if not held:
-        return robot
+        return replace(robot, mimics=mimics)
     if len(held) == robot.n:
         raise RobotError(f"{robot.source}: all of its joints are locked.", file=robot.source, field="joint")
     kinematics, inertias, kept = _without(robot, held)
@@ -46,7 +46,7 @@ def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel
         kinematics=kinematics,
         pinocchio_model=build_pinocchio_model(robot.name, kinematics, names, robot.gravity, inertias),
         modified_denavit_hartenberg=None,
-        mimics=(),
+        mimics=mimics,
         flange=_flange(robot, kept),
         **{name: getattr(robot, name)[kept] for name in ("position_lower", "position_upper", "velocity", "effort")},
     )
@@ -59,8 +59,8 @@ def _flange(robot: RobotModel, kept: list[int]) -> Flange | None:
     return replace(robot.flange, link=kept.index(robot.flange.link))
 
 
-def _with_followers(robot: RobotModel, held: dict[str, float]) -> dict[str, float]:
-    """The locked joints and all that follow them."""
+def _with_followers(robot: RobotModel, held: dict[str, float]) -> tuple[dict[str, float], tuple[Mimic, ...]]:
+    """The locked joints and all that follow them; and who follows a joint that moves."""
     followers = {item.joint: item for item in robot.mimics}
     for name in held:
         if name in followers:
@@ -69,20 +69,30 @@ def _with_followers(robot: RobotModel, held: dict[str, float]) -> dict[str, floa
                 file=robot.source,
                 field=name,
             )
-    waiting = list(followers.values())
-    while waiting:
-        ready = [item for item in waiting if item.leader in held]
-        if not ready:
-            first = waiting[0]
-            raise RobotError(
-                f"{robot.source}: joint '{first.joint}' follows '{first.leader}', which moves; joints that move "
-                f"together are not supported. If '{first.leader}' stood still, say where: --lock {first.leader}=0.",
-                file=robot.source,
-                field=first.joint,
+    moving = []
+    for item in followers.values():
+        motor = item
+        for _ in followers:
+            if motor.leader not in followers:
+                break
+            before = followers[motor.leader]
+            motor = Mimic(
+                item.joint,
+                before.leader,
+                motor.multiplier * before.multiplier,
+                motor.multiplier * before.offset + motor.offset,
             )
-        held |= {item.joint: item.multiplier * held[item.leader] + item.offset for item in ready}
-        waiting = [item for item in waiting if item.joint not in held]
-    return held
+        else:
+            raise RobotError(
+                f"{robot.source}: joint '{item.joint}' follows itself through '{item.leader}'.",
+                file=robot.source,
+                field=item.joint,
+            )
+        if motor.leader in held:
+            held[item.joint] = motor.multiplier * held[motor.leader] + motor.offset
+        else:
+            moving.append(motor)
+    return held, tuple(moving)
 
 
 def _without(

@@ -92,7 +92,7 @@ class RobotModel:
     nan where unknown. gravity: (3,) m/s² in the base frame. modified_denavit_hartenberg: (n, 4) columns alpha rad, d m,
     theta rad, rl m, the joint variable's own entry being its offset; None for a robot read from a URDF.
     source: what it was read from. digest: SHA-256 of that source. locked_joints: those held still, by name with their
-    position; they are no joints of this robot any more. mimics: joints that follow others; `load_robot` leaves none.
+    position; they are no joints of this robot any more. mimics: joints that follow one with a motor.
     flange: where load data are given from, None where nobody says.
     pinocchio_model has nq = nv = n; its joint k + 1 is joint k here, continuous URDF joints are plain revolute ones.
     """
@@ -112,6 +112,23 @@ class RobotModel:
     locked_joints: tuple[tuple[str, float], ...] = ()
     mimics: tuple[Mimic, ...] = ()
     flange: Flange | None = None
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Joints (from 0) with a motor of their own: what is recorded of a robot."""
+        following = {item.joint for item in self.mimics}
+        return tuple(joint for joint, name in enumerate(self.joint_names) if name not in following)
+
+    @property
+    def driven_names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self.joint_names[joint] for joint in self.driven)
+
+    @property
+    def followers(self) -> tuple[tuple[int, int, float, float], ...]:
+        """(follower, leader, multiplier, offset) of each joint without a motor of its own, joints from 0."""
+        place = {name: joint for joint, name in enumerate(self.joint_names)}
+        return tuple((place[item.joint], place[item.leader], item.multiplier, item.offset) for item in self.mimics)
 
     @property
     def spec(self) -> str:
@@ -144,6 +161,19 @@ class RobotModel:
     def n(self) -> int:
         """Number of joints."""
         return self.kinematics.n
+
+
+def refuse_followers(robot: RobotModel, what: str) -> None:
+    """Raises RobotError, naming a joint that follows one that moves; what: the verb that this program has no way of."""
+    if robot.mimics:
+        first = robot.mimics[0]
+        raise RobotError(
+            f"{robot.source}: joint '{first.joint}' follows '{first.leader}', which moves; `fit` and `validate` follow "
+            f"it, but this program cannot {what} such an arm. If '{first.leader}' stood still, say where: "
+            f"--lock {first.leader}=0.",
+            file=robot.source,
+            field=first.joint,
+        )
 
 
 def build_pinocchio_model(

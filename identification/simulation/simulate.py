@@ -17,6 +17,7 @@ from identification.errors import SimulationError
 from identification.estimators.physical import PhysicalParameters
 from identification.export.parameters import ModelParameters
 from identification.robots import RobotModel
+from identification.robots.model import refuse_followers
 from identification.simulation.controllers import Controller, SetPoint, State
 from identification.simulation.dynamics import ArmDynamics, ExtraTorque
 
@@ -88,6 +89,7 @@ def simulate(
     right side of eq. (1); the arm feels it and the sensor shows it, the controller knows nothing of it. The motor
     torque is held over each step. Raises SimulationError when a velocity exceeds 1000 rad/s or is not finite.
     """
+    refuse_followers(robot, "simulate")
     chosen = settings if settings is not None else SimulationSettings()
     n = robot.n
     motor = np.zeros(n) if chosen.motor_inertia is None else np.asarray(chosen.motor_inertia, dtype=np.float64)
