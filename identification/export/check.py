@@ -21,6 +21,7 @@ from identification.errors import ExportCheckError
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import place
 from identification.robots import RobotModel
+from identification.robots.urdf_parser import parsed_urdf
 
 FloatArray = npt.NDArray[np.float64]
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -118,7 +119,7 @@ _ROTOR, _VISCOUS, _COULOMB = "rotor inertia", "viscous friction", "Coulomb frict
 
 
 def _pinocchio_urdf(path: Path, robot: RobotModel) -> Read | None:
-    return _by_pinocchio(pinocchio.buildModelFromXML(path.read_text("utf-8")), robot, ())
+    return _by_pinocchio(parsed_urdf(path.read_text("utf-8")), robot, ())
 
 
 def _pinocchio_mjcf(path: Path, robot: RobotModel) -> Read | None:

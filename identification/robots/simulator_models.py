@@ -20,6 +20,7 @@ import pinocchio
 from identification.base_parameters import BaseRegressor
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import RobotModel
+from identification.robots.urdf_parser import parsed_urdf
 
 FloatArray = npt.NDArray[np.float64]
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -92,7 +93,7 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
 
 
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
-    model = pinocchio.buildModelFromXML(path.read_text("utf-8"))
+    model = parsed_urdf(path.read_text("utf-8"))
     model.gravity.linear = robot.gravity
     data, names = model.createData(), list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]

@@ -23,6 +23,7 @@ from identification.robots.model import (
     build_pinocchio_model,
     snap_to_right_angles,
 )
+from identification.robots.urdf_parser import parsed_urdf
 
 
 def robot_from_urdf(
@@ -34,9 +35,9 @@ def robot_from_urdf(
     """
     declared_name = _check_xml(text, source)
     try:
-        parsed = pinocchio.buildModelFromXML(text)
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise RobotError(f"{source} cannot be read as a URDF: {_first_sentence(error)}", file=source) from error
+        parsed = parsed_urdf(text)
+    except ValueError as error:
+        raise RobotError(f"{source} cannot be read as a URDF: {error}.", file=source) from error
     if parsed.njoints < 2:
         raise RobotError(f"{source} describes no movable joint.", file=source, field="joint")
     joint_names = tuple(parsed.names[1:])
@@ -189,7 +190,3 @@ def _mimics(text: str, joint_names: tuple[str, ...], source: str) -> tuple[Mimic
             )
         found.append(Mimic(name, leader, multiplier, offset))
     return tuple(found)
-
-
-def _first_sentence(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,19 @@ def test_urdf_that_cannot_be_used_says_why(text: str, place: str, tmp_path: Path
         load_robot(file)
     assert caught.value.exit_code == 65
     assert "robot.urdf" in str(caught.value)
+
+
+def test_what_the_urdf_parser_complains_of_is_said_in_the_error_and_nowhere_else(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Truth: `urdfdom` writes what it finds wrong to file descriptor 2, and Pinocchio raises without it."""
+    file = tmp_path / "robot.urdf"
+    file.write_text(URDF.replace('<axis xyz="', '<axis xyz="0 zero ', 1))
+    for _ in range(2):
+        with pytest.raises(RobotError, match="zero"):
+            load_robot(file)
+    os.write(2, b"the terminal is back\n")
+    assert capfd.readouterr().err == "the terminal is back\n"
 
 
 @pytest.mark.parametrize(
