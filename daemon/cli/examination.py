@@ -52,15 +52,15 @@ def doctor(
 
     Example: iiwa-ident doctor --bind 192.170.10.1:30200 --answer
     """
+    if logs:
+        _examine_logs(logs, robot, json_file)
+        return
     from daemon.api import AUTO_VERSION
     from daemon.config import DaemonConfig, load_config, parse_version
     from daemon.doctor.doctor import examine
     from daemon.doctor.link_observation import Mirror
     from fri_client.messages import FriVersion
 
-    if logs:
-        _examine_logs(logs, robot, json_file)
-        return
     if arm is not None and config is None:
         raise typer.BadParameter(ARM_WITHOUT_FILE)
     settings = DaemonConfig() if config is None else load_config(config, arm)

@@ -48,7 +48,7 @@ def _standard_error_to(file: BinaryIO) -> Iterator[None]:
 
 
 def _complaints(written: BinaryIO) -> str:
-    """The first complaints of urdfdom, which writes each as "Error:   what is wrong" with a line of its source below."""
+    """The first complaints of urdfdom, each a line "Error:   what is wrong" with one on its source below."""
     written.seek(0)
     found = re.findall(r"^Error:\s+(.+?)\s*$", written.read().decode("utf-8", "replace"), re.MULTILINE)
     return "; ".join(found[:MOST_COMPLAINTS])
