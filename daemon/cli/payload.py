@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from identification.audit.payload import Body
 
 SET = ("tool_mass_kg", "tool_center_of_mass_m", "tool_inertia_kg_m2")
+CENTER_KNOWN_M = 0.002
+"""What a centre of mass should be known within."""
 MASS_AGREES_KG, CENTER_AGREES_M = 0.05, 0.005
 """Load data are set to a tenth of a kilogram and to a few millimetres."""
 
@@ -71,14 +74,33 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]]) -> list[str]:
     inertia = ", ".join(f"{item.name.removeprefix('inertia_')} {with_interval(item)}" for item in body.inertia)
     typed = ", ".join(f"{name} {value:.4g}" for name, value in cabinet_load_data(body).items())
     before, after = (sum(value**2 for value in values) ** 0.5 for values in (body.rms_before, body.rms_after))
+    longer = _how_much_longer(body)
     return [
         f"Mass M: {with_interval(body.mass)}",
         f"Centre of mass X, Y, Z: {x}, {y}, {z} mm from {body.frame}",
         f"Inertia about it: {inertia}",
         f"As load data (kg, mm, degrees, kg m²): {typed}",
         f"With this load {after:.3g} Nm RMS stay (all joints together), without it {before:.3g} Nm.",
+        *([] if longer is None else [longer]),
         compared(body, stated),
     ]
+
+
+def _how_much_longer(body: Body) -> str | None:
+    """What to do where the centre is not known well; None where it is."""
+    needed = body.seconds_for(CENTER_KNOWN_M)
+    if needed <= body.seconds:
+        return None
+    worst = max(1.96 * item.std for item in body.center)
+    return (
+        f"The centre is known within ± {1e3 * worst:.1f} mm: the load is too light for ± {1e3 * CENTER_KNOWN_M:g} mm "
+        f"from {body.seconds:.0f} s of motion. About {_rounded(needed):.0f} s without and as much with it would do."
+    )
+
+
+def _rounded(seconds: float) -> float:
+    """Up to full ten seconds."""
+    return 10.0 * math.ceil(seconds / 10.0)
 
 
 def compared(body: Body, stated: Sequence[dict[str, str]]) -> str:
@@ -124,6 +146,8 @@ def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
         "inertia": {item.name.removeprefix("inertia_"): item.to_json() for item in body.inertia},
         "load_data": cabinet_load_data(body),
         "set": {name: stated[1][name] for name in SET if name in stated[1]},
+        "seconds": body.seconds,
+        "seconds_for_2_mm": body.seconds_for(CENTER_KNOWN_M),
         "comparison": compared(body, stated),
         "rms_nm": {"without": list(body.rms_before), "with": list(body.rms_after)},
     }

@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 __all__ = [
     "Estimate",
     "Products",
+    "as_they_scatter",
     "between_parts",
     "log_evidence",
     "marginal",
@@ -126,6 +127,19 @@ def between_parts(without: FloatArray) -> FloatArray:
     moved = without - without.mean(axis=0)
     wider = float(stdtrit(count - 1, 0.975)) / 1.96
     return np.asarray(wider**2 * (count - 1) / count * moved.T @ moved)
+
+
+def as_they_scatter(covariance: FloatArray, without: FloatArray) -> FloatArray:
+    """A covariance (k, k) times how much more the values scatter (parts, k) where one part is left out at a time.
+
+    One factor for all: the jackknife's own variance along k directions together, in units of the covariance, is known
+    far better than along one. Parts that scatter less are chance.
+    """
+    count = len(without)
+    moved = without - without.mean(axis=0)
+    scatter = (count - 1) / count * moved.T @ moved
+    ratio = float(np.trace(np.linalg.solve(covariance, scatter))) / len(covariance)
+    return covariance * max(1.0, ratio)
 
 
 def repeated_rows(left: FloatArray, used: BoolArray, smallest: float = 0.05, longest: int = 60) -> FloatArray:

@@ -7,7 +7,7 @@ friction and offsets may differ between the two as from day to day. Pure.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,11 @@ from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
+from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
 from identification.audit.difference import Number
-from identification.audit.evidence import Estimate, Products, between_parts, posterior, products_of, repeated_rows
+from identification.audit.evidence import Estimate, Products, as_they_scatter, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
@@ -31,7 +32,7 @@ __all__ = ["Body", "cabinet_load_data", "weigh"]
 FloatArray = npt.NDArray[np.float64]
 
 LEAST_SIGMAS = 3.0
-_TURNS = 4
+_TURNS = 3
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")
 _INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
 
@@ -41,7 +42,7 @@ class Body:
     """A load: mass kg, center (3) m, inertia about its centre (6) kg m², xx yy zz xy xz yz.
 
     frame: which one it is in, in words: the flange's where the robot has one, else the last link's. rms_before,
-    rms_after: (n,) Nm of the recordings with it, without and with the body.
+    rms_after: (n,) Nm of the recordings with it, without and with the body. seconds: of motion, the shorter side's.
     """
 
     frame: str
@@ -50,6 +51,15 @@ class Body:
     inertia: tuple[Number, ...]
     rms_before: tuple[float, ...]
     rms_after: tuple[float, ...]
+    seconds: float
+
+    def seconds_for(self, center_m: float) -> float:
+        """How long either motion has to be for every coordinate of the centre to be known within ± center_m, 95 %.
+
+        By noise that averages out: σ goes with one over the root of the time.
+        """
+        worst = max(1.96 * item.std for item in self.center)
+        return self.seconds * (worst / center_m) ** 2
 
 
 def weigh(
@@ -76,7 +86,7 @@ def weigh(
     without_one = np.array(
         [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
     )
-    covariance = estimate.covariance[own, own] + between_parts(without_one)
+    covariance = as_they_scatter(estimate.covariance[own, own], without_one)
     values = estimate.values[own]
     if abs(values[0]) > width:
         raise EstimationError(
@@ -89,7 +99,11 @@ def weigh(
             "that turns the wrist through its range, without and with the tool."
         )
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms)
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, min(map(_seconds, (without, with_load))))
+
+
+def _seconds(recordings: Sequence[Recording]) -> float:
+    return sum(recording.duration_s for recording in recordings)
 
 
 def cabinet_load_data(body: Body) -> dict[str, float]:
@@ -143,22 +157,18 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
     Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]]
 ]:  # fmt: skip
     """The estimate weighted by what it leaves itself, its products and weights (n,), and the loaded runs' RMS."""
-    each = [
-        products_of(matrix, rows.torque, rows.used, [rows.block % PARTS == part for part in ALL])
-        for rows, matrix in zip(runs, columns, strict=True)
-    ]
-    products = Products(*(getattr(each[0], name) + getattr(each[1], name) for name in _PRODUCTS))
-    repeated = np.ones(len(std))
+    colour, used = Colour.white(std), np.concatenate([rows.used for rows in runs])
     for _ in range(_TURNS):
-        weight = 1.0 / (std**2 * repeated)
+        weight = 1.0 / colour.std**2
+        each = [_innovations(rows, matrix, colour) for rows, matrix in zip(runs, columns, strict=True)]
+        products = Products(*(getattr(each[0], name) + getattr(each[1], name) for name in _PRODUCTS))
         estimate = posterior(*products.summed(ALL, weight), factor)
         left = [
             np.where(rows.used, rows.torque - matrix @ estimate.values, 0.0)
             for rows, matrix in zip(runs, columns, strict=True)
         ]
-        counts = sum(rows.used.sum(axis=0) for rows in runs)
-        std = np.maximum(np.sqrt(sum((item**2).sum(axis=0) for item in left) / np.maximum(counts, 1)), 1e-9)
-        repeated = np.mean([repeated_rows(item, rows.used) for item, rows in zip(left, runs, strict=True)], axis=0)
+        colour = colour_of(np.concatenate(left), used)
+        colour = replace(colour, std=np.maximum(colour.std, 1e-9))
     own = slice(factor.shape[0] - 3 * len(std) - INERTIAL, factor.shape[0] - 3 * len(std))
     body = columns[1][..., own] @ estimate.values[own]
     loaded = runs[1].used
@@ -167,6 +177,12 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
         for item in (np.where(loaded, left[1] + body, 0.0), left[1])
     ]
     return estimate, products, weight, (rms[0], rms[1])
+
+
+def _innovations(rows: Rows, columns: FloatArray, colour: Colour) -> Products:
+    before = rows.before
+    white = colour.innovations(columns, before), colour.innovations(rows.torque, before)
+    return products_of(*white, rows.used, [rows.block % PARTS == part for part in ALL])
 
 
 _PRODUCTS = ("gram", "right", "square", "count")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.audit.colour import preceded
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import (
@@ -94,6 +95,13 @@ class Rows:
     def n(self) -> int:
         """Number of joints."""
         return int(self.position.shape[1])
+
+    @property
+    def before(self) -> IntArray:
+        """(R, n) how many rows without a break stand before each: those that its noise goes on from."""
+        starts = np.zeros(len(self.block), dtype=np.bool_)
+        starts[np.cumsum([0, *(len(stretch.samples) for stretch in self.smooth)])[:-1]] = True
+        return preceded(self.used, starts)
 
     def torque_after(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
         """(R, n) Nm and Nm/s, the torque and its rate so much later: of a torque that is late, those of these rows."""

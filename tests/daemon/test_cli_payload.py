@@ -6,6 +6,7 @@ Truth: a body that Pinocchio adds to the paper's arm.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,23 @@ def test_the_load_is_printed_as_the_cabinet_asks_for_it(
     text = capsys.readouterr().out
     assert float(text.removeprefix("Mass M: ").split()[0]) == pytest.approx(2.0, rel=0.01)
     assert "does not say which load data are set" in text
+    assert "too light" not in text
+
+
+def test_a_load_that_is_too_light_for_its_motion_is_said_with_the_time_that_would_do(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Truth: σ goes with one over the root of the time: ± 0.01 mm asks for (half width / 0.01 mm)² times the time."""
+    out = tmp_path / "load.json"
+    monkeypatch.setattr("daemon.cli.payload.CENTER_KNOWN_M", 1e-5)
+    assert run("payload", *map(str, files), "--json", str(out)) == 0
+    said = re.search(r"too light for ± 0.01 mm from 20 s of motion. About (\d+) s without", capsys.readouterr().out)
+    assert said is not None
+    halves = [
+        (high - low) / 2.0
+        for low, high in (axis["ci95"] for axis in json.loads(out.read_text())["center_of_mass"].values())
+    ]
+    assert float(said[1]) == pytest.approx(20.0 * (max(halves) / 1e-5) ** 2, abs=10.0)
 
 
 def test_one_list_is_refused_with_what_to_write(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:

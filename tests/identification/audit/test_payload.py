@@ -67,15 +67,28 @@ def test_a_tool_is_weighed_within_one_per_cent_and_its_centre_within_two_millime
 
 def test_the_intervals_hold_as_often_as_they_say(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
     generator = np.random.default_rng(20261122)
-    held = []
-    for draw in range(6):
+    held, squares = [], []
+    for draw in range(8):
         mass, center = generator.uniform(0.2, 10.0), generator.uniform(-0.1, 0.1, 3)
         found = weighed(iiwa14, recorded(None, 100 + draw), recorded(body_of(mass, tuple(center)), 200 + draw))
         truth = [mass, *center]
         for item, value in zip((found.mass, *found.center), truth, strict=True):
             held.append(item.interval[0] <= value <= item.interval[1])
-    # 24 intervals of 95 %: fewer than 19 that hold have a chance below one in a thousand.
-    assert sum(held) >= 19
+            squares.append(((item.value - value) / item.std) ** 2)
+    # 32 intervals of 95 %: fewer than 26 that hold have a chance of one in a thousand.
+    assert sum(held) >= 26
+    # And none is wide without need: χ² of 32 is between 15 and 56 with odds of 99 : 1.
+    assert 15.0 < sum(squares) < 56.0
+
+
+def test_twice_the_time_halves_the_square_of_what_is_not_known_of_the_centre(
+    iiwa14: RobotModel, recorded: Callable[..., Recording]
+) -> None:
+    found = weighed(iiwa14, recorded(None, 1), recorded(body_of(1.0, (0.02, -0.01, 0.07)), 2))
+    worst = max(high - low for low, high in (item.interval for item in found.center)) / 2.0
+    assert found.seconds == pytest.approx(20.0, abs=0.1)
+    assert found.seconds_for(worst) == pytest.approx(found.seconds)
+    assert found.seconds_for(worst / 2.0) == pytest.approx(4.0 * found.seconds)
 
 
 def test_a_tool_taken_off_has_a_negative_mass(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
