@@ -25,8 +25,7 @@ from identification.mismatch.unknown.dependence import Dependence, weighed
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.predictive import log_predictive
-from identification.mismatch.unknown.rows import Rows
+from identification.mismatch.unknown.rows import BAND_EDGES_HZ, Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
@@ -64,32 +63,29 @@ def judge(
     problem, candidates: of the fitted rows, to find the nearest forms.
     """
     settings = settings if settings is not None else ClaimSettings()
-    held, alone, left, plain, after = found.held, found.alone, found.left, found.before, found.after
+    together, alone, left, plain, after = found.together, found.alone, found.left, found.before, found.after
     rows = alone.rows
-    claims, silent = [], set[int]()
-    predicted = log_predictive(alone) if rows.heldout else 0.0
-    smooth = [item for item in held if CLASSES[item.number].background and item.loss >= settings.speak]
+    smooth = [item for item in together.held if CLASSES[item.number].background and item.loss >= settings.speak]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max([settings.speak, *(item.loss for item in smooth)])
-    for item in sorted(held, key=lambda item: -item.loss):
+    claims = []
+    for item in sorted(together.held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
         if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
-        if not found.predicts[item.joint]:
-            # What does not predict is not said, however well it fits.
-            silent.add(item.joint + 1)
-            continue
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        gain = np.zeros(0)
-        if rows.heldout:
-            rest = shortened(alone, item.joint, item.number)
-            gain = left(rest)[1] - after[1]
-            if gain[item.joint] <= 0.0 or predicted <= log_predictive(rest):
-                continue
+        gain = left(shortened(alone, item.joint, item.number))[1] - after[1] if rows.heldout else np.zeros(0)
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
+    if not smooth:
+        said = {claim.joint for claim in claims}
+        claims += [
+            _broadband(found, joint, nats)
+            for joint in range(rows.problem.n)
+            if joint + 1 not in said and (nats := float(together.beyond_noise(joint).sum())) >= settings.speak
+        ]
     model = ClassModel(plain[0], after[0], plain[1], after[1])
     offered: Offer | None = None
     given_up: tuple[int, ...] = ()
@@ -106,8 +102,7 @@ def judge(
                 alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
             )
         offered, given_up = offer(alone, left, names.heldout_after)
-    joints = sorted(silent.union(given_up))
-    notes = [refusal(joints)] if joints else []
+    notes = [refusal(given_up)] if given_up else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
@@ -120,6 +115,29 @@ def _background(joints: Sequence[int]) -> str:
         f"Joint{'s' if len(joints) > 1 else ''} {named}: what the model leaves is a smooth function of the state. "
         "Only what stands out from it is named."
     )
+
+
+def _broadband(found: Dependence, joint: int, nats: float) -> ClassClaim:
+    """More than the measured noise in some bands of a joint (from 0), which no class describes."""
+    together = found.together
+    rows, noise = together.rows, together.states[joint].hyper.noise
+    fitted = (rows.part < rows.folds) & (rows.problem.weight[joint] > 0.0)
+    floor = np.where(fitted, rows.problem.noise[joint], 0.0) ** 2
+    excess = np.bincount(rows.band, weights=floor, minlength=noise.size) * np.maximum(noise - 1.0, 0.0)
+    # A factor of so many rows is known to this share of itself.
+    spread = np.sqrt(2.0 / np.maximum(rows.count[joint].sum(axis=0), 1.0)) * noise / np.maximum(noise - 1.0, 1e-9)
+    mean, deviation = float(excess.sum()), float(np.linalg.norm(excess * spread))
+    rms, low, high = (
+        float(np.sqrt(max(mean + sign * 1.96 * deviation, 0.0) / rows.samples[0])) for sign in (0.0, -1.0, 1.0)
+    )
+    edges = (0.0, *BAND_EDGES_HZ, float(rows.problem.frequency.max()))
+    bands = [number for number in np.argsort(-excess) if excess[number] > 0.1 * mean]
+    places = " and ".join(f"{edges[number]:g} to {edges[number + 1]:g} Hz" for number in sorted(bands))
+    sentence = (
+        f"Joint {joint + 1}: a torque between {places} beyond the noise measured between periods, {rms:.2g} Nm RMS "
+        f"({low:.2g} to {high:.2g}), that repeats with the motion and depends on nothing that was asked."
+    )
+    return ClassClaim("broadband", joint + 1, rms, (low, high), nats, np.zeros(0), (), (), sentence, None)
 
 
 def _claim(
