@@ -17,7 +17,6 @@ from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +32,6 @@ class Dependence:
     left: Left
     before: tuple[FloatArray, FloatArray]
     after: tuple[FloatArray, FloatArray]
-
-    @property
-    def predicts(self) -> BoolArray:
-        """(n,) joints whose classes do not make rows that were not fitted worse."""
-        if not self.every.heldout:
-            return np.ones(self.every.problem.n, dtype=np.bool_)
-        return np.asarray(self.after[1] < self.before[1])
 
 
 def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings | None = None) -> Dependence:

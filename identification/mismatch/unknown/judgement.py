@@ -19,13 +19,14 @@ from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
+from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES, Along
 from identification.mismatch.unknown.dependence import Dependence, weighed
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.rows import BAND_EDGES_HZ, Rows
+from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
@@ -66,11 +67,13 @@ def judge(
     together, alone, left, plain, after = found.together, found.alone, found.left, found.before, found.after
     rows = alone.rows
     smooth = [item for item in together.held if CLASSES[item.number].background and item.loss >= settings.speak]
-    # A smooth error that other joints show may have any form on this one, that of a class too.
-    needed = max([settings.speak, *(item.loss for item in smooth)])
+    # An error of the whole arm may have any form on any joint, that of a class too: one that stands out from it weighs
+    # more than all that the other joints hold.
+    worth = [together.worth(joint) if smooth else 0.0 for joint in range(rows.problem.n)]
     claims = []
     for item in sorted(together.held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
+        needed = max(settings.speak, sum(worth) - worth[item.joint])
         if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
@@ -79,13 +82,11 @@ def judge(
             continue
         gain = left(shortened(alone, item.joint, item.number))[1] - after[1] if rows.heldout else np.zeros(0)
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
-    if not smooth:
-        said = {claim.joint for claim in claims}
-        claims += [
-            _broadband(found, joint, nats)
-            for joint in range(rows.problem.n)
-            if joint + 1 not in said and (nats := float(together.beyond_noise(joint).sum())) >= settings.speak
-        ]
+    if problem.noise_is_measured and not smooth:
+        said = {claim.joint - 1 for claim in claims}
+        chance = names.trial.power.probability.min(axis=1)
+        beyond = chance < DiagnosisSettings().consistency_probability
+        claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     model = ClassModel(plain[0], after[0], plain[1], after[1])
     offered: Offer | None = None
     given_up: tuple[int, ...] = ()
@@ -117,26 +118,19 @@ def _background(joints: Sequence[int]) -> str:
     )
 
 
-def _broadband(found: Dependence, joint: int, nats: float) -> ClassClaim:
-    """More than the measured noise in some bands of a joint (from 0), which no class describes."""
-    together = found.together
-    rows, noise = together.rows, together.states[joint].hyper.noise
-    fitted = (rows.part < rows.folds) & (rows.problem.weight[joint] > 0.0)
-    floor = np.where(fitted, rows.problem.noise[joint], 0.0) ** 2
-    excess = np.bincount(rows.band, weights=floor, minlength=noise.size) * np.maximum(noise - 1.0, 0.0)
-    # A factor of so many rows is known to this share of itself.
-    spread = np.sqrt(2.0 / np.maximum(rows.count[joint].sum(axis=0), 1.0)) * noise / np.maximum(noise - 1.0, 1e-9)
-    mean, deviation = float(excess.sum()), float(np.linalg.norm(excess * spread))
-    rms, low, high = (
-        float(np.sqrt(max(mean + sign * 1.96 * deviation, 0.0) / rows.samples[0])) for sign in (0.0, -1.0, 1.0)
-    )
-    edges = (0.0, *BAND_EDGES_HZ, float(rows.problem.frequency.max()))
-    bands = [number for number in np.argsort(-excess) if excess[number] > 0.1 * mean]
-    places = " and ".join(f"{edges[number]:g} to {edges[number + 1]:g} Hz" for number in sorted(bands))
+def _somewhere(names: Claims, problem: Problem, joint: int) -> ClassClaim:
+    """Where something is left on a joint (from 0) that repeats with the motion and that no class and no name takes."""
+    power, left = names.trial.power, names.after
+    energy, deviation = left.excess_energy[joint], left.excess_deviation[joint]
+    rms, low, high = (float(np.sqrt(max(energy + sign * 1.96 * deviation, 0.0))) for sign in (0.0, -1.0, 1.0))
+    bands = np.flatnonzero(power.probability[joint] < DiagnosisSettings().consistency_probability)
+    ranges = [problem.frequency[problem.band == band] for band in bands]
+    places = " and ".join(f"{values.min():.2g} to {values.max():.2g} Hz" for values in ranges)
     sentence = (
-        f"Joint {joint + 1}: a torque between {places} beyond the noise measured between periods, {rms:.2g} Nm RMS "
-        f"({low:.2g} to {high:.2g}), that repeats with the motion and depends on nothing that was asked."
+        f"Joint {joint + 1}: {rms:.2g} Nm RMS ({low:.2g} to {high:.2g}) beyond the noise between "
+        f"{places}, which repeat with the motion and depend on nothing that was asked."
     )
+    nats = -float(np.log(max(float(power.probability[joint].min()), 1e-300)))
     return ClassClaim("broadband", joint + 1, rms, (low, high), nats, np.zeros(0), (), (), sentence, None)
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
-from scipy.special import gammaln
 
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
@@ -41,6 +40,7 @@ START = 0.1
 """Share of a joint's misfit that each group is given to begin with."""
 GRID = 12
 """Variances that a class is tried with before it is put in."""
+EXCHANGES = 5
 WEAK = 0.1
 """Nats below which several classes are dropped at once."""
 
@@ -319,30 +319,18 @@ class Selection:
         best = max(options, key=lambda option: self.score(joint, option))
         return best if self.score(joint, best) > score else None
 
-    def beyond_noise(self, joint: int) -> FloatArray:
-        """(bands,) nats for more torque than the measured noise, beside the classes that a joint holds.
-
-        Odds of a noise factor that is free over the measured noise, known as from `noise_rows` (Student), less the
-        factor's price and what one that so many rows determine is worth beforehand (Laplace).
-        """
-        state, known = self.states[joint], 0.5 * self._noise_rows
-        if not known:
-            return np.zeros_like(state.hyper.noise)
-        now = self.posterior(joint, state)
-        half = 0.5 * np.maximum(state.gram.count - now.spread / state.hyper.noise, 1.0)
-        square = np.maximum(0.5 * now.left, half)
-        free = half * (np.log(half / square) - 1.0) - 0.5 * np.log(half + 1.0) - self.settings.prior_cost
-        usual = gammaln(half + known) - gammaln(known) + known * np.log(known)
-        usual -= (half + known) * np.log(square + known)
-        return np.asarray(np.maximum(free - usual, 0.0))
+    def worth(self, joint: int) -> float:
+        """Nats of all that a joint holds over nothing but noise."""
+        state = self.states[joint]
+        if not state.groups:
+            return 0.0
+        bare = self.state(joint, (), Hyper(np.zeros(0), state.hyper.noise))
+        return self.score(joint, state) - self.score(joint, self.settled(joint, bare, FULL_ROUNDS))
 
     def _exchange(self, joints: Sequence[int]) -> None:
-        """Every class against every other one in its place: the better one stands, those as good are its alternatives.
-
-        Classes that lose less than `speak` nats stay in the model but are not held.
-        """
+        """Every class against none and any other in its place: the better stands, those as good are alternatives."""
         for joint in joints:
-            for _ in range(3):
+            for _ in range(EXCHANGES):
                 state, score = self.states[joint], self.score(joint, self.states[joint])
                 found: list[Held] = []
                 better: JointState | None = None
@@ -350,7 +338,13 @@ class Selection:
                 for number in self.classes(joint, state):
                     rest = self.without(joint, state, [number])
                     shorter = self.settled(joint, rest, FULL_ROUNDS)
-                    loss = score + self.settings.prior_cost - self.score(joint, shorter)
+                    value = self.score(joint, shorter)
+                    loss = score + self.settings.prior_cost - value
+                    if value > best:
+                        best, better = value, shorter
+                    if loss < self.settings.prior_cost:
+                        # Not worth its price.
+                        continue
                     as_good = []
                     gains = self.gains(joint, rest)
                     least = gains[number] - self.settings.alternative - self.settings.prior_cost
