@@ -376,16 +376,14 @@ def _bending(inputs: Inputs, joint: int) -> Part:
     return moments / np.maximum(np.abs(moments).max(axis=0), 1e-9), inputs.inside("torque").prod(axis=1)
 
 
-def _other_motion(name: str) -> Callable[[Inputs, int], Part]:
-    def columns(inputs: Inputs, joint: int) -> Part:
-        return _of_others(getattr(inputs, name), joint), inputs.inside("velocity").prod(axis=1)
+def _other_velocities(inputs: Inputs, joint: int) -> Part:
+    velocity, direction = (_of_others(values, joint) for values in (inputs.velocity, inputs.direction))
+    both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
+    return np.concatenate([velocity, direction, both], axis=1), inputs.inside("velocity").prod(axis=1)
 
-    return columns
 
-
-def _both_velocities(inputs: Inputs, joint: int) -> Part:
-    both = _of_others(inputs.velocity, joint) * np.clip(inputs.velocity[:, joint, None], -1, 1)
-    return both, inputs.inside("velocity").prod(axis=1)
+def _other_accelerations(inputs: Inputs, joint: int) -> Part:
+    return _of_others(inputs.acceleration, joint), inputs.inside("velocity").prod(axis=1)
 
 
 def _of_others(values: FloatArray, joint: int) -> FloatArray:
@@ -430,7 +428,7 @@ CLASSES: tuple[DependenceClass, ...] = (
     ),
     DependenceClass(
         "other_motion", "depends on the motion of other joints",
-        (_other_motion("velocity"), _other_motion("acceleration"), _other_motion("direction"), _both_velocities),
+        (_other_velocities, _other_accelerations),
     ),
 )  # fmt: skip
 

@@ -66,6 +66,21 @@ def judge(
     settings = settings if settings is not None else ClaimSettings()
     together, alone, left, plain, after = found.together, found.alone, found.left, found.before, found.after
     rows = alone.rows
+    offered: Offer | None = None
+    given_up: tuple[int, ...] = ()
+    if unseen is not None and names.heldout_after is not None:
+        roles, beside = (fitted, unseen), alone
+        if names.extension.members:
+            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
+            roles = (
+                without_members(fitted, names.extension, known[0]),
+                without_members(unseen, names.extension, known[1]),
+            )
+            # The classes stay those chosen without names; their weights are found anew beside them.
+            beside = weighed(
+                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
+            )
+        offered, given_up = offer(beside, left, names.heldout_after)
     smooth = [item for item in together.held if CLASSES[item.number].background and item.loss >= settings.speak]
     # An error of the whole arm may have any form on any joint, that of a class too: one that stands out from it weighs
     # more than all that the other joints hold.
@@ -81,6 +96,9 @@ def judge(
             # Part of whatever else the joint's torque depends on.
             continue
         gain = left(shortened(alone, item.joint, item.number))[1] - after[1] if rows.heldout else np.zeros(0)
+        if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
+            # Rows whose noise is not known are no proof for each other: there a class has to predict.
+            continue
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
@@ -88,21 +106,6 @@ def judge(
         beyond = chance < DiagnosisSettings().consistency_probability
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     model = ClassModel(plain[0], after[0], plain[1], after[1])
-    offered: Offer | None = None
-    given_up: tuple[int, ...] = ()
-    if unseen is not None and names.heldout_after is not None:
-        roles = fitted, unseen
-        if names.extension.members:
-            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
-            roles = (
-                without_members(fitted, names.extension, known[0]),
-                without_members(unseen, names.extension, known[1]),
-            )
-            # The classes stay those chosen without names; their weights are found anew beside them.
-            alone = weighed(
-                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
-            )
-        offered, given_up = offer(alone, left, names.heldout_after)
     notes = [refusal(given_up)] if given_up else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
