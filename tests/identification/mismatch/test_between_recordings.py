@@ -7,12 +7,15 @@ link by the parallel-axis theorem.
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import NOT_MEASURED, verdict_lines
+from identification.audit import Audit, Difference
 from identification.estimators.physical import PhysicalParameters
+from identification.mismatch import diagnosis as diagnosis_module
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
 from identification.recordings import Recording
@@ -105,3 +108,18 @@ def test_of_one_period_nothing_is_told_of_noise(iiwa14: RobotModel, table3: Phys
     assert "none is ruled out" in verdict_sentence(diagnosis)
     assert tone_of(diagnosis) == "neutral"
     assert diagnosis.to_json()["baseline"]["noise_is_measured"] is False
+
+
+@pytest.mark.parametrize(("taken", "named"), [((0.72,), False), ((0.24,), False), ((0.6, 0.35), True), ((0.97,), True)])
+def test_another_set_up_is_named_only_where_it_is_all_that_differs(
+    monkeypatch: pytest.MonkeyPatch, taken: tuple[float, ...], named: bool
+) -> None:
+    """A flexible base was another link (72 % of the difference), friction that thins another friction (24 %)."""
+    differences = tuple(Difference("payload", None, 7, (), share, 50.0, "model", "A load.") for share in taken)
+    found = Audit("a.npz", "named", differences, (1.0,) * 7, (0.1,) * 7, "A load.")
+    monkeypatch.setattr(diagnosis_module, "_audited", lambda *_: found)
+    monkeypatch.setattr(diagnosis_module, "model_of_fit", lambda *_: None)
+    monkeypatch.setattr(diagnosis_module, "recording_names", lambda items: ["a.npz"] * len(items))
+    said = SimpleNamespace(classes=(), heldout=SimpleNamespace(misfits=(SimpleNamespace(differs=True, joint=2),)))
+    answer = diagnosis_module._other_set_up(said, None, [None], [None], None)  # type: ignore[arg-type,list-item]
+    assert (answer is found) is named
