@@ -41,6 +41,7 @@ START = 0.1
 GRID = 12
 """Variances that a class is tried with before it is put in."""
 EXCHANGES = 5
+"""Rounds in which a joint's classes are tried against others in their place."""
 WEAK = 0.1
 """Nats below which several classes are dropped at once."""
 
