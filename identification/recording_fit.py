@@ -27,6 +27,7 @@ from identification.fitting.estimate import Estimate
 from identification.fitting.misfit import misfit_over_noise
 from identification.fitting.nominal_model import (
     Progress,
+    blocks_as,
     build_blocks,
     choose_nominal_model,
     estimate_nominal,
@@ -86,8 +87,10 @@ def fit_recordings(
         processed = [
             replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
         ]
-        model = replace(model, blocks=build_blocks(processed, regressor, settings))
-        blocks = model.blocks
+        whole = model.largest[0]
+        largest = whole, build_blocks(processed, whole, settings)
+        blocks = blocks_as(largest[1], whole, regressor, processed, settings)
+        model = replace(model, blocks=blocks, largest=largest)
         estimator, estimate = estimate_nominal(model, processed, settings)
     least_squares = estimate.least_squares
     sign = _torque_sign(regressor, least_squares, blocks)

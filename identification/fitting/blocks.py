@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, direction_of
 from identification.estimators.observation import CompressedObservation, merge
 from identification.fitting.settings import Split
 from identification.signals.periods import smooth_over_lines
@@ -71,6 +71,45 @@ class Block:
     evaluation: Evaluation
     evaluation_held_out: CompressedObservation | None
     recording: int = 0
+
+    def with_regressor(self, old: BaseRegressor, new: BaseRegressor) -> Block | None:
+        """The same rows with the columns of another model, of which only Coulomb friction may differ and others be left
+        out; None where the new model has columns that this one has not.
+        """
+        place = {old.full_names[position]: index for index, position in enumerate(old.kept)}
+        wanted = [new.full_names[position] for position in new.kept]
+        if not set(wanted) <= set(place):
+            return None
+        chosen = np.array([place[name] for name in wanted], dtype=np.int64)
+        columns, over_time = self.columns[:, :, chosen], None
+        if isinstance(self.evaluation, RowsOverTime):
+            number = np.full(old.size, -1)
+            number[chosen] = np.arange(new.size)
+            over_time = [
+                (packed[number[used] >= 0], number[used][number[used] >= 0], torque)
+                for packed, used, torque in self.evaluation.joints
+            ]
+        if new.options.coulomb_velocity != old.options.coulomb_velocity:
+            turning = direction_of(self.signals.velocity, new.options.coulomb_velocity)
+            projected, evaluated = self.signals.project(turning), self.signals.evaluate(turning)
+            for joint in range(new.robot.n):
+                if f"FS_{joint + 1}" not in wanted:
+                    continue
+                index = wanted.index(f"FS_{joint + 1}")
+                columns[:, joint, index] = projected[:, joint]
+                if over_time is not None:
+                    packed, used, _ = over_time[joint]
+                    packed[used == index] = evaluated[self.signals.evaluated[:, joint], joint]
+        names, held_out = new.names, self.evaluation_held_out
+        return replace(
+            self,
+            columns=columns,
+            scale=np.ones(self.torque.shape),
+            evaluation=_compressed(columns, self.torque, self.fitted, names)
+            if over_time is None
+            else RowsOverTime(tuple(over_time)),
+            evaluation_held_out=None if held_out is None else _compressed(columns, self.torque, self.held_out, names),
+        )
 
 
 def build_block(

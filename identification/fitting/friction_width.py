@@ -114,11 +114,11 @@ class _Profile:
     def squares(self, velocity: float) -> FloatArray:
         """(n,) squares of each joint's weighted residual with this width; 0: sign(q̇)."""
         products = self._products.copy()
+        turning = [block.signals.project(direction_of(block.signals.velocity, velocity)) for block in self._blocks]
         for joint in self.joints:
             shared, own = np.zeros(products.shape[1]), 0.0
-            for block, factors, rows in zip(self._blocks, self._factors, self._rows, strict=True):
-                turning = direction_of(block.signals.velocity[:, joint], velocity)
-                column = block.signals.project(turning[:, None])[:, 0] * factors[:, joint]
+            for turned, factors, rows in zip(turning, self._factors, self._rows, strict=True):
+                column = turned[:, joint] * factors[:, joint]
                 shared += column @ rows[joint]
                 own += float(column @ column)
             if own > 0.0:

@@ -86,18 +86,28 @@ def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings:
     return blocks
 
 
+def blocks_as(
+    blocks: list[Block], old: BaseRegressor, new: BaseRegressor, processed: list[Processed], settings: FitSettings
+) -> list[Block]:
+    """The rows of another regressor, from those there are as far as they have its columns."""
+    changed = [block.with_regressor(old, new) for block in blocks]
+    known = [block for block in changed if block is not None]
+    return known if len(known) == len(changed) else build_blocks(processed, new, settings)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NominalModel:
     """regressor, blocks: of the model that was chosen. facts: for the provenance.
 
     left_out: larger models considered and not taken, each with its log-likelihood against the chosen one, or None
-    where only its estimate tells it.
+    where only its estimate tells it. largest: regressor and blocks of all that was considered but for the width.
     """
 
     regressor: BaseRegressor
     blocks: list[Block]
     facts: dict[str, Any]
     left_out: tuple[tuple[RegressorOptions, float | None], ...]
+    largest: tuple[BaseRegressor, list[Block]]
 
 
 def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings: FitSettings) -> NominalModel:
@@ -107,6 +117,7 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
     left_out: list[tuple[RegressorOptions, float | None]] = []
     regressor = BaseRegressor(robot, _options(asked, settings))
     blocks = build_blocks(processed, regressor, settings)
+    largest = regressor, blocks
     known = all(block.signals.row_noise is not None for block in blocks)
     offsets_are_open = known and asked["offset"] is None
     if None in asked.values():
@@ -121,19 +132,19 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
             chosen = replace(chosen, rotor_inertia=decision.rotor_inertia, offset=decision.offset)
         if chosen != regressor.options:
             regressor = BaseRegressor(robot, chosen)
-            blocks = build_blocks(processed, regressor, settings)
+            blocks = blocks_as(largest[1], largest[0], regressor, processed, settings)
     if settings.coulomb_velocity is None and known:
         width = _friction_width(blocks, regressor, processed, settings)
         wide = replace(regressor.options, coulomb_velocity=width.velocity)
         if width.clear:
             facts["friction_width_gain"] = width.gain.tolist()
-            regressor = BaseRegressor(robot, wide)
-            blocks = build_blocks(processed, regressor, settings)
+            narrow, regressor = regressor, BaseRegressor(robot, wide)
+            blocks = blocks_as(blocks, narrow, regressor, processed, settings)
         elif width.velocity > 0.0:
             left_out.append((wide, float(width.gain.sum())))
     if offsets_are_open and not regressor.options.offset:
         left_out.append((replace(regressor.options, offset=True), None))
-    return NominalModel(regressor, blocks, facts, tuple(left_out))
+    return NominalModel(regressor, blocks, facts, tuple(left_out), largest)
 
 
 def estimate_nominal(model: NominalModel, processed: list[Processed], settings: FitSettings) -> tuple[str, Estimate]:
@@ -143,7 +154,7 @@ def estimate_nominal(model: NominalModel, processed: list[Processed], settings: 
     for options, gain in model.left_out:
         regressor = BaseRegressor(model.regressor.robot, options)
         try:
-            blocks = build_blocks(processed, regressor, settings)
+            blocks = blocks_as(model.largest[1], model.largest[0], regressor, processed, settings)
             other = estimate_with(blocks, regressor, processed, settings)[1].least_squares
         except UndeterminedParametersError:
             continue
