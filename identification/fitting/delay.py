@@ -71,7 +71,7 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     estimator: ols, weighted or maximum_likelihood. The model is linear in δ to (2π f δ)², 0.1 % for 5 ms at 1 Hz.
     """
     blocks = [block for block in blocks if block.fitted.any()]
-    rates = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
+    rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
     joints = rates[0].shape[1]
     size = np.array([sum(float((rate[:, j] ** 2).sum()) for rate in rates) for j in range(joints)])
     moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
@@ -118,9 +118,13 @@ def _solve(
     return _MILLISECOND * result.values[-count:], _MILLISECOND * result.std[-count:]
 
 
-def torque_rate(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
+def torque_rate(block: Block, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
     """(S, n) Nm/s, time derivative of the modelled torque."""
-    columns = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
+    signals = block.signals
+    if isinstance(block.evaluation, RowsOverTime) and all(block.evaluation.counts == len(signals.time)):
+        columns = [(packed, used) for packed, used, _ in block.evaluation.joints]
+    else:
+        columns = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
     torque = np.column_stack([values[used] @ packed for packed, used in columns])
     if signals.pipeline == "aperiodic":
         return np.asarray(np.gradient(torque, _step(signals), axis=0), dtype=np.float64)

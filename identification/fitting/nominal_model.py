@@ -238,7 +238,7 @@ def _friction_width(
     for turn in range(1 + DELAYS_TAKEN_OFF):
         estimate = estimate_with(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
         values = estimate.least_squares.values
-        delays = [block.signals.project(torque_rate(block.signals, regressor, values)) for block in blocks]
+        delays = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
         width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
         if not width.clear or turn == DELAYS_TAKEN_OFF:
             break

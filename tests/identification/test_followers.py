@@ -56,12 +56,14 @@ RULES = {
 VISCOUS, COULOMB, FOLLOWER_VISCOUS, NOISE_NM = 0.8, 0.5, 0.3, 0.02
 
 
-def states_of(name: str, samples: int, seed: int) -> tuple[np.ndarray, ...]:
+def states_of(name: str, samples: int, seed: int, period_s: float = 0.0) -> tuple[np.ndarray, ...]:
     """Time, and q, dq, ddq of the driven joints (samples, joints): three sines each."""
     generator = np.random.default_rng(seed)
     time = np.arange(samples) * 0.01
     count = len(RULES[name][0])
     omega, phase, size = generator.uniform(0.5, 5.0, (3, count)), generator.uniform(0, 6, (3, count)), 0.3
+    if period_s > 0.0:
+        omega = 2.0 * np.pi / period_s * np.ceil(omega * period_s / (2.0 * np.pi))
     angle = time[:, None, None] * omega + phase
     return (
         time,
@@ -98,14 +100,15 @@ def motors(name: str, q: Any, dq: Any, ddq: Any, *, friction: bool) -> np.ndarra
     return result
 
 
-def recorded(folder: Path, name: str, seed: int) -> Path:
+def recorded(folder: Path, name: str, seed: int, period_s: float = 0.0) -> Path:
     """An .npz of the driven joints beside its URDF."""
     (folder / f"{name}.urdf").write_text(ARMS[name])
-    time, q, dq, ddq = states_of(name, 3000, seed)
+    time, q, dq, ddq = states_of(name, 3000, seed, period_s)
     torque = motors(name, q, dq, ddq, friction=True)
     torque += NOISE_NM * np.random.default_rng(seed).standard_normal(torque.shape)
     file = folder / f"{name}-{seed}.npz"
-    np.savez(file, t=time, q=q, tau=torque, joint_names=np.array(RULES[name][0]), robot=f"{name}.urdf")
+    names = np.array(RULES[name][0])
+    np.savez(file, t=time, q=q, tau=torque, joint_names=names, robot=f"{name}.urdf", period_s=period_s)
     return file
 
 
@@ -174,6 +177,15 @@ def test_a_fit_follows_joints_that_follow(name: str, fitted: tuple[Path, dict[st
         multipliers = [rule[1] for rule in RULES[name][1].values() if rule[0] == motor]
         expected = VISCOUS + FOLLOWER_VISCOUS * sum(value**2 for value in multipliers)
         assert abs(values[f"FV_{number}"] - expected) < 5.0 * sigma[f"FV_{number}"] + 0.02
+
+
+def test_a_repeated_motion_of_joints_that_follow_is_fitted_too(tmp_path: Path) -> None:
+    inputs = read_inputs([recorded(tmp_path, "branched", 3, period_s=10.0)])
+    result = fit_recordings(inputs.recordings, inputs.robot, FitSettings(physical=False))
+    row, driven = result.rms.rows[0], list(result.robot.driven)
+    assert result.pipelines == ("periodic",)
+    assert np.all(row.rms_nm[driven] < 2.0 * NOISE_NM)
+    assert np.isnan(np.delete(row.rms_nm, driven)).all()
 
 
 def test_what_cannot_follow_says_so_in_a_sentence(fitted: tuple[Path, dict[str, FitResult]]) -> None:
