@@ -104,6 +104,7 @@ class Account(_Entry, frozen=True, kw_only=True):
 
     confirming: motions in a row that were to add evidence where the hypotheses were told apart already.
     sentence: how it ended, or stands. exit_code: of the last motion that was not completed.
+    actions: what the operator is asked to do, in words; asks: the same for programs.
     added_mass: kg and m from the flange of a known mass that is on it now. wanted: questions of the operator about what
     no motion shows, of `INVISIBLE`. doing: an action that was done and whose motion is not recorded yet. told: what
     the first `heard` of the recordings after an action told.
@@ -120,6 +121,7 @@ class Account(_Entry, frozen=True, kw_only=True):
     confirming: int = 0
     sentence: str = ""
     actions: tuple[str, ...] = ()
+    asks: tuple[Action, ...] = ()
     exit_code: int = 1
     added_mass: tuple[float, float, float, float] | None = None
     wanted: tuple[str, ...] = ()

@@ -184,7 +184,8 @@ class Investigation:
         """Ask for what settles these, where nobody did it yet; whether there is such a thing."""
         told = {item.action for item in self.account.told if item.settled}
         left = [item for item in equivalences if item.action not in told]
-        self._keep(actions=tuple(item.sentence for item in left))
+        asks = tuple(dict.fromkeys(item.action for item in left if item.action is not None))
+        self._keep(actions=tuple(item.sentence for item in left), asks=asks)
         return bool(left)
 
     @property

@@ -35,6 +35,8 @@ from identification.excitation import (
     load_trajectory,
     validation_trajectory,
 )
+from identification.investigation.actions import PAIRED, Action
+from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import PERIOD_S, Room, experiment
 
 __all__ = ["ARMS", "Answer", "LoopCase", "answer_of", "forecasts_of", "prove_closed_loop", "reliability"]
@@ -44,12 +46,14 @@ Arm = Literal["chosen", "random", "repeated"]
 ARMS: tuple[Arm, ...] = ("chosen", "random", "repeated")
 FURTHER_S = 120.0
 _ONE_MOTION = 4
+MASS_KG, MASS_PLACE_M = 2.0, (0.02, 0.0, 0.05)
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What one arm says in the end. named: the hidden effect, alone, with its joint. wrong: names that are not true.
+    """What one arm says in the end. named: the hidden effect, alone, with its joint; where no motion tells, the right
+    answer after the action that was asked for. wrong: names and answers that are not true.
 
     leader_right: whether the leading hypothesis stands out and is the hidden effect. seconds: of motion after the first
     two recordings. limits_broken: at the robot's side, over all its motions.
@@ -94,6 +98,11 @@ class _RequestDriver:
     def finished(self, folder: Path) -> Path | None:
         del folder
         return None
+
+    def act(self, action: Action) -> None:
+        """Have the operator do something to the arm."""
+        mass = {"mass_kg": MASS_KG, "place_m": MASS_PLACE_M} if action is Action.ADD_MASS else {}
+        self._robot.ask({"act": action.value, "with": mass})
 
     def record(self, trajectory: Trajectory, periods: int, folder: Path) -> Path:
         """One recording in a folder."""
@@ -142,9 +151,12 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
         Recorded(file=str(driver.record(motion, periods, folder / name)))
         for motion, periods, name in ((first, FIRST_PERIODS, "first"), (second, SECOND_PERIODS, "second"))
     )
-    start = Account(robot=ROBOT, seed=seed + index, budget_s=FURTHER_S, recordings=recordings)
+    question = begun["question"]
+    wanted = (question,) if question in INVISIBLE else ()
+    start = Account(robot=ROBOT, seed=seed + index, budget_s=FURTHER_S, recordings=recordings, wanted=wanted)
     accounts, broken = {}, {}
-    for arm in arms:
+    # What no motion settles is no race of motions.
+    for arm in ("chosen",) if question else arms:
         before = driver.broken
         accounts[arm] = _ARMS[arm](start, driver, folder / arm, tell)
         broken[arm] = driver.broken - before
@@ -160,7 +172,21 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
 
 
 def _chosen(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
-    return Investigation(folder, start, driver, ask=lambda _: True, tell=tell, progress=_silent).run()
+    """Goes on until it rests, the operator doing what is asked for, each thing once."""
+    account = start
+    for _ in range(len(Action)):
+        loop = Investigation(folder, account, driver, ask=lambda _: True, tell=tell, progress=_silent)
+        if account.state is State.NEEDS_ACTION:
+            loop.resume(acted=account.asks[0])
+        account = loop.run()
+        if account.state is not State.NEEDS_ACTION or not account.asks or account.asks[0] not in PAIRED:
+            break
+        action = account.asks[0]
+        tell(f"The operator does what is asked for: {action.value}")
+        driver.act(action)
+        if action is Action.ADD_MASS:
+            account = msgspec.structs.replace(account, added_mass=(MASS_KG, *MASS_PLACE_M))
+    return account
 
 
 def _random(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
@@ -223,6 +249,10 @@ def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], bro
         if not any(({f.effect, *f.alternatives} & names) and f.joint == joint for names, joint in truths)
     )
     used = account.used_s if account.recordings else 0.0
+    if label.get("answer"):
+        told = {item.answer for item in account.told if item.settled}
+        named = label["answer"] in told
+        wrong += tuple(f"{item} for {label['answer']}" for item in sorted(told - {label["answer"]}))
     return Answer(arm, named and not wrong, wrong, _leads(step, label), used, account.state.value, broken)
 
 

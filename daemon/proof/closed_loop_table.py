@@ -14,7 +14,7 @@ from daemon.proof.table import rate
 
 __all__ = ["loop_rows", "loop_summary", "reliability_rows"]
 
-GROUPS = ("confusable", "weak", "background", "nothing")
+GROUPS = ("confusable", "weak", "structural", "background", "nothing")
 
 
 def _answers(cases: Sequence[LoopCase], arm: str) -> list[Answer]:

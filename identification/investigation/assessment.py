@@ -167,8 +167,11 @@ def _weighed(
     whole = Selection(among, nothing.settings, parts, (1.0,))
     whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
     size = np.sqrt(((columns @ item.coefficients) ** 2).sum(axis=1))
-    for joint, own_size in zip(joints, size, strict=True):
-        if unknown.asked[joint] and own_size > _TOUCHED * size.max():
+    touched = {joint for joint, own in zip(joints, size, strict=True) if own > _TOUCHED * size.max()}
+    # Joints share base columns: what a form explains, classes of other joints may have stood for. A smooth error stays.
+    others = [] if _background(nothing) else [joint for joint, own in enumerate(nothing.states) if own.groups]
+    for joint in (*touched, *(number for number in others if number not in touched)):
+        if unknown.asked[joint]:
             whole.states[joint] = _fewer(whole, joint)
     now = whole.posterior(0, whole.states[0])
     own = np.arange(unknown.prior.size, among.prior.size)

@@ -79,6 +79,12 @@ class Sums:
         classes = tuple(own + more for own, more in zip(self.classes, other.classes, strict=True))
         return Sums(self.gram + other.gram, self.base, classes)
 
+    def occam(self, joint: int, deviations: FloatArray) -> float:
+        """Nats that the freedom of a joint's classes costs: ½ log det (I + D BᵀB D), D the deviations (q,)."""
+        there = np.flatnonzero(deviations)
+        inner = deviations[there, None] * self.classes[joint][there[:, None], there] * deviations[there]
+        return 0.5 * float(np.linalg.slogdet(inner + np.eye(there.size))[1])
+
     def projected(self, deviations: Sequence[FloatArray] = ()) -> FloatArray:
         """(m, m) of the columns after base parameters and classes took up what they can.
 

@@ -18,6 +18,7 @@ from identification.investigation.columns import Form, Sums, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,26 +59,58 @@ def separations(
 ) -> FloatArray:
     """(H, H) λ of each hypothesis (row), were it true, against each rival (column); 0 on the diagonal.
 
-    The classes that a rival has beside it take up what they can at their size. Against "nothing more" it is what is
+    The classes that a rival has beside it take up what they can at their size. A rival may also take on the classes
+    that stand on the truth's joint where no form is, at what they cost beforehand. Against "nothing more" it is what is
     visible of the effect at all. In the row of "nothing more" stands what a rival of the size that it has now would
     show: so much speaks against it where it is not there.
     """
     places = layout.places
     count = len(hypotheses)
     result = np.zeros((count, count))
+    plain = next((item.beside for item in hypotheses if item.effect is None), ())
     for j, rival in enumerate(hypotheses):
-        rest = sums.projected(() if beside is None else beside.deviations(rival.beside))
+        rest = _rest(sums, beside, rival.beside)
+        richer: dict[int, tuple[FloatArray, float]] = {}
         for i, truth in enumerate(hypotheses):
             if i == j or truth.best is None:
                 continue
             own, size = places[truth.best], truth.coefficients
-            whole = float(size @ rest[own, own] @ size)
             if rival.best is None:
-                result[i, j] = result[j, i] = max(0.0, whole)
+                result[i, j] = result[j, i] = max(0.0, float(size @ rest[own, own] @ size))
                 continue
-            taken = max(_explained(rest, own, places[form], size) for form in rival.forms if form in places)
-            result[i, j] = max(0.0, whole - taken)
+            forms = [places[form] for form in rival.forms if form in places]
+            left = _left(rest, own, forms, size)
+            joint = -1 if truth.place.joint is None else truth.place.joint - 1
+            if beside is not None and joint >= 0:
+                if joint not in richer:
+                    richer[joint] = _with_classes(sums, beside, rival.beside, plain, joint)
+                free, cost = richer[joint]
+                left = min(left, _left(free, own, forms, size) + 2.0 * cost)
+            result[i, j] = left
     return result
+
+
+def _rest(sums: Sums, beside: Discrepancies | None, variances: Variances) -> FloatArray:
+    return sums.projected(() if beside is None else beside.deviations(variances))
+
+
+def _left(rest: FloatArray, own: slice, forms: Sequence[slice], size: FloatArray) -> float:
+    """λ of a size of some columns that none of a rival's forms takes up."""
+    whole = float(size @ rest[own, own] @ size)
+    return max(0.0, whole - max(_explained(rest, own, form, size) for form in forms))
+
+
+def _with_classes(
+    sums: Sums, beside: Discrepancies, variances: Variances, plain: Variances, joint: int
+) -> tuple[FloatArray, float]:
+    """What is left beside further classes on a joint (from 0), and the nats that they cost."""
+    own, more = variances[joint], np.maximum(variances[joint], plain[joint])
+    added = {basis.number for basis, old, new in zip(beside.bases[joint], own, more, strict=True) if new > old == 0.0}
+    if not added:
+        return _rest(sums, beside, variances), 0.0
+    taken = (*variances[:joint], more, *variances[joint + 1 :])
+    occam = sums.occam(joint, beside.deviations(taken)[joint]) - sums.occam(joint, beside.deviations(variances)[joint])
+    return _rest(sums, beside, taken), ClaimSettings().prior_cost * len(added) + max(0.0, occam)
 
 
 def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> float:

@@ -1,0 +1,87 @@
+"""kill -9 of `iiwa-ident investigate` while the arm moves and while it asks, against a fake robot in lockstep.
+
+Truth: the loop's own report of the standstill, the account on disk, and that the same command stands at a question.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+
+from daemon.investigate.account import Account, read_account
+from daemon.investigate.states import State
+from tests.end_to_end.processes import COMMAND, fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+
+WATCHDOG_S = 300.0
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str] | None = None) -> None:
+    """Until it is true; nothing is judged by the time."""
+    for _ in range(int(WATCHDOG_S / 0.05)):
+        if condition():
+            return
+        assert process is None or process.poll() is None, process.communicate()[0]
+        time.sleep(0.05)
+    raise AssertionError("what was waited for did not happen")
+
+
+def account_of(folder: Path) -> Account:
+    account = read_account(folder)
+    assert account is not None
+    return account
+
+
+def stands(folder: Path, state: State) -> bool:
+    account = read_account(folder)
+    return account is not None and account.state is state
+
+
+def killed_while_asking(folder: Path, words: list[str]) -> None:
+    """The command on a terminal of its own, killed at its question."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([*COMMAND, *words], stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True)
+    os.close(theirs)
+    shown = b""
+    while b"Drive it" not in shown:
+        shown += os.read(ours, 4096)
+    assert stands(folder, State.ASKING)
+    process.kill()
+    process.wait(WATCHDOG_S)
+    os.close(ours)
+
+
+def test_a_kill_leaves_the_arm_at_rest_and_the_same_command_asks_again(tmp_path: Path) -> None:
+    port, out = free_udp_port(), tmp_path / "question"
+    words = ["investigate", "--out", str(out), "--bind", f"127.0.0.1:{port}"]
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--duration", "600"):
+        process = start_iiwa_ident(*words, "--budget", "4", "--yes")
+        log = out / "motion-01" / "recording.mcap"
+        wait_for(lambda: log.is_file() and log.stat().st_size > 2_000_000, process)
+        children = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+        process.wait(WATCHDOG_S)
+        psutil.wait_procs(children, WATCHDOG_S)
+    # Six thousand messages: the arm is on its way to the motion, or in it.
+    report = json.loads((out / "motion-01" / "loop_report.json").read_text())
+    assert report["reason"] == "SUPERVISOR_LOST"
+    assert report["standstill_confirmed"]
+    assert stands(out, State.RECORDING)
+
+    killed_while_asking(out, words)
+    left = account_of(out)
+    assert left.state is State.ASKING
+    assert left.attempts == 1  # nothing was begun beyond the first motion
+    assert log.is_file()
+
+    planned = iiwa_ident(*words, "--plan-only")
+    assert planned.returncode == 0, planned.stderr
+    assert "Planned, not driven: Motion 1" in planned.stdout
+    done = account_of(out)
+    assert (done.state, done.recordings, done.attempts) == (State.PLANNED, (), 1)
