@@ -85,7 +85,8 @@ class Told(_Entry, frozen=True, kw_only=True):
 class Step(_Entry, frozen=True, kw_only=True):
     """What was known after so many recordings. stands_out: whether the leading hypothesis led all others.
 
-    agreements: name, and the chance that its size differs so much between the recordings if it is one.
+    agreements: name, and the chance that its size differs so much between the recordings if it is one. day_terms: what
+    changed between them, in words.
     """
 
     recordings: int
@@ -97,6 +98,7 @@ class Step(_Entry, frozen=True, kw_only=True):
     stands_out: bool
     remaining: str
     agreements: tuple[tuple[str, float], ...] = ()
+    day_terms: tuple[str, ...] = ()
 
 
 class Account(_Entry, frozen=True, kw_only=True):

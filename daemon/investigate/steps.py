@@ -38,6 +38,7 @@ def step_of(found: Study, recordings: int) -> Step:
         stands_out=stands_out(found.assessment.alive),
         remaining=diagnosis.remaining,
         agreements=found.agreements,
+        day_terms=tuple(item.sentence for item in found.day_terms),
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.investigate.account import Account, Recorded, Step
+from daemon.investigate.account import Account, Recorded, Step, Told
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
 from identification.report.document import (
@@ -125,8 +125,15 @@ def _chapter(account: Account, number: int) -> Section:
         blocks += _known(step)
     elif number == 0:
         blocks.append(Paragraph("A second motion is needed before a name can be checked.", "note"))
+    blocks += [Paragraph(item.sentence, "note") for item in _told(account, number)]
     title = "given" if recorded.motion is None else recorded.motion.purpose
     return Section(f"recording-{number + 1}", f"Recording {number + 1}: {title}", tuple(blocks))
+
+
+def _told(account: Account, number: int) -> list[Told]:
+    """What the recording of a number told of the action that it was made for."""
+    action = account.recordings[number].action
+    return [] if action is None else [item for item in account.told if item.action is action]
 
 
 def _why(recorded: Recorded) -> str:
@@ -152,6 +159,7 @@ def _known(step: Step) -> list[Block]:
         Table("Hypotheses alive beside what is settled", ("hypothesis", "probability", "nats against nothing"), rows),
     ]
     blocks += [Paragraph(f"Open: {text}", "note") for text in step.questions]
+    blocks += [Paragraph(text, "note") for text in step.day_terms]
     blocks += [Paragraph(_agreement(name, chance), "note") for name, chance in step.agreements]
     return blocks
 

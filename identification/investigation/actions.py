@@ -21,6 +21,7 @@ from identification.base_parameters import direction_of
 from identification.errors import RecordingError
 from identification.investigation.added_mass import AddedMass
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
 
 FloatArray = npt.NDArray[np.float64]
@@ -79,8 +80,7 @@ class Difference:
     @classmethod
     def of(cls, before: Evidence, after: Evidence) -> Difference:
         """Raises RecordingError where the two motions are not one."""
-        same = before.motion.position.shape == after.motion.position.shape
-        if not same or float(np.abs(before.motion.position - after.motion.position).max()) > _SAME_MOTION_RAD:
+        if not is_same(before.motion, after.motion):
             raise RecordingError(
                 f"{after.recording.source.path} is not the motion of {before.recording.source.path}: what was changed "
                 "between them shows only where the arm moves alike",
@@ -108,6 +108,13 @@ class Difference:
         excess = max(1.0, float(left @ left) / max(1, measured.size - scale.size))
         own = columns.shape[2]
         return (values / scale)[:own], (excess * covariance / np.outer(scale, scale))[:own, :own]
+
+
+def is_same(first: Motion, second: Motion) -> bool:
+    """Whether two motions are one, as far as an arm drives the same positions twice."""
+    if first.position.shape != second.position.shape:
+        return False
+    return float(np.abs(first.position - second.position).max()) <= _SAME_MOTION_RAD
 
 
 def added_mass(difference: Difference, mass: AddedMass) -> Outcome:

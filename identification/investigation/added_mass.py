@@ -6,6 +6,7 @@ with torque (a gain of the sensor) has grown with the mass, and shows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,13 +71,22 @@ def without_added_mass(recording: Recording, robot: RobotModel, added: AddedMass
 
     Raises RecordingError for a recording without periods.
     """
+    return less_torque(recording, lambda *states: added.torque(robot, *states))
+
+
+def less_torque(
+    recording: Recording, torque_along: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+) -> Recording:
+    """The recording less a torque. torque_along: of q, q̇, q̈ (S, n) of a period, (S, n) Nm.
+
+    Raises RecordingError for a recording without periods.
+    """
     if recording.sample_in_period is None:
         raise RecordingError(
-            f"{recording.source.path} has no periods: the torque of an added mass cannot be taken out of it",
+            f"{recording.source.path} has no periods: a known torque cannot be taken out of it",
             file=recording.source.path,
         )
-    average = average_periods(period_table(recording))
-    along = added.torque(robot, *smooth_motion(average, _BANDWIDTH_HZ))
+    along = torque_along(*smooth_motion(average_periods(period_table(recording)), _BANDWIDTH_HZ))
     place = recording.sample_in_period
     inside = (place >= 0) & (place < len(along))
     torque = recording.torque.copy()

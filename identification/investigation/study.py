@@ -17,10 +17,11 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.investigation.actions import Action, Difference, Outcome, added_mass, turned_tool, warmed_up
-from identification.investigation.added_mass import AddedMass, without_added_mass
+from identification.investigation.added_mass import AddedMass, less_torque, without_added_mass
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form
+from identification.investigation.day_terms import DayTerm, day_terms
 from identification.investigation.hypotheses import Assessment, describe
 from identification.investigation.separation import agreement
 from identification.mismatch.data_faults.faults import stops_physics
@@ -53,7 +54,8 @@ class Study:
     """diagnosis: of all recordings together. assessment: hypotheses on what is not settled. questions: what is open.
 
     agreements: of each settled finding and of the leading hypothesis, the chance that its coefficients differ between
-    the recordings by so much if they are one.
+    the recordings by so much if they are one. day_terms: what changed from the first recording to others, and was taken
+    out of them before all else.
     """
 
     diagnosis: Diagnosis
@@ -61,6 +63,7 @@ class Study:
     chooser: Chooser
     questions: tuple[Question, ...]
     agreements: tuple[tuple[str, float], ...] = ()
+    day_terms: tuple[DayTerm, ...] = ()
 
     @property
     def settled(self) -> bool:
@@ -108,7 +111,47 @@ def study(
         item if mass is None else without_added_mass(item, robot, mass)
         for item, mass in zip((*recordings, *heldout), on_flange, strict=True)
     ]
-    recordings, heldout = cleared[: len(recordings)], cleared[len(recordings) :]
+    count = len(recordings)
+    found = _study_of(cleared, count, on_flange, robot, mass_now, settings, progress)
+    bare = found.assessment.evidences
+    leader = found.assessment.leader
+    forms = () if leader.best is None else (leader.best,)
+    terms = day_terms(bare, forms, found.assessment.discrepancies, leader.beside)
+    if not terms:
+        return found
+    speed = bare[0].motion.coulomb_velocity
+    cleared = [_without(item, number, terms, speed) for number, item in enumerate(cleared)]
+    found = _study_of(cleared, count, on_flange, robot, mass_now, settings, progress)
+    return replace(found, day_terms=terms)
+
+
+def _without(recording: Recording, number: int, terms: Sequence[DayTerm], coulomb_velocity: float) -> Recording:
+    """The recording as it would be had nothing changed since the first one."""
+    own = [term for term in terms if term.recording == number]
+    if not own:
+        return recording
+
+    def along(position: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+        del acceleration
+        torque = np.zeros_like(position)
+        for term in own:
+            torque[:, term.joint] += term.torque(velocity, coulomb_velocity)
+        return torque
+
+    return less_torque(recording, along)
+
+
+def _study_of(
+    cleared: Sequence[Recording],
+    count: int,
+    on_flange: Sequence[AddedMass | None],
+    robot: RobotModel,
+    mass_now: AddedMass | None,
+    settings: DiagnosisSettings,
+    progress: Progress | None,
+) -> Study:
+    """The study of recordings of which nothing has to be taken out any more, the first `count` of them fitted."""
+    recordings, heldout = cleared[:count], cleared[count:]
     diagnosis = diagnose(recordings, robot, heldout=heldout, settings=settings, progress=progress)
     if stops_physics(diagnosis.data_faults):
         raise RecordingError(diagnosis.data_faults[0].sentence, file=diagnosis.data_faults[0].recording)

@@ -119,6 +119,7 @@ def scripted_study(settled_after: int) -> Any:
             settled=not open_,
             answer="An answer.",
             agreements=(("a spring", 0.4), ("a delay", 1e-5)),
+            day_terms=(SimpleNamespace(sentence="Joint 2: friction fell."),),
             questions=(SimpleNamespace(sentence="A or B?"),) if open_ else (),
             assessment=SimpleNamespace(alive=(replace(NOTHING, probability=1.0),)),
             diagnosis=SimpleNamespace(verdict="explained", findings=(), remaining="", classes=()),
@@ -157,6 +158,7 @@ def test_it_records_until_nothing_is_open(tmp_path: Path) -> None:
     assert "90 %" in page
     assert "The size of a spring agrees between the recordings" in page
     assert "The size of a delay DIFFERS" in page
+    assert "Joint 2: friction fell." in page
 
 
 def test_from_nothing_the_two_shipped_motions_come_first(tmp_path: Path) -> None:

@@ -15,8 +15,11 @@ from identification.errors import RecordingError
 from identification.excitation import default_trajectory, validation_trajectory
 from identification.investigation.actions import Difference, added_mass, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass
+from identification.investigation.day_terms import day_terms
+from identification.investigation.discrepancy import Discrepancies
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.reduction import build_evidence
+from identification.mismatch.unknown.classes import Ranges
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 
@@ -36,13 +39,20 @@ class Recorded:
         self._number = 0
 
     def __call__(
-        self, arm: Arm, *, gain: float = 0.0, friction: float = 1.0, offset: float = 0.0, other: bool = False
+        self,
+        arm: Arm,
+        *,
+        gain: float = 0.0,
+        friction: float = 1.0,
+        offset: float = 0.0,
+        other: bool = False,
+        error: float = 0.3,
     ) -> Evidence:
         motion = excitation_of("", (validation_trajectory() if other else default_trajectory()).table())
         torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         links = arm.links
         torque += friction * (links.viscous * motion.velocity + links.coulomb * sign(motion.velocity))
-        torque += 0.3 * np.cos(motion.position + 2.0 * np.roll(motion.position, 1, axis=1))
+        torque += error * np.cos(motion.position + 2.0 * np.roll(motion.position, 1, axis=1))
         torque *= 1.0 + gain
         torque[:, 3] += offset
         noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * self._random.normal(size=(PERIODS * len(torque), 7))
@@ -105,6 +115,31 @@ def test_a_warm_arm_tells_an_offset_from_friction(
     told = warmed_up(Difference.of(before, after), 3, (OFFSET_NM, 0.005), (dry, 0.005))
     assert told.answer == answer
     assert told.settled == bool(answer)
+
+
+def no_classes(rows: list[Evidence]) -> Discrepancies:
+    return Discrepancies(((),) * 7, Ranges.of([item.motion for item in rows]), 0.5)
+
+
+def test_friction_and_an_offset_that_change_get_a_term_of_their_own(recorded: Recorded) -> None:
+    """Truth: in the third recording friction is 15 % less everywhere, and joint 4 has an offset."""
+    rows = [
+        recorded(recorded.arm, error=0.0),
+        recorded(recorded.arm, error=0.0, other=True),
+        recorded(recorded.arm, error=0.0, friction=0.85, offset=0.1),
+    ]
+    terms = day_terms(rows, (), no_classes(rows), (np.zeros(0),) * 7)
+    assert sorted((term.recording, term.joint) for term in terms) == [(2, joint) for joint in range(7)]
+    found = {term.joint: term for term in terms}
+    for joint, term in found.items():
+        truth = [0.1 if joint == 3 else 0.0, -0.15 * recorded.arm.links.coulomb[joint]]
+        np.testing.assert_allclose(term.change[:2], truth, atol=4.0 * float(term.deviation[:2].max()))
+    assert "offset by +0.1" in found[3].sentence
+
+
+def test_nothing_changes_where_another_motion_is_all(recorded: Recorded) -> None:
+    rows = [recorded(recorded.arm, error=0.0), recorded(recorded.arm, error=0.0, other=True)]
+    assert day_terms(rows, (), no_classes(rows), (np.zeros(0),) * 7) == ()
 
 
 def test_another_motion_is_refused(recorded: Recorded, before: Evidence) -> None:
