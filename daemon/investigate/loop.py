@@ -174,7 +174,7 @@ class Investigation:
         if not found.settled:
             return Event.OPEN
         twins = twins_of([item.effect for item in found.diagnosis.findings])
-        if self._asks_for([*twins, *map(invisible, self.account.wanted)]):
+        if self._asks_for([*twins, *self._wanted]):
             self._keep(sentence=f"What motion can tell is known; what is left, no motion settles. {found.answer}")
             return Event.NO_MOTION_TELLS
         self._keep(sentence=f"Settled. {found.answer}{self._heard}", actions=())
@@ -187,6 +187,12 @@ class Investigation:
         asks = tuple(dict.fromkeys(item.action for item in left if item.action is not None))
         self._keep(actions=tuple(item.sentence for item in left), asks=asks)
         return bool(left)
+
+    @property
+    def _wanted(self) -> list[Equivalence]:
+        """What an operator wants to be settled and no action told yet; time is kept for it."""
+        told = {item.action for item in self.account.told if item.settled}
+        return [item for item in map(invisible, self.account.wanted) if item.action not in told]
 
     @property
     def _heard(self) -> str:
@@ -231,7 +237,8 @@ class Investigation:
         random = np.random.default_rng([self.account.seed, given])
         room = self._room or Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
         # Where no time is left, what one motion more would tell is still worth knowing.
-        left = max(self.account.left_s, PERIODS[0] * PERIOD_S)
+        left_s = self.account.left_s - PERIOD_S * SECOND_PERIODS * len(self._wanted)
+        left = max(left_s, PERIODS[0] * PERIOD_S)
         design = found.chooser.choose(
             random, room, left, progress=lambda share: self._progress("choosing the next motion", share)
         )
@@ -243,7 +250,7 @@ class Investigation:
             return Event.KNOWN
         best = design.choices[0].forecast
         useless = best.probability - best.now < LEAST_GAIN
-        no_time = self.account.left_s < PERIODS[0] * PERIOD_S
+        no_time = left_s < PERIODS[0] * PERIOD_S
         confirming = self.account.confirming + 1 if useless else 0
         if useless and (no_time or confirming > MOST_CONFIRMING):
             if found.diagnosis.classes:
@@ -251,6 +258,9 @@ class Investigation:
                 return Event.KNOWN
             self._keep(sentence=f"No motion of this arm would tell more. {found.answer}")
             return Event.NOTHING_TELLS
+        if no_time and self._asks_for(self._wanted):
+            self._keep(sentence=f"The time that is left is for what no motion settles. {found.answer}")
+            return Event.NO_MOTION_TELLS
         if no_time:
             return self._out_of_time(best)
         self._keep(confirming=confirming)

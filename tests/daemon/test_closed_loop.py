@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
-from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step
+from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step, Told
 from daemon.proof.closed_loop import Answer, LoopCase, answer_of, forecasts_of, reliability
 from daemon.proof.closed_loop_table import loop_rows, loop_summary, reliability_rows
+from identification.investigation.actions import Action
 
 LABEL: dict[str, Any] = {
     "group": "confusable",
@@ -58,6 +60,26 @@ def test_a_forecast_came_true_where_the_truth_stood_out_after_that_motion() -> N
         steps=(step(recordings=2), step(SPRING)),
     )  # fmt: skip
     assert forecasts_of(account, LABEL) == ((0.9, True),)
+
+
+@pytest.mark.parametrize(
+    ("answer", "named", "wrong"),
+    [
+        ("sensor_offset", True, ()),
+        ("asymmetric_coulomb_friction", False, ("asymmetric_coulomb_friction for sensor_offset",)),
+    ],
+)
+def test_what_an_action_told_is_judged_by_the_label(answer: str, named: bool, wrong: tuple[str, ...]) -> None:
+    label = {
+        "group": "structural", "answer": "sensor_offset", "action": "warm_up",
+        "effects": [{"effect": "torque_offset", "joint": 2, "acceptable": ["torque_offset"]}],
+    }  # fmt: skip
+    told = Told(action=Action.WARM_UP, answer=answer, settled=True, sentence="")
+    account = msgspec.structs.replace(ACCOUNT, told=(told,))
+    found = answer_of("chosen", account, step(Named(effect="torque_offset", joint=2)), label, 0)
+    assert (found.named, found.wrong) == (named, wrong)
+    silent = answer_of("chosen", ACCOUNT, step(Named(effect="torque_offset", joint=2)), label, 0)
+    assert (silent.named, silent.wrong) == (False, ())
 
 
 def test_reliability_and_rows_are_counted() -> None:
