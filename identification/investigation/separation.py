@@ -81,7 +81,7 @@ def separations(
             forms = [places[form] for form in rival.forms if form in places]
             left = _left(rest, own, forms, size)
             joint = -1 if truth.place.joint is None else truth.place.joint - 1
-            if beside is not None and joint >= 0:
+            if beside is not None and plain and joint >= 0:
                 if joint not in richer:
                     richer[joint] = _with_classes(sums, beside, rival.beside, plain, joint)
                 free, cost = richer[joint]

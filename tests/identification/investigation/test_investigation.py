@@ -184,3 +184,90 @@ def test_a_table_is_refined_by_the_interpolation_that_evaluate_states(rows: int)
     table = TableTrajectory(random.normal(size=(rows, 2)), rows / 5.0)
     fine = table.table(1000.0)
     np.testing.assert_allclose(fine, table.evaluate(np.arange(5000) * 1e-3)[0], atol=1e-9)
+
+
+SIZE, CLASS = 0.35, 0.15
+
+
+def log_evidence(columns: np.ndarray, variances: np.ndarray, torque: np.ndarray) -> float:
+    """Log p(torque) under unit noise and independent weights of these variances."""
+    covariance = np.eye(len(torque)) + (columns * variances) @ columns.T
+    factor = np.linalg.cholesky(covariance)
+    half = np.linalg.solve(factor, torque)
+    return float(-0.5 * half @ half - np.log(np.diag(factor)).sum())
+
+
+def one_forecast(random: np.random.Generator) -> tuple[float, bool]:
+    """A forecast and whether it came true, in a world of two look-alike forms, base parameters and a class.
+
+    Truth: evidences by the full covariance of the rows, before and after the rows that were foretold.
+    """
+    rows, new = 60, int(random.integers(10, 200))
+    base, classes = random.normal(size=(rows + new, 3)), random.normal(size=(rows + new, 5))
+    first = random.normal(size=(rows + new, 1)) + classes[:, :1]
+    second = 0.9 * first + 0.35 * random.normal(size=(rows + new, 1))
+    shapes, true = (first, second), int(random.integers(2))
+    size = SIZE * random.normal()
+    torque = base @ random.normal(size=3) * 3.0 + classes @ (CLASS * random.normal(size=5))
+    torque += size * shapes[true][:, 0] + random.normal(size=rows + new)
+
+    def evidences(upto: int) -> list[float]:
+        variances = np.r_[np.full(3, 9.0), np.full(5, CLASS**2), SIZE**2]
+        return [log_evidence(np.hstack([base, classes, shape])[:upto], variances, torque[:upto]) for shape in shapes]
+
+    before = evidences(rows)
+    weight = np.exp(before - np.max(before))
+    alive = []
+    for shape, name, odds, share in zip(
+        shapes, ("torque_offset", "torque_sensor_drift"), before, weight / weight.sum(), strict=True
+    ):
+        matrix = np.hstack([base, classes, shape])[:rows]
+        precision = matrix.T @ matrix + np.diag(1.0 / np.r_[np.full(3, 9.0), np.full(5, CLASS**2), SIZE**2])
+        covariance = np.linalg.inv(precision)
+        mean = covariance @ matrix.T @ torque[:rows]
+        form = Form.of(name, Place(1), {})
+        alive.append(
+            Hypothesis(
+                name,
+                Place(1),
+                (form,),
+                form,
+                mean[-1:],
+                covariance[-1:, -1:],
+                odds - before[0],
+                float(share),
+                (np.zeros(0),),
+            )
+        )
+    both = np.hstack([base, first, second])
+
+    def sums(part: slice) -> Sums:
+        own = classes[part].T @ np.hstack([classes, both])[part]
+        return Sums(both[part].T @ both[part], 3, (own,))
+
+    class Beside:
+        """One joint with one class of five columns."""
+
+        bases = ((),)
+
+        def deviations(self, variances: object) -> tuple[np.ndarray, ...]:
+            del variances
+            return (np.full(5, CLASS),)
+
+    layout = Layout(tuple(item.forms[0] for item in alive))
+    now = separations(sums(slice(0, rows)), layout, alive, Beside())  # type: ignore[arg-type]
+    then = separations(sums(slice(0, rows + new)), layout, alive, Beside())  # type: ignore[arg-type]
+    foretold = forecast(alive, now, then).probability
+    after = evidences(rows + new)
+    return foretold, after[true] - after[1 - true] >= STANDS_OUT
+
+
+def test_a_forecast_comes_true_as_often_as_it_says() -> None:
+    """Bins of forecasts over 1000 drawn worlds whose model is the true one: foretold and come true agree."""
+    random = np.random.default_rng(12)
+    pairs = np.array([one_forecast(random) for _ in range(1000)])
+    for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
+        inside = pairs[(pairs[:, 0] >= low) & (pairs[:, 0] < high)]
+        mean, share = inside.mean(axis=0)
+        spread = math.sqrt(max(mean * (1.0 - mean), 1e-3) / len(inside))
+        assert abs(share - mean) < 3.0 * spread + 0.02, (low, len(inside), mean, share)
