@@ -24,6 +24,8 @@ POINTS = 80
 TANGENT_RAD = 5e-3
 FIRST_REACH_RAD, LEAST_REACH_RAD = 0.1, 1e-4
 """Of the points that the next step is drawn from: half of the grid's distance, and what no one measures."""
+LEAST_GAIN_NATS = 1e-3
+"""No odds worth a step; the evidence of many rows is rounded to less."""
 
 
 def sphere(points: int = POINTS) -> FloatArray:
@@ -157,10 +159,14 @@ class Directions:
             step *= min(1.0, 2.0 * reach / length) if length > 0.0 else 1.0
             steps, values = np.vstack([steps, step]), np.append(values, evidence(leant(step)))
             place = int(np.argmax(values))
-            if values[place] > found:
+            # A whole step of Newton's says how near the top is; one that was cut short and led nowhere, that the bend is
+            # not to be trusted so far away.
+            shrunk = max(0.5 * length, 0.1 * reach) if hill else 0.5 * reach
+            if values[place] > found + LEAST_GAIN_NATS:
                 best, found = leant(steps[place]), float(values[place])
-            # A whole step of Newton's says how near the top is.
-            reach = min(reach, max(0.5 * length, 0.1 * reach)) if hill else 0.5 * reach
+                reach = min(reach, shrunk)
+            else:
+                reach = min(0.5 * reach, shrunk)
         return best, found
 
     def spread(self, gravity: FloatArray, weight: FloatArray, mean: FloatArray, factor: FloatArray) -> float:
