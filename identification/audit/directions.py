@@ -159,7 +159,7 @@ class Directions:
             step *= min(1.0, 2.0 * reach / length) if length > 0.0 else 1.0
             steps, values = np.vstack([steps, step]), np.append(values, evidence(leant(step)))
             place = int(np.argmax(values))
-            # A whole step of Newton's says how near the top is; one that was cut short and led nowhere, that the bend is
+            # A whole step of Newton's says how near the top is; one cut short that led nowhere, that the bend is
             # not to be trusted so far away.
             shrunk = max(0.5 * length, 0.1 * reach) if hill else 0.5 * reach
             if values[place] > found + LEAST_GAIN_NATS:
