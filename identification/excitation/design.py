@@ -1,8 +1,8 @@
 """The search for an excitation trajectory, problem (13)/(14): seeded starts in stages, best ones refined.
 
-Here: the tournament of local searches over several processes, and the verified result. Not here: the local search
-(`local_search`), objective, constraints and their equations, any clock (the caller passes one if a time
-budget shall hold) and any knowledge of collisions (the caller passes a judge).
+Here: the tournament of local searches, and the verified result. Not here: the local search (`local_search`), the
+processes it runs in (`search_processes`), objective, constraints and their equations, any clock (the caller passes one
+if a time budget shall hold) and any knowledge of collisions (the caller passes a judge).
 
 Each stage keeps the best part of the one before and searches on from there with more iterations: most starts end in
 poor local optima and show it early. What a time budget leaves after the last stage goes into hops: the best motions are
@@ -12,13 +12,8 @@ disturbed and improved again (basin hopping), on all processes; towards the end 
 from __future__ import annotations
 
 import itertools
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
-from multiprocessing.synchronize import Event
 from typing import Any
 
 import numpy as np
@@ -31,7 +26,7 @@ from identification.excitation.constraints import verify
 from identification.excitation.detectability_term import WORST_CONDITION, DetectabilityTerm
 from identification.excitation.fourier import FourierTrajectory
 from identification.excitation.limits import ExcitationLimits
-from identification.excitation.local_search import Descent, DesignSettings, LocalSearch, Problem
+from identification.excitation.local_search import DesignSettings, LocalSearch, Problem
 from identification.excitation.nominal import TorqueLimit, foreseen_torque, searched_base_values
 from identification.excitation.objective import (
     DETECTABILITY,
@@ -43,6 +38,7 @@ from identification.excitation.objective import (
 )
 from identification.excitation.payload_term import PayloadTerm
 from identification.excitation.prediction import torque_noise
+from identification.excitation.search_processes import Outcome, Task, workers
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
 
@@ -57,7 +53,6 @@ _RESERVE_S = 2.5
 """Kept of the budget, or half of a budget that is very short, for ranking and verification, besides the judgement."""
 _JUDGEMENTS = 1.5
 """So many times what the judgement of one candidate took is kept for that of the best."""
-_LOOK_S = 0.25
 _HOPPING_SHARE = 0.95
 _POLISHED_FROM = 0.85
 _HOPPED_FROM = 3
@@ -120,7 +115,7 @@ def design_excitation(
     reserve_s = _RESERVE_S
     candidates: dict[int, tuple[float, FloatArray]] = {}
 
-    def note(outcome: _Outcome, number: int, done: int, planned: int) -> None:
+    def note(outcome: Outcome, number: int, done: int, planned: int) -> None:
         candidates[outcome.start] = (outcome.value, outcome.coefficients)
         best = min(value for value, _ in candidates.values())
         shown = [float(np.exp(v)) if settings.objective == "cond" else v for v in (outcome.value, best)]
@@ -144,7 +139,7 @@ def design_excitation(
         acceptable(_trajectory(problem, robot, min(candidates.values(), key=lambda found: found[0])[1]))
         return clock() - before
 
-    with _workers(problem) as run:
+    with workers(problem) as run:
         for number, stage in enumerate(settings.stages, start=1):
             count = max(1, round(stage.part * settings.starts))
             order: list[int] = (
@@ -152,7 +147,7 @@ def design_excitation(
                 if number == 1
                 else sorted(candidates, key=lambda start: (candidates[start][0], start))[:count]
             )
-            tasks = [_Task(start, (stage.descent,), candidates[start][1] if number > 1 else None) for start in order]
+            tasks = [Task(start, (stage.descent,), candidates[start][1] if number > 1 else None) for start in order]
             for done, outcome in enumerate(run(tasks, stage.budget_share, is_before, is_searching_time), start=1):
                 note(outcome, number, done, len(tasks))
                 # While the others search on.
@@ -165,33 +160,9 @@ def design_excitation(
     return _best_result(robot, problem, candidates, history, acceptable, nominal)
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """One local search to run: which start, by which descents, and from where (None: draw it)."""
-
-    start: int
-    descents: tuple[Descent, ...]
-    coefficients: FloatArray | None
-    disturbed: float = 0.0
-    """Share of a random motion that is mixed in before the search."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    start: int
-    value: float
-    coefficients: FloatArray
-
-
-_Run = Callable[[Iterable[_Task], float, Callable[[float], bool], Callable[[], bool]], Iterator[_Outcome]]
-"""Tasks, the share of the budget after which none begins, whether it is before such a share, and whether those under
-way may search on.
-"""
-
-
 def _hops(
     candidates: dict[int, tuple[float, FloatArray]], settings: DesignSettings, is_before: Callable[[float], bool]
-) -> Iterator[_Task]:
+) -> Iterator[Task]:
     """Without end: the best motions so far in turn, disturbed by a share that alternates, as new starts.
 
     The candidates are read when a task is asked for, so that a better motion is hopped from at once. Late in the budget
@@ -203,10 +174,10 @@ def _hops(
         rough = [start for start in best if start not in polished]
         if rough and not is_before(_POLISHED_FROM):
             polished |= {rough[0], number}
-            yield _Task(number, (settings.polish,), candidates[rough[0]][1])
+            yield Task(number, (settings.polish,), candidates[rough[0]][1])
             continue
         share = _DISTURBED[number % len(_DISTURBED)]
-        yield _Task(number, settings.hop, candidates[best[number % len(best)]][1], share)
+        yield Task(number, settings.hop, candidates[best[number % len(best)]][1], share)
 
 
 def _problem(
@@ -245,95 +216,6 @@ def _problem(
         motion = FourierTrajectory(1.0 / settings.period_s, a, b, offset).evaluate(times)
         trials.append(whole.strengths(problem.base.samples(*motion)))
     return replace(problem, detectability=whole.reachable(trials))
-
-
-_worker_search: LocalSearch | None = None
-_time_is_up: Callable[[], bool] | None = None
-
-
-def _start_worker(problem: Problem, stop: Event) -> None:
-    global _worker_search, _time_is_up
-    _worker_search, _time_is_up = LocalSearch(problem), stop.is_set
-
-
-def _work(task: _Task, seed: int) -> _Outcome:
-    search = _worker_search
-    assert search is not None, "worker processes begin with _start_worker"
-    coefficients = task.coefficients
-    if coefficients is None:
-        coefficients = search.random_start(np.random.default_rng([seed, task.start]))
-    elif task.disturbed:
-        other = search.random_start(np.random.default_rng([seed, task.start]))
-        coefficients = (1.0 - task.disturbed) * coefficients + task.disturbed * other
-    value = np.inf
-    for descent in task.descents:
-        value, coefficients = search.improve(coefficients, descent, _time_is_up)
-    return _Outcome(task.start, value, coefficients)
-
-
-@contextmanager
-def _workers(problem: Problem) -> Iterator[_Run]:
-    """A function that runs tasks in fresh processes, one each, while it may begin more, and breaks off late ones.
-
-    Also with a single process: with one BLAS thread, results depend on seed and starts and on nothing else.
-    """
-    settings = problem.settings
-    # Fresh interpreters: a forked child of a process with BLAS or ZeroMQ threads may hang.
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    with (
-        _one_blas_thread_each(),
-        ProcessPoolExecutor(
-            settings.processes,
-            mp_context=context,
-            initializer=_start_worker,
-            initargs=(problem, stop),
-        ) as executor,
-    ):
-
-        def run_in_processes(
-            tasks: Iterable[_Task],
-            begin_before: float,
-            is_before: Callable[[float], bool],
-            is_searching_time: Callable[[], bool],
-        ) -> Iterator[_Outcome]:
-            waiting = iter(tasks)
-            pending: set[Future[_Outcome]] = set()
-            first = True
-            while True:
-                # The first of a stage always runs: there is then a result, however short the budget.
-                while len(pending) < settings.processes and (first or (is_before(begin_before) and not stop.is_set())):
-                    task = next(waiting, None)
-                    if task is None:
-                        break
-                    pending.add(executor.submit(_work, task, settings.seed))
-                    first = False
-                if not pending:
-                    return
-                # Searches under way are broken off in time for the ranking and the check at 1 kHz.
-                if not stop.is_set() and not is_searching_time():
-                    stop.set()
-                finished, pending = wait(pending, None if stop.is_set() else _LOOK_S, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    yield future.result()
-
-        yield run_in_processes
-
-
-@contextmanager
-def _one_blas_thread_each() -> Iterator[None]:
-    """Children started inside use one BLAS thread each; matrices this small only lose time over more."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _trajectory(problem: Problem, robot: RobotModel, coefficients: FloatArray) -> FourierTrajectory:

@@ -25,7 +25,7 @@ from identification.estimators import (
     solve_semidefinite,
     violations,
 )
-from identification.estimators.constrained import ConstrainedProgram
+from identification.estimators.constrained_program import ConstrainedProgram
 from identification.estimators.interior_point import minimise_inside
 from identification.estimators.semidefinite import relax_constrained_program
 from identification.robots import RobotModel, robot_from_arrays
