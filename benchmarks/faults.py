@@ -16,9 +16,10 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from tests.end_to_end.fault_account import FaultResult
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.fault_cases import FAULT_CASES
-from tests.end_to_end.fault_runner import FaultResult, run_case
+from tests.end_to_end.fault_runner import run_case
 from tests.end_to_end.wire_cases import WIRE_CASES
 
 HEAD = """\

@@ -25,8 +25,9 @@ from signal import SIGKILL, SIGSTOP
 
 import numpy as np
 
+from tests.end_to_end.fault_account import FaultResult
 from tests.end_to_end.fault_case import FaultCase, Step
-from tests.end_to_end.fault_runner import FaultResult, run_case
+from tests.end_to_end.fault_runner import run_case
 from tests.end_to_end.processes import iiwa_ident
 
 __all__ = ["Moment", "draw", "judge", "play"]

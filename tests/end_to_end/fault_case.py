@@ -7,7 +7,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["FaultCase", "Step"]
+__all__ = ["IN_MOTION", "PACED", "QUICK", "FaultCase", "Step", "fault"]
+
+IN_MOTION = 1500
+"""Messages after COMMANDING_ACTIVE: about half way through the period."""
+QUICK = {"lockstep_timeout_s": 0.3}
+"""Where messages or answers are lost on purpose, a lockstep robot waits for nothing: let it wait shortly."""
+PACED: dict[str, Any] = {
+    "robot": ("--send-period-ms", "5"),
+    "session": {
+        "lockstep_cycle_s": 0.005,
+        "announces_lockstep": False,
+        "lockstep_timeout_s": 0.3,
+        "quality_window_s": 1.0,
+        "quality_fair": 0.3,
+        "quality_good": 0.4,
+        "quality_excellent": 0.9,
+        "missed_commands_tolerated": 100,
+    },
+    "clock": True,
+}
+"""By the clock, as the client sees it; but such a robot waits on a busy machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +84,8 @@ class FaultCase:
     unsaved: int = 0
     rejections: tuple[str, ...] = ()
     file: bool = True
+
+
+def fault(name: str, at_cycle: int = IN_MOTION, cycles: int = 1, **more: Any) -> dict[str, Any]:
+    """One entry of the fake robot's `faults`, counted from COMMANDING_ACTIVE."""
+    return {"fault": name, "after_state": "COMMANDING_ACTIVE", "at_cycle": at_cycle, "cycles": cycles, **more}

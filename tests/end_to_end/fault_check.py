@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.end_to_end.fault_account import matches
 from tests.end_to_end.fault_case import FaultCase
-from tests.end_to_end.fault_runner import matches, run_case
+from tests.end_to_end.fault_runner import run_case
 
 __all__ = ["check"]
 

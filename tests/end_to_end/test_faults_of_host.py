@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.end_to_end.fault_case import FaultCase
-from tests.end_to_end.fault_cases import HOST_CASES
+from tests.end_to_end.fault_cases_of_host import HOST_CASES
 from tests.end_to_end.fault_check import check
 
 

@@ -23,9 +23,10 @@ from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
 from fri_client.motion.program import MotionProgram
 from safety.limits import IIWA14_R820
+from tests.end_to_end.fault_account import matches
 from tests.end_to_end.fault_case import FaultCase
 from tests.end_to_end.fault_check import REST_RAD_S
-from tests.end_to_end.fault_runner import LEAD_IN_S, matches, robot_settings, run_case, short_motion
+from tests.end_to_end.fault_runner import LEAD_IN_S, robot_settings, run_case, short_motion
 from tests.end_to_end.simulated_wire import SimulatedWire
 from tests.end_to_end.wire_cases import REAL, TOLERANT, WIRE_CASES
 from tests.end_to_end.wire_proxy import Direction
