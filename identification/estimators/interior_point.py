@@ -14,6 +14,8 @@ import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse
 
+from identification.errors import SolverError
+
 FloatArray = npt.NDArray[np.float64]
 
 Function = Callable[[FloatArray], float]
@@ -58,7 +60,7 @@ def minimise_inside(
     function: value of order one (scale it: tolerances are absolute). derivatives: gradient (k,) and symmetric Hessian
     (k, k). The Hessian need not be positive definite. initial_barrier: first weight of the logarithmic barrier; the
     smaller, the nearer the result is to the start. Source: Nocedal and Wright, Numerical Optimization, ch. 19.
-    Raises ValueError when the start is not strictly inside.
+    Raises ValueError when the start is not strictly inside, SolverError where the derivatives are no numbers.
     """
     rows = matrix.toarray()  # some hundred by a hundred: bookkeeping of sparse products costs more than the zeros
     point = start.copy()
@@ -128,6 +130,10 @@ def _longest_step(values: FloatArray, steps: FloatArray) -> float:
 
 def _solve_positive(system: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with the matrix made positive definite by the smallest tried multiple of its diagonal."""
+    if not np.isfinite(system).all():
+        raise SolverError(
+            "The derivatives of the program are not finite numbers.", solver="interior point", status="not finite"
+        )
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(system)), 1e-300))
     scaled = system * scale[:, None] * scale[None, :]
     shift = 0.0

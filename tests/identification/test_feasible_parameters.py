@@ -301,3 +301,14 @@ def test_interior_point_method_refuses_a_start_outside() -> None:
             np.array([0.0]),
             np.array([1.0]),
         )
+
+
+def test_interior_point_method_ends_where_the_derivatives_are_no_numbers() -> None:
+    with pytest.raises(SolverError, match="not finite"):
+        minimise_inside(
+            lambda p: float(p @ p),
+            lambda p: (2 * p, np.full((1, 1), np.nan)),
+            scipy.sparse.csr_array(np.array([[1.0]])),
+            np.array([2.0]),
+            np.array([1.0]),
+        )
