@@ -16,7 +16,6 @@ import numpy as np
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from identification.recordings.archive import ATTACHMENT_NAME, pack
 from identification.recordings.bag import JOINT_STATE, METADATA_RECORD
@@ -56,6 +55,8 @@ def is_import(path: Path) -> bool:
 
 
 def _write(recording: Recording, file: object, folder: Path) -> None:
+    from rosbags.typesys import Stores, get_typestore  # slow to load, and a fit writes no recording
+
     store = get_typestore(Stores.ROS2_HUMBLE)
     joint_state = store.types[JOINT_STATE]
     header = store.types["std_msgs/msg/Header"]
