@@ -7,8 +7,6 @@ takes no command in a pause of more than 10 ms (docs/limits.md; a period of room
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,134 +14,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fixtures.judge import Judge
 from fri_client.handover.motion_phase import MotionPhase
-from fri_client.handover.ring import HandoverRing
-from fri_client.loop.ipo_watch import STILL_MESSAGES, IpoWatch
-from fri_client.loop.loop import FriLoop
-from fri_client.loop.result import LoopSettings
+from fri_client.loop.ipo_watch import STILL_MESSAGES
 from fri_client.messages import (
-    MONITORING_IDENTIFIER,
-    CommandMessage,
-    ConnectionInfo,
     FriVersion,
-    IpoData,
-    MessageHeader,
-    MonitorData,
-    MonitoringMessage,
-    RobotInfo,
 )
-from fri_client.motion.program import MotionProgram
-from fri_client.wire.codec import Codec
 from safety.limits import IIWA14_R820
-from tests.fri_client.simulated_channel import ROBOT, SimulatedChannel, SimulatedClock
+from tests.fri_client.one_side import (
+    ACTIVE,
+    COMMANDED,
+    COMMANDING_WAIT,
+    IDLE,
+    MS,
+    READY,
+    REST,
+    WAIT,
+    moved,
+    position_of,
+    robot,
+)
 
-REST = (0.1, 0.3, -0.1, -0.9, 0.2, 0.5, 0.05)
-COMMANDED = tuple(q + 0.01 for q in REST)
-IDLE, WAIT, READY, COMMANDING_WAIT, ACTIVE = range(5)
-MS = 1_000_000
 BRIDGED_MS = 10
-
-
-def moved(position: tuple[float, ...], joint: int, by: float) -> tuple[float, ...]:
-    return tuple(q + by * (k == joint) for k, q in enumerate(position, start=1))
-
-
-def table() -> np.ndarray:
-    """One period of a sine in every joint, 400 ms."""
-    angle = 2 * np.pi * np.arange(400) / 400
-    return np.array(REST) + 0.004 * np.outer(np.sin(angle), np.ones(7))
-
-
-class Robot:
-    """One side of a session: says a message, hears what it is answered with, and judges what reaches it in command."""
-
-    def __init__(self, version: FriVersion, **options: Any) -> None:
-        self.clock = SimulatedClock()
-        self.channel = SimulatedChannel(self.clock)
-        self.codec = Codec(version)
-        self.version = version
-        self.ring = HandoverRing.create(64)
-        self.loop = FriLoop(self.channel, version, self._motion, self.ring, LoopSettings(**options), self.clock)
-        self.loop._journal.record = lambda *_: None  # type: ignore[method-assign]
-        self.judge = Judge(MS)
-        self.counter = 40
-        self.ipo = self.position = REST
-        self.commanded_ns: int | None = None  # when the last position came
-
-    def _motion(self, command_period_s: float, samples_per_command: int) -> MotionProgram:
-        return MotionProgram(
-            table(), IIWA14_R820, command_period_s=command_period_s, samples_per_command=samples_per_command,
-            periods=50, lead_in_s=0.1,
-        )  # fmt: skip
-
-    def message(self, state: int, **changes: Any) -> MonitoringMessage:
-        ipo = changes.get("ipo", self.ipo if state in (COMMANDING_WAIT, ACTIVE) else None)
-        return MonitoringMessage(
-            MessageHeader(MONITORING_IDENTIFIER, changes.get("counter", self.counter) & 0xFFFFFFFF, 0),
-            RobotInfo(7, changes.get("safety", 0), (2,) * 7, 2, 0),
-            MonitorData(
-                measured_joint_position=self.position,
-                measured_torque=(0.0,) * 7,
-                commanded_joint_position=changes.get("commanded", COMMANDED) if self.version.major == 1 else None,
-                external_torque=(0.0,) * 7,
-            ),
-            ConnectionInfo(state, changes.get("quality", 3), 1, 1),
-            IpoData(ipo, client_command_mode=1),
-            announcement=changes.get("announcement"),
-        )
-
-    def say(self, state: int, after_ms: int = 1, **changes: Any) -> CommandMessage | None:
-        """The message of so many cycles later; the answer to it."""
-        self.counter += after_ms
-        self.clock.now += after_ms * MS
-        return self.hear(self.message(state, **changes))
-
-    def hear(self, *messages: MonitoringMessage) -> CommandMessage | None:
-        """The answer to messages that wait together; what it commands is the robot's set-point from now on."""
-        self.channel.inbox.extend((self.codec.encode_monitoring(message), ROBOT) for message in messages)
-        sent = len(self.channel.sent)
-        while self.channel.inbox:
-            size, address = self.channel.receive_into(self.loop._buffer)
-            self.loop._receive(size, address, self.clock.now)
-        assert len(self.channel.sent) - sent <= 1
-        if len(self.channel.sent) == sent:
-            return None
-        command = self.codec.decode_command(self.channel.sent[-1][1])
-        position = command.command_data and command.command_data.joint_position
-        if position and self.loop.session.state >= COMMANDING_WAIT:
-            self.judge.take(self.clock.now, position)
-            self.position, self.commanded_ns = position, self.clock.now
-        return command
-
-    @property
-    def pause_ms(self) -> float:
-        return 0.0 if self.commanded_ns is None else (self.clock.now - self.commanded_ns) / MS
-
-    def to_active(self) -> None:
-        for _ in range(8):
-            self.say(COMMANDING_WAIT)
-        self.judge.begin(self.clock.now + MS, self.ipo)
-
-    def to_motion(self, cycles: int = 600) -> None:
-        self.to_active()
-        for _ in range(cycles):
-            assert position_of(self.say(ACTIVE))
-        assert self.loop.motion.moving
-
-
-@contextmanager
-def robot(version: FriVersion = FriVersion.V1_15, **options: Any) -> Iterator[Robot]:
-    robot = Robot(version, **options)
-    try:
-        yield robot
-    finally:
-        robot.ring.close()
-
-
-def position_of(command: CommandMessage | None) -> tuple[float, ...] | None:
-    return None if command is None or command.command_data is None else command.command_data.joint_position
-
 
 # What each state is answered with.
 
@@ -262,31 +153,6 @@ def test_the_steps_of_the_robots_own_numbers_are_no_motion() -> None:
             arm.ipo = tuple(np.add(REST, row).tolist())
             arm.say(ACTIVE if k > 20 else COMMANDING_WAIT)
         assert arm.loop.session.begun, arm.loop._pilot.hindrance
-
-
-@given(st.integers(1, 7), st.floats(0.05, 1.0), st.sampled_from([1, 2, 5, 10]), st.lists(st.integers(1, 4), max_size=9))
-def test_a_moving_set_point_is_never_still_and_its_speed_is_the_robots(
-    joint: int, speed: float, period_ms: int, lost: list[int]
-) -> None:
-    watch = IpoWatch()
-    position = REST
-    for steps in (1, 1, *lost, 1):
-        position = moved(position, joint, speed * steps * period_ms * 1e-3)
-        watch.observe(position, steps * period_ms * 1e-3)
-        assert not watch.is_still
-    assert (watch.moving_joint, watch.speed_rad_s) == (joint, pytest.approx(speed))
-
-
-def test_a_set_point_that_came_to_rest_is_still_after_some_messages_and_moves_again_at_once() -> None:
-    watch = IpoWatch()
-    for k in range(20):
-        watch.observe(moved(REST, 2, min(k, 10) * 1e-4), 1e-3)
-        assert watch.is_still == (k >= 15)
-    assert watch.clause() == ""
-    watch.observe(moved(REST, 2, 11e-4), 1e-3)
-    assert not watch.is_still
-    watch.reset()
-    assert not watch.is_still
 
 
 @pytest.mark.parametrize("announcement", [None, "", "KUKA", "iiwa-ident"])
