@@ -132,7 +132,7 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     noise = now.noise
     before, after, least = (
         np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0))
-        for each in (first, now, found.whole)
+        for each in (explanation.holding(now.steps) for explanation in (first, now, found.whole))
     )
     numbers = found_numbers(now)
     for each in numbers:

@@ -42,7 +42,11 @@ def root_of(covariance: FloatArray, scale: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """A model, the differences so far, and a recording read as a set-up says. day: how much friction differs (DAYS)."""
+    """A model, the differences so far, and a recording read as a set-up says. day: how much friction differs (DAYS).
+
+    held: places of delay and tilt that stay as they are said. Their scatter from run to run is small, but by many rows
+    it takes what a difference of the same kind makes, which then took nothing away.
+    """
 
     model: GivenModel
     sizes: Sizes
@@ -50,6 +54,7 @@ class Explanation:
     noise: Noise
     steps: tuple[Hypothesis, ...] = ()
     day: float = 1.0
+    held: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Explanation:
@@ -75,6 +80,10 @@ class Explanation:
         """With one difference more."""
         return replace(self, steps=(*self.steps, step), day=day)
 
+    def holding(self, steps: Sequence[Hypothesis]) -> Explanation:
+        """With delay and tilt as they are said where a difference is about them."""
+        return replace(self, held=tuple(int(column) for step in steps for column in step.columns))
+
     def without(self, steps: Sequence[Hypothesis]) -> Explanation:
         """With these differences out."""
         return replace(self, steps=tuple(step for step in self.steps if step not in steps))
@@ -87,13 +96,19 @@ class Explanation:
     def columns(self) -> IntArray:
         """(k,) places of all that is free: parameters, delay and tilt as they are known, and the differences."""
         own = [step.columns for step in self.steps]
+        return np.concatenate([self.layout.base, self._scattering()[0], *own])
+
+    def _scattering(self) -> tuple[IntArray, FloatArray]:
+        """Columns of delay and tilt that are not held, and their widths."""
         tilt = self.layout.tilt
-        return np.concatenate([self.layout.base, [self.layout.delay, tilt, tilt + 1], *own])
+        columns = np.array([self.layout.delay, tilt, tilt + 1])
+        free = ~np.isin(columns, self.held)
+        return columns[free], np.array([self.model.delay_std_s, LEVEL_RAD, LEVEL_RAD])[free]
 
     def factor(self, day: float | None = None) -> FloatArray:
         """(k, k) root of the prior of all that is free."""
         covariance = self.model.covariance_on(self.day if day is None else day)
-        widths = np.concatenate([[self.model.delay_std_s, LEVEL_RAD, LEVEL_RAD], *(step.width for step in self.steps)])
+        widths = np.concatenate([self._scattering()[1], *(step.width for step in self.steps)])
         return block_diag(root_of(covariance, self.sizes.each), np.diag(widths))
 
     def fitted(self, parts: Sequence[int]) -> Estimate:

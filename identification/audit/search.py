@@ -179,7 +179,8 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
     """
     noise, counts = now.noise, first.comparison.products.counts(USED)
     whole, before, left = (
-        replace(each, day=DAYS[0], noise=noise).foretold().sum(axis=0) for each in (first, now, after)
+        replace(each, day=DAYS[0], noise=noise).holding(after.steps[-1:]).foretold().sum(axis=0)
+        for each in (first, now, after)
     )
     acts = _heard(now, after) >= LEAST_TORQUE
     if not acts.any():
@@ -198,7 +199,8 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     The step by itself, with the parameters at the model's values. Zero where that is not beyond its own uncertainty,
     the scatter of the parts, or where the step takes nothing away beside parameters that are free: then it is not seen.
     """
-    weight, same_day = 1.0 / now.noise.std**2, replace(now, day=after.day)
+    weight = 1.0 / now.noise.std**2
+    same_day, after, first = (each.holding(after.steps[-1:]) for each in (replace(now, day=after.day), after, first))
     alone, beside = (
         (same_day.foretold(ALL, by_itself) - after.foretold(ALL, by_itself)) @ weight for by_itself in (True, False)
     )

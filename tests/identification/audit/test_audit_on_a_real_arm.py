@@ -320,3 +320,31 @@ def test_two_runs_of_one_arm_on_other_programs_have_nothing_named(
         result = fit_recordings([one], robot, FitSettings(physical=False, check_torque_sign=False))
         file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
         assert audit([other], robot, read_model(file)).differences == ()
+
+
+@pytest.fixture(scope="module")
+def panda(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """An arm with joint torque sensors at 1 kHz: many quiet rows, which tell its delay to a tenth of a millisecond."""
+    recording = read_recording(shared_folder / "recordings" / "panda_excitation.npz")
+    robot = load_robot(shared_folder / "recordings" / "panda.urdf")
+    middle = 0.5 * float(recording.time[-1])
+    first, second = recording.rows(recording.time < middle), recording.rows(recording.time >= middle)
+    result = fit_recordings([first], robot, FitSettings(physical=False, check_torque_sign=False))
+    file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
+    return Bench(robot, read_model(file), replace(second, time=second.time - second.time[0]))
+
+
+def test_a_late_torque_is_not_taken_for_the_scatter_of_delays_from_run_to_run(panda: Bench) -> None:
+    late, time = 0.012, panda.recording.time
+    torque = np.column_stack([np.interp(time - late, time, each) for each in panda.recording.torque.T])
+    found = panda.with_torque(torque)
+    assert names(found) == [("torque_delay", None, None)]
+    low, high = found.differences[0].numbers[0].interval
+    assert low < late < high
+    assert found.differences[0].explained > 0.2
+
+
+def test_a_lean_is_not_taken_for_the_scatter_of_how_a_base_stands(panda: Bench) -> None:
+    found = panda.with_torque(panda.recording.torque + torque_of_lean(panda, np.radians(4.0)))
+    assert names(found) == [("base_tilt", None, None)]
+    assert found.differences[0].explained > 0.8
