@@ -78,28 +78,40 @@ class Audited:
 
 def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Audited:
     """The differences between a model and the rows of a recording, the largest evidence first."""
+    return _search(geometry, set_up, model, sizes, ())
+
+
+def _search(
+    geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes, seen: tuple[FloatArray, ...]
+) -> Audited:
+    """seen: the signs that were asked about already. None is asked about again, so that the search ends."""
     first = Explanation.of(geometry, set_up, model, sizes)
-    n = first.layout.n
+    n, seen = first.layout.n, (*seen, set_up.signs)
+
+    def new(signs: FloatArray) -> bool:
+        return not any(np.array_equal(set_up.signs * signs, each) for each in seen)
 
     def again(signs: FloatArray) -> Audited:
-        found = search(geometry, replace(set_up, signs=set_up.signs * signs), model, sizes)
+        found = _search(geometry, replace(set_up, signs=set_up.signs * signs), model, sizes, seen)
         return replace(found, signs=found.signs * signs, first=first)
 
-    if _all_turned(first):
+    if new(-np.ones(n)) and _all_turned(first):
         return again(-np.ones(n))
     products = first.comparison.products
     rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
     candidates = hypotheses(first.layout, sizes, rms, model.own, geometry.robot.kinematics.revolute)
-    now, steps = first, tuple[Step, ...]()
+    now, steps, likely = first, tuple[Step, ...](), candidates
     while len(steps) < MOST_STEPS:
-        taken = _next(now, candidates, first)
+        taken = _next(now, likely, first)
         if taken is None:
             break
         step, after = taken
         signs = _signs(after, step.hypothesis)
-        if signs is not None:
+        if signs is not None and new(signs):
             return again(signs)
         needless = _needless(after)
+        # The noise differs with the steps: two that make each other needless would take turns for ever.
+        likely = [each for each in likely if each not in needless]
         steps = tuple(each for each in (*steps, step) if each.hypothesis not in needless)
         now = after.without(needless)
         if step.hypothesis.bends:

@@ -6,6 +6,7 @@ the file's own numbers. The model is fitted to the first half, the fault is put 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.audit import Audit, audit
+from identification.audit import Audit, audit, search
+from identification.audit.basis import Explanation
+from identification.audit.hypotheses import Hypothesis
 from identification.errors import EstimationError, ModelFileError, RecordingError
 from identification.model_file import Model, read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
@@ -320,6 +323,38 @@ def test_two_runs_of_one_arm_on_other_programs_have_nothing_named(
         result = fit_recordings([one], robot, FitSettings(physical=False, check_torque_sign=False))
         file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
         assert audit([other], robot, read_model(file)).differences == ()
+
+
+def counted(answer: Callable[..., object], most: int = 30) -> Callable[..., object]:
+    """The same, and an error where it is asked far more often than any search needs."""
+    times = iter(range(most))
+
+    def asked(*arguments: object) -> object:
+        assert next(times, None) is not None, "the search does not end"
+        return answer(*arguments)
+
+    return asked
+
+
+def test_the_search_ends_where_a_sensor_seems_turned_round_however_it_is_read(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    third = np.where(np.arange(6) == 2, -1.0, 1.0)
+    monkeypatch.setattr(search, "_signs", counted(lambda *_: third))
+    assert bench.asked(bench.recording).differences == ()
+    bench.with_torque(bench.recording.torque * np.array([1.0, 1.4, 1.0, 1.0, 1.0, 1.0]))
+
+
+def test_the_search_ends_where_two_differences_make_each_other_needless(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def all_but_the_last(now: Explanation) -> list[Hypothesis]:
+        return list(now.steps[:-1])
+
+    load = torque_of_load(bench.robot, bench.recording, 6.0, np.array([0.0, 0.0, 0.08]))
+    monkeypatch.setattr(search, "_needless", counted(all_but_the_last))
+    found = bench.with_torque(bench.recording.torque + load + 30.0 * np.eye(6)[0])
+    assert len(found.differences) == 1
 
 
 @pytest.fixture(scope="module")
