@@ -1,13 +1,13 @@
-"""The typed messages that the project's processes exchange: run requests, reports, progress, worker jobs.
+"""The typed messages that the project's processes exchange as JSON files: run requests, reports, worker jobs.
 
-Only data lives here: msgspec structures, JSON-serialisable, unknown fields refused. Request and reports travel as
-JSON files, progress travels over ZeroMQ as one tagged union, `ControlMessage`. The supervisor (`service`), the loop
-process, the recorder, the worker and the command line import this module; it imports nothing of theirs.
+Only data lives here: msgspec structures, JSON-serialisable, unknown fields refused. What travels over ZeroMQ while a
+run goes on is in `control_messages`. The supervisor (`service`), the loop process, the recorder, the worker and the
+command line import this module; it imports nothing of theirs.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import msgspec
 
@@ -311,92 +311,3 @@ class WorkerStatus(Message, frozen=True, kw_only=True):
     model_file: str | None = None
     exit_code: int | None = None
     diagnosis_error: str | None = None
-
-
-# ---- over ZeroMQ -----------------------------------------------------------------------------------------------------
-
-
-class RecorderReady(Message, frozen=True, kw_only=True, tag="recorder_ready"):
-    """The recorder has opened its file and drains the ring."""
-
-    part: int
-    path: str
-    pid: int
-
-
-class RecorderProgress(Message, frozen=True, kw_only=True, tag="recorder_progress"):
-    """So far: samples written, gaps found, bytes on disk, records waiting in the ring."""
-
-    part: int
-    samples: int
-    sequence_gaps: int
-    handover_gaps: int
-    undecodable: int
-    bytes: int
-    backlog: int
-
-
-class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finished"):
-    """The file is closed, re-opened and counted; `counted` is the number of samples found in it."""
-
-    part: int
-    path: str
-    samples: int
-    counted: int
-    samples_in_periods: int
-    first_index: int
-    last_index: int
-    sequence_gaps: int
-    handover_gaps: int
-    undecodable: int
-    bytes: int
-
-
-class RecorderTrouble(Message, frozen=True, kw_only=True, tag="recorder_trouble"):
-    """The disk refused for now; nothing is lost yet. reserve_opened: the room set aside for this was given back."""
-
-    part: int
-    sentence: str
-    errno: int | None
-    reserve_opened: bool
-
-
-class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
-    """The disk refused. Samples from `first_unwritten_index` on are not in the file."""
-
-    part: int
-    path: str
-    sentence: str
-    errno: int | None
-    samples: int
-    first_unwritten_index: int
-
-
-class WorkerProgress(Message, frozen=True, kw_only=True, tag="worker_progress"):
-    """A worker's status, pushed as it is written to the status file."""
-
-    status: WorkerStatus
-
-
-ControlMessage: TypeAlias = (
-    RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed | WorkerProgress
-)
-
-_encoder = msgspec.json.Encoder()
-_control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)
-MAXIMUM_CONTROL_BYTES = 65536
-
-
-def encode_control(message: ControlMessage) -> bytes:
-    """JSON bytes of a control message, with its tag."""
-    return _encoder.encode(message)
-
-
-def decode_control(data: bytes) -> ControlMessage:
-    """The message behind the bytes. Raises msgspec.DecodeError for anything else, however it is malformed."""
-    if len(data) > MAXIMUM_CONTROL_BYTES:
-        raise msgspec.DecodeError(f"control message of {len(data)} bytes; at most {MAXIMUM_CONTROL_BYTES} are taken")
-    try:
-        return _control_decoder.decode(data)
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise msgspec.DecodeError(str(error)) from error

@@ -24,13 +24,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import zmq
 
-from daemon.api import (
-    WorkerJob,
-    WorkerPhase,
-    WorkerProgress,
-    WorkerStatus,
-    encode_control,
-)
+from daemon.api import WorkerJob, WorkerPhase, WorkerStatus
+from daemon.control_messages import WorkerProgress, encode_control
 from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text

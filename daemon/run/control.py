@@ -20,7 +20,7 @@ import msgspec
 import psutil
 import zmq
 
-from daemon.api import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
+from daemon.control_messages import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
 
 __all__ = ["ControlInbox"]
 

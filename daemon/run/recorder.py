@@ -27,12 +27,11 @@ from typing import Any
 
 import zmq
 
-from daemon.api import (
-    EXIT_CODES,
+from daemon.api import EXIT_CODES, RecorderJob
+from daemon.control_messages import (
     ControlMessage,
     RecorderFailed,
     RecorderFinished,
-    RecorderJob,
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,

@@ -30,16 +30,13 @@ from daemon.api import (
     REPORT_NAME,
     RUN_NAME,
     LoopReport,
-    RecorderFailed,
-    RecorderFinished,
     RecorderJob,
-    RecorderReady,
-    RecorderTrouble,
     RunEvent,
     RunOutcome,
     RunRequest,
 )
 from daemon.children import Child
+from daemon.control_messages import RecorderFailed, RecorderFinished, RecorderReady, RecorderTrouble
 from daemon.doctor.load_check import with_load_check
 from daemon.errors import (
     BadLogError,

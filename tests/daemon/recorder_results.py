@@ -10,7 +10,7 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 
-from daemon.api import ControlMessage
+from daemon.control_messages import ControlMessage
 from daemon.json_files import write_json
 from daemon.run.recorder import Recorder
 from fri_client.handover.ring import HandoverRing

@@ -11,17 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.api import (
+from daemon.api import LoopReport, RunRequest, WorkerStatus
+from daemon.control_messages import (
     MAXIMUM_CONTROL_BYTES,
-    LoopReport,
     RecorderFailed,
     RecorderFinished,
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,
-    RunRequest,
     WorkerProgress,
-    WorkerStatus,
     decode_control,
     encode_control,
 )

@@ -20,13 +20,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from daemon.api import (
-    ControlMessage,
-    RecorderFinished,
-    RecorderProgress,
-    RecorderReady,
-    RunOutcome,
-)
+from daemon.api import RunOutcome
+from daemon.control_messages import ControlMessage, RecorderFinished, RecorderProgress, RecorderReady
 from daemon.errors import LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.log.stream import PatientFile

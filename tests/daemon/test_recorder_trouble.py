@@ -17,11 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from daemon.api import (
-    ControlMessage,
-    RecorderFailed,
-    RecorderTrouble,
-)
+from daemon.control_messages import ControlMessage, RecorderFailed, RecorderTrouble
 from daemon.json_files import write_json
 from daemon.log.parts import recover
 from daemon.run.recorder import Recorder
