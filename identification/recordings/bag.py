@@ -331,12 +331,11 @@ def _add_messages(data: bytes, starts: IntArray, ends: IntArray, topics: Mapping
     if np.any(ends - starts < _HEAD.itemsize):
         raise EndOfFile
     heads: npt.NDArray[Any] = np.ndarray(len(data) - _HEAD.itemsize + 1, _HEAD, data, strides=(1,))[starts]
-    for channel in np.unique(heads["channel"]).tolist():
-        topic = topics.get(channel)
-        if topic is not None:
-            own = heads["channel"] == channel
-            times = heads["log_time"][own].astype(np.int64)
-            topic.add(data, starts[own] + _HEAD.itemsize, ends[own], times)
+    for channel, topic in topics.items():
+        if topic is None or not (own := heads["channel"] == channel).any():
+            continue
+        times = heads["log_time"][own].astype(np.int64)
+        topic.add(data, starts[own] + _HEAD.itemsize, ends[own], times)
 
 
 def _topic_of(channel: Channel, schema: Schema | None, path: Path, bag: Bag) -> Topic | None:
