@@ -38,7 +38,8 @@ def check(case: FaultCase, folder: Path) -> None:
         assert matches(result.transcript, words), (words, result.transcript)
     assert "Traceback" not in result.transcript
     assert (result.samples is not None) == case.file
-    assert result.gap == case.gap
+    # Messages that a robot by the clock could not send, because its own process was held up, are missing too.
+    assert case.gap <= result.gap <= case.gap + result.robot.get("counts", {}).get("lost_in_overruns", 0)
     assert result.answered_samples >= result.robot_answered - case.unsaved
     assert result.left_running == ()
 

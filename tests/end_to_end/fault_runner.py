@@ -145,7 +145,7 @@ def robot_settings(case: FaultCase, table: NDArray[np.float64], lead_in_s: float
 
 
 def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[bytes]:
-    options = ["--send-period-ms", "5"] if case.wire is not None else ["--lockstep"]
+    options = ["--send-period-ms", "5"] if case.clock else ["--lockstep"]
     options += ["--client", f"127.0.0.1:{port}", "--seed", "7", "--duration", "900", *(case.robot or ())]
     options += ["--physics", str(folder / "robot.yaml"), "--json", str(folder / "robot.json")]
     return subprocess.Popen(
