@@ -90,7 +90,7 @@ def build_findings(
     trial, untenable = tenable(exam, trial)
     unearned: list[str] = []
     if dependence is not None:
-        trial, unearned = earned(exam, trial, dependence.every)
+        trial, unearned = earned(exam, trial, dependence)
     settled = partial(_as_fit_weighs, exam, fitted_role)
     trial, harmful = harmless(exam, trial, settled)
     before = settled(())

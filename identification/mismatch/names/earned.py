@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from identification.mismatch.names.abstention import Examination, name_of, without
 from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Standing, named, standings
-from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.settings import ClaimSettings
 
 
-def earned(exam: Examination, trial: Trial, every: Rows) -> tuple[Trial, list[str]]:
+def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Trial, list[str]]:
     """The members that are earned, fitted without the others, and sentences on these, the least likely taken first."""
-    settings, remarks = ClaimSettings(), list[str]()
+    settings, every, remarks = ClaimSettings(), dependence.every, list[str]()
     elsewhere = None if exam.unseen is None else exam.unseen.library
     while trial.members:
         coefficients = exam.check(trial.members).extension.coefficients
         names = [named(*pair, elsewhere, every) for pair in zip(trial.members, coefficients, strict=True)]
         found = standings(every, names, settings)
-        failing = [index for index, standing in enumerate(found) if not standing.earned]
+        # Classes that do not predict what was not fitted are no better explanation of it.
+        failing = [
+            index
+            for index, (name, standing) in enumerate(zip(names, found, strict=True))
+            if not standing.earned and dependence.predicts[list(name.joints)].any()
+        ]
         if not failing:
             break
         worst = min(failing, key=lambda index: found[index].odds)

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative, Baseline, Finding, Verdict
+from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.problem import Problem, off, orthonormal, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, refine, score_of
@@ -118,6 +119,49 @@ def joints_of(member: Member, extension_rows: FloatArray) -> list[int]:
     if len(member.rows.joints) == 1:
         return list(member.rows.joints)
     return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
+
+
+def explains_enough(
+    before: Residuals, after: Residuals, joints: Sequence[int], needed: float, *, complete: bool
+) -> bool:
+    """Whether the share of excess energy removed on some joints is what a name needs.
+
+    complete: the members leave nothing but noise; then only a share clearly below is too little, as the excess of a
+    weak effect is itself uncertain.
+    """
+    share, most = share_removed(before, after, joints)
+    return (most if complete else share) >= needed
+
+
+def contrast(rest: Residuals, now: Residuals, joints: Sequence[int]) -> float:
+    """What a member removes on its joints over the most that stays on any other joint, both in squares of the noise.
+
+    An unknown error that is seen on other joints may have any smooth form on this one too, a spring's or an offset's.
+    """
+    squares = [((item.rows / item.sensor_noise) ** 2).sum(axis=1) for item in (rest, now)]
+    others = np.setdiff1d(np.arange(rest.rows.shape[0]), list(joints))
+    expected = ((now.noise / now.sensor_noise) ** 2).sum(axis=1)
+    left = np.maximum(squares[1] - expected, 0.0)[others]
+    return float((squares[0] - squares[1])[list(joints)].sum() / max(float(left.max(initial=0.0)), 1e-300))
+
+
+def contrast_by_band(
+    rest: Residuals, now: Residuals, joints: Sequence[int], band: IntArray, settings: DiagnosisSettings
+) -> float:
+    """Log-likelihood that a member gains on its joints where these have as much unknown error as any other joint, times
+    `contrast_to_background`, band by band.
+
+    An unknown error is smooth: it leaves the bands of a ripple, and the upper ones of friction at reversals, to the
+    noise. There a member stands out that removes less in all than another joint keeps. band: (R,) index of each row.
+    """
+    others = np.setdiff1d(np.arange(rest.rows.shape[0]), list(joints))
+    gained = 0.0
+    for index in np.unique(band):
+        chosen = band == index
+        before, after = (((item.rows / item.sensor_noise)[:, chosen] ** 2).mean(axis=1) for item in (rest, now))
+        allowed = settings.contrast_to_background * float(after[others].max(initial=1.0))
+        gained += 0.5 * chosen.sum() * float(np.log((before + allowed) / (after + allowed))[list(joints)].sum())
+    return gained
 
 
 def verdict_of(

@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 SMOOTH, FINE = (0.5, 9), (0.125, 27)
 """Length of a function of position, in half ranges, and how many functions of that length there are."""
 SPEED, LOAD = (0.3, 11), (0.5, 7)
-STOP_WIDTHS = np.geomspace(0.0005, 0.5, 12)
+STOP_WIDTHS = np.geomspace(0.003, 0.3, 5)
 """Widths of stop operators of position, in half ranges."""
 LOAD_STOP_WIDTHS = np.geomspace(0.01, 0.3, 4)
 LAGS_S = np.geomspace(0.002, 0.2, 5)
@@ -33,8 +33,6 @@ RESONANCES_HZ = np.geomspace(3.0, 35.0, 11)
 DAMPING = 0.1
 NOTHING = 1e-18
 """Mean square below which functions of an input that does not move are none."""
-PRODUCT_ORDER = 5
-"""Functions of each variable in products of two."""
 STATE_ORDER, STATE = 6, 96
 """Functions of one variable and how many products of them make a smooth function of the state of a joint."""
 WAVES = 48
@@ -183,7 +181,7 @@ class Along(Inputs):
         middle = np.zeros((samples, like.motion.n))
         running = middle.copy()
         running[:, joint] = (2.0 * place - lower[joint] - upper[joint]) / max(upper[joint] - lower[joint], 1e-9)
-        for name in ("position", "velocity", "acceleration", "load", "torque"):
+        for name in ("position", "velocity", "load", "torque"):
             self.__dict__[name] = running if name == coordinate else middle
         self.__dict__["direction"] = np.sign(running) if coordinate == "velocity" else np.ones_like(middle)
         object.__setattr__(self, "place", place)
@@ -223,39 +221,25 @@ def _constant(inputs: Inputs, joint: int) -> Part:
     return ones[:, None], ones
 
 
-def _linear(name: str) -> Callable[[Inputs, int], Part]:
-    def columns(inputs: Inputs, joint: int) -> Part:
-        return np.clip(getattr(inputs, name)[:, joint, None], -1, 1), inputs.inside(name)[:, joint]
-
-    return columns
-
-
-def _smooth(name: str, kind: tuple[float, int]) -> Callable[[Inputs, int], Part]:
-    def columns(inputs: Inputs, joint: int) -> Part:
-        table = smooth_table(*kind, ("one", "linear"))
-        return tabulated(table, getattr(inputs, name)[:, joint]), inputs.inside(name)[:, joint]
-
-    return columns
+def _position_smooth(inputs: Inputs, joint: int) -> Part:
+    place = inputs.position[:, joint]
+    length, count = SMOOTH
+    table = smooth_table(length, count, ("one", "linear"))
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values, inputs.inside("position")[:, joint]
 
 
-def _by_direction(functions: Callable[[Inputs, int], Part]) -> Callable[[Inputs, int], Part]:
-    def columns(inputs: Inputs, joint: int) -> Part:
-        values, inside = functions(inputs, joint)
-        return values * inputs.direction[:, joint, None], inside
-
-    return columns
+def _position_fine(inputs: Inputs, joint: int) -> Part:
+    length, count = FINE
+    table = smooth_table(length, count, ("one", "linear"))
+    return tabulated(table, inputs.position[:, joint]), inputs.inside("position")[:, joint]
 
 
-def _position_by_speed(inputs: Inputs, joint: int) -> Part:
-    return _by_speed(inputs, joint, "position")
-
-
-def _by_speed(inputs: Inputs, joint: int, name: str) -> Part:
-    """Products of smooth functions of an input and of the velocity, without what depends on one of them alone."""
-    table = smooth_table(SMOOTH[0], PRODUCT_ORDER, ("one",))
-    place, speed = (tabulated(table, getattr(inputs, item)[:, joint]) for item in (name, "velocity"))
-    values = (place[:, :, None] * speed[:, None, :]).reshape(len(place), -1)
-    return values, inputs.inside(name)[:, joint] * inputs.inside("velocity")[:, joint]
+def _position_by_direction(inputs: Inputs, joint: int) -> Part:
+    place = inputs.position[:, joint]
+    table = smooth_table(*SMOOTH, ("one", "linear"))[:, :8]
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values * inputs.direction[:, joint, None], inputs.inside("position")[:, joint]
 
 
 def _velocity_either_way(inputs: Inputs, joint: int) -> Part:
@@ -267,16 +251,17 @@ def _velocity_one_way(inputs: Inputs, joint: int) -> Part:
     return _speed(inputs, joint)[1] * inputs.direction[:, joint, None], inputs.inside("velocity")[:, joint]
 
 
-def _velocity_late(inputs: Inputs, joint: int) -> Part:
-    """Functions of speed times acceleration: what a force that follows the velocity late adds, to first order."""
-    change = np.clip(inputs.acceleration[:, joint, None], -1, 1)
-    return _speed(inputs, joint)[1] * change, inputs.inside("velocity")[:, joint]
-
-
 def _speed(inputs: Inputs, joint: int) -> tuple[FloatArray, FloatArray]:
     """Speed (S,) as a share of the largest, and functions (S, m) of it."""
     speed = np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
     return speed, tabulated(smooth_table(*SPEED, ("one", "sinh")), 2.0 * warped(speed) - 1.0)
+
+
+def _load(inputs: Inputs, joint: int) -> Part:
+    place = inputs.torque[:, joint]
+    table = smooth_table(*LOAD, ("one", "linear"))
+    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
+    return values, inputs.inside("torque")[:, joint]
 
 
 def _load_by_direction(inputs: Inputs, joint: int) -> Part:
@@ -285,20 +270,10 @@ def _load_by_direction(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("load")[:, joint]
 
 
-def _load_by_speed(inputs: Inputs, joint: int) -> Part:
-    return _by_speed(inputs, joint, "load")
-
-
 def _load_by_position(inputs: Inputs, joint: int) -> Part:
     load, position = (np.clip(values[:, joint], -1, 1) for values in (inputs.load, inputs.position))
     values = np.stack([load**i * position**k for i in (1, 2, 3) for k in (1, 2, 3)], axis=1)
     return values, inputs.inside("load")[:, joint] * inputs.inside("position")[:, joint]
-
-
-def _load_by_place(inputs: Inputs, joint: int) -> Part:
-    """Load times fine functions of position: what stands in a gear at some angle, under load."""
-    values, inside = _smooth("position", FINE)(inputs, joint)
-    return values * np.clip(inputs.load[:, joint, None], -1, 1), inside * inputs.inside("load")[:, joint]
 
 
 def _path_memory(inputs: Inputs, joint: int) -> Part:
@@ -364,54 +339,38 @@ def _dynamics(name: str) -> Callable[[Inputs, int], Part]:
     return columns
 
 
-def _other_torques(order: int) -> Callable[[Inputs, int], Part]:
-    def columns(inputs: Inputs, joint: int) -> Part:
-        return _of_others(inputs.torque, joint) ** order, inputs.inside("torque").prod(axis=1)
-
-    return columns
-
-
-def _bending(inputs: Inputs, joint: int) -> Part:
-    moments = inputs.moments[:, joint]
-    return moments / np.maximum(np.abs(moments).max(axis=0), 1e-9), inputs.inside("torque").prod(axis=1)
+def _other_torques(inputs: Inputs, joint: int) -> Part:
+    load = np.delete(np.clip(inputs.torque, -1, 1), joint, axis=1)
+    bending = inputs.moments[:, joint] / np.maximum(np.abs(inputs.moments[:, joint]).max(axis=0), 1e-9)
+    return np.concatenate([load, load**2, bending], axis=1), inputs.inside("torque").prod(axis=1)
 
 
-def _other_velocities(inputs: Inputs, joint: int) -> Part:
-    velocity, direction = (_of_others(values, joint) for values in (inputs.velocity, inputs.direction))
+def _other_motion(inputs: Inputs, joint: int) -> Part:
+    velocity, acceleration, direction = (
+        np.delete(np.clip(values, -1, 1), joint, axis=1)
+        for values in (inputs.velocity, inputs.acceleration, inputs.direction)
+    )
     both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
-    return np.concatenate([velocity, direction, both], axis=1), inputs.inside("velocity").prod(axis=1)
+    values = np.concatenate([velocity, acceleration, both, direction], axis=1)
+    return values, inputs.inside("velocity").prod(axis=1)
 
-
-def _other_accelerations(inputs: Inputs, joint: int) -> Part:
-    return _of_others(inputs.acceleration, joint), inputs.inside("velocity").prod(axis=1)
-
-
-def _of_others(values: FloatArray, joint: int) -> FloatArray:
-    return np.delete(np.clip(values, -1, 1), joint, axis=1)
-
-
-_OF_POSITION = (_linear("position"), _smooth("position", SMOOTH), _smooth("position", FINE))
 
 CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass("constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift")),
-    DependenceClass("own_position", "depends on its own position", _OF_POSITION, "position"),
+    DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
     DependenceClass(
-        "own_position_by_direction", "depends on its own position and, there, on its direction of motion or its speed",
-        (*map(_by_direction, _OF_POSITION), _position_by_speed), "position",
+        "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
+        (_position_by_direction,), "position",
     ),
     DependenceClass(
-        "own_velocity", "depends on its own velocity", (_velocity_either_way, _velocity_one_way, _velocity_late),
-        "velocity",
+        "own_velocity", "depends on its own velocity", (_velocity_either_way, _velocity_one_way), "velocity",
     ),
-    DependenceClass("own_load", "depends on its own load", (_linear("torque"), _smooth("torque", LOAD)), "torque"),
+    DependenceClass("own_load", "depends on its own load", (_load,), "torque"),
     DependenceClass(
-        "own_load_by_direction", "depends on its own load and, under it, on its direction of motion or its speed",
-        (_load_by_direction, _load_by_speed), "load",
+        "own_load_by_direction", "depends on its own load and turns round with its direction of motion",
+        (_load_by_direction,), "load",
     ),
-    DependenceClass(
-        "own_load_by_position", "depends on its own load and position together",
-        (_load_by_position, _load_by_place),
-    ),
+    DependenceClass("own_load_by_position", "depends on its own load and position together", (_load_by_position,)),
     DependenceClass(
         "path_memory", "depends on where its path last turned round", (_path_memory,),
         described=("presliding_hysteresis",),
@@ -423,13 +382,8 @@ CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass(
         "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)
     ),
-    DependenceClass(
-        "other_torques", "depends on the torques of other joints", (_other_torques(1), _other_torques(2), _bending)
-    ),
-    DependenceClass(
-        "other_motion", "depends on the motion of other joints",
-        (_other_velocities, _other_accelerations),
-    ),
+    DependenceClass("other_torques", "depends on the torques of other joints", (_other_torques,)),
+    DependenceClass("other_motion", "depends on the motion of other joints", (_other_motion,)),
 )  # fmt: skip
 
 

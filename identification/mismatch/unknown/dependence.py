@@ -13,25 +13,33 @@ import numpy.typing as npt
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
+from identification.mismatch.unknown.selection import FULL_ROUNDS, Held, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dependence:
-    """every: rows of both roles, all classes. together: what stands on them. alone: its weights from the fitted rows.
+    """every: rows of both roles, all classes. held: what stands. alone: the same, weights of the fitted rows alone.
 
     before, after: RMS (n,) Nm on the fitted and on the held-out rows, without and with the classes.
     """
 
     every: Rows
-    together: Selection
+    held: tuple[Held, ...]
     alone: Selection
     left: Left
     before: tuple[FloatArray, FloatArray]
     after: tuple[FloatArray, FloatArray]
+
+    @property
+    def predicts(self) -> BoolArray:
+        """(n,) joints whose classes do not make rows that were not fitted worse."""
+        if not self.every.heldout:
+            return np.ones(self.every.problem.n, dtype=np.bool_)
+        return np.asarray(self.after[1] < self.before[1])
 
 
 def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings | None = None) -> Dependence:
@@ -42,7 +50,7 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
     alone = weighed(every.limited([state.groups for state in together.states]), settings)
     left = Left.of(alone.rows)
     plain = Selection.of(alone.rows, range(alone.rows.folds), settings)
-    return Dependence(every, together, alone, left, left(plain), left(alone))
+    return Dependence(every, tuple(together.held), alone, left, left(plain), left(alone))
 
 
 def weighed(rows: Rows, settings: ClaimSettings) -> Selection:
