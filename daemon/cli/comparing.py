@@ -128,7 +128,8 @@ def _changes(
         require_stated_stand(inputs.recordings[:1], inputs.robot)
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
-    changes = [changes_between(model, recording, inputs.robot) for recording in recordings]
+    # Every run's recording has the same file name: it is called as the user called it.
+    changes = [changes_between(model, recording, inputs.robot, str(first)) for recording in recordings]
     is_series = len(inputs.recordings) >= LEAST
     if out is not None and not is_series:
         raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")

@@ -71,8 +71,11 @@ def model_of_fit(fit: FitResult, name: str) -> Model:
     )  # fmt: skip
 
 
-def changes_between(model: Model, recording: Recording, robot: RobotModel) -> Change:
-    """What of a recording differs from a model of the same arm. Raises the errors of a fit and of an audit."""
+def changes_between(model: Model, recording: Recording, robot: RobotModel, called: str = "") -> Change:
+    """What of a recording differs from a model of the same arm. Raises the errors of a fit and of an audit.
+
+    called: the model's name in the sentences, in place of its file's.
+    """
     fit = fitted_to(recording, robot)
     before = dict(zip(model.names, zip(model.values, _deviations(model, robot), strict=True), strict=True))
     units = dict(zip(fit.names, fit.regressor.units, strict=True))
@@ -83,7 +86,7 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel) -> Ch
             sigmas = float((after - value) / max(float(np.hypot(std, deviation)), 1e-300))
             parameters.append(ParameterChange(name, float(value), float(after), sigmas, units[name]))
     parameters.sort(key=lambda item: -abs(item.sigmas))
-    return Change(audit([recording], robot, model), tuple(parameters))
+    return Change(audit([recording], robot, model, called), tuple(parameters))
 
 
 def _deviations(model: Model, robot: RobotModel) -> list[float]:

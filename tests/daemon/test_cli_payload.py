@@ -107,4 +107,6 @@ def test_compare_names_the_tool_as_what_changed(files: tuple[Path, Path], tmp_pa
     assert difference["number"] == pytest.approx(2.0, rel=0.05)
     low, high = difference["interval"]
     assert low < 2.0 < high
+    # Every run's recording is a recording.mcap: the sentence has the path that the user gave.
+    assert difference["sentence"].endswith(f"of the difference to {files[0]}.")
     assert abs(change["parameters"][0]["sigmas"]) > 10.0
