@@ -22,11 +22,11 @@ class Entry:
 
 GROUPS: dict[str, tuple[Entry, ...]] = {
     "Operator: examine, move, record": (
-        Entry("demo", "demonstration", "The whole chain without a robot, from motion to diagnosis."),
+        Entry("demo", "demonstration", "The whole chain without a robot: motion to diagnosis."),
         Entry("doctor", "examination", "Examine host, network, real-time limits and link."),
         Entry("check", "acquisition", "Preflight of a motion: is it safe?"),
         Entry("run", "run", "Move the arm, record at 1 kHz, then fit."),
-        Entry("investigate", "investigate", "Drive the motions that settle what a recording leaves open."),
+        Entry("investigate", "investigate", "Drive the motions that settle what recordings leave."),
         Entry("watch", "watch", "See the run that goes on; it only reads."),
         Entry("recover", "acquisition", "Make a broken-off log whole again."),
         Entry("judge", "acquisition", "Were all commands inside the limits at the robot?"),
@@ -49,6 +49,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
     "Service: one robot, a queue of runs": (
         Entry("daemon", "service", "Serve one robot and keep its queue."),
         Entry("submit", "service", "Queue one run."),
+        Entry("submit-investigation", "service", "Have the service ask the arm what is open."),
         Entry("status", "service", "What the service does right now."),
         Entry("jobs", "service", "The queue, and what became of earlier jobs."),
         Entry("stop", "service", "Ramp the arm down now and hold waiting runs."),

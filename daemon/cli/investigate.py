@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ipaddress
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,29 +12,16 @@ import typer
 from daemon.cli.acquisition import RobotOption, ToolOption, WorkspaceOption, parse_bind, tool_from
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
+from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
 from daemon.cli.run import confirm_motion
 
 if TYPE_CHECKING:
-    from daemon.investigate.account import Account, Motion
+    from daemon.investigate.account import Motion
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
-    from identification.investigation.added_mass import AddedMass
-
-
-class Done(StrEnum):
-    """Actions of an operator that a command can be told of; a mass has an option of its own."""
-
-    TURN_TOOL = "turn_tool"
-    WARM_UP = "warm_up"
-
-
-class Wanted(StrEnum):
-    """What no motion shows, and an operator may want to be settled."""
-
-    GAIN = "gain"
-    LOAD = "load"
+    from daemon.motion.tool import Tool
 
 
 @app.command()
@@ -64,17 +50,9 @@ def investigate(
     after_drop: Annotated[
         bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
     ] = False,
-    added_mass: Annotated[
-        str | None,
-        typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
-    ] = None,
-    done: Annotated[
-        Done | None, typer.Option("--done", help="What was done to the arm since, as the page asked for.")
-    ] = None,
-    settle: Annotated[
-        list[Wanted] | None,
-        typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange."),
-    ] = None,
+    added_mass: AddedMassOption = None,
+    done: DoneOption = None,
+    settle: SettleOption = None,
     serial: Annotated[str | None, typer.Option("--serial", help="Serial number of the arm, as of `run`.")] = None,
     start_timeout: Annotated[float, typer.Option("--start-timeout", help="Seconds to wait for the robot.")] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search for motions.")] = 1,
@@ -91,6 +69,7 @@ def investigate(
 
     from daemon.errors import ConfigurationError
     from daemon.investigate.account import read_account, save
+    from daemon.investigate.begin import begun, carried, exit_code
     from daemon.investigate.loop import Investigation
     from daemon.investigate.story import write_story
     from identification.investigation.actions import Action
@@ -99,11 +78,13 @@ def investigate(
     simulation = ipaddress.ip_address(host).is_loopback
     if yes and not simulation:
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
-    mass = _mass_of(added_mass)
+    mass = mass_of(added_mass)
     account = read_account(out)
     resumed = account is not None
     if account is None:
-        account = save(out, _begun(given or [], robot, budget, seed))
+        if budget is None:
+            raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
+        account = save(out, begun(given or [], robot, 60.0 * budget, seed))
     elif given:
         raise ConfigurationError(
             "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
@@ -117,12 +98,14 @@ def investigate(
     if mass is not None:
         acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
-        tool = tool or added_mass  # the preflight has to carry it
-    driver = _driver(account.robot, workspace, tool, mount, gravity, host, port, simulation,
+    load = carried(tool_from(tool), account.added_mass)
+    driver = _driver(account.robot, workspace, load, mount, gravity, host, port, simulation,
                      fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
-    def ask(motion: Motion) -> bool:
+    def ask(motion: Motion) -> bool | None:
         del motion  # the loop has told of it
+        if plan_only:
+            return None
         if yes or not simulation:  # a real arm asks before each rung of its ladder, in the driver
             return True
         if not sys.stdin.isatty():
@@ -130,7 +113,7 @@ def investigate(
         return typer.confirm("Drive it", err=True)
 
     with progress_shown(lines=False) as show:
-        loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show, plan_only=plan_only)
+        loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show)
         if resumed:
             loop.resume(after_drop=after_drop, acted=acted)
         account = loop.run()
@@ -146,54 +129,10 @@ def investigate(
         raise typer.Exit(code)
 
 
-def _mass_of(text: str | None) -> AddedMass | None:
-    from identification.investigation.added_mass import AddedMass
-
-    try:
-        return None if text is None else AddedMass.parse(text)
-    except ValueError as error:
-        raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05.") from error
-
-
-def exit_code(account: Account) -> int:
-    """0: settled or only planned; of a motion that was not completed that of its run; 1: something is open."""
-    from daemon.investigate.states import State
-
-    if account.state in (State.INTERRUPTED, State.DROPPED):
-        return account.exit_code
-    return 0 if account.state in (State.SETTLED, State.PLANNED) else 1
-
-
-def _begun(given: list[Path], robot: str | None, budget: float | None, seed: int) -> Account:
-    """The account of a new investigation, its recordings read once so that what is wrong is said before anything."""
-    from daemon.errors import ConfigurationError
-    from daemon.investigate.account import Account, Recorded
-    from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
-    from identification.recordings.reader import read_recording, recording_file
-
-    if budget is None:
-        raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
-    least = smallest_budget_s(len(given))
-    if 60.0 * budget < least:
-        raise ConfigurationError(
-            f"{budget:g} minutes are too short: {least / 60.0:.1f} are the least with {len(given)} recordings at hand.",
-            field="--budget",
-        )
-    read = [read_recording(file) for file in given]
-    refuse_other_arms(read)
-    named = {item.robot for item in read if item.robot}
-    for file, item in zip(given, read, strict=True):
-        if robot is not None and item.robot not in (None, robot):
-            raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))
-    arm = robot or (named.pop() if len(named) == 1 else "iiwa14")
-    files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
-    return Account(robot=arm, seed=seed, budget_s=60.0 * budget, recordings=files)
-
-
 def _driver(
     robot: str,
     workspace: Path | None,
-    tool: str | None,
+    tool: Tool | None,
     mount: str | None,
     gravity: str | None,
     host: str,
@@ -213,7 +152,7 @@ def _driver(
     return FriDriver(
         robot=robot,
         workspace=workspace,
-        tool=tool_from(tool),
+        tool=tool,
         installation=installation_of(gravity, mount, None),
         settings={"bind_host": host, "bind_port": port, **settings},
         simulation=simulation,

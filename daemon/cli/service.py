@@ -1,5 +1,5 @@
-"""The long-running service and its clients: `daemon`, `submit`, `status`, `jobs`, `stop`, `resume`, `cancel`, `ping`,
-`keys`.
+"""The long-running service and its clients: `daemon`, `submit`, `submit-investigation`, `status`, `jobs`, `stop`,
+`resume`, `cancel`, `ping`, `keys`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
+from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.config import DaemonConfig, load_config
 from daemon.errors import DaemonError, LogIOError, MissingInputError
@@ -34,6 +35,7 @@ from daemon.queue.control_api import (
     StatusReply,
     StopMotion,
     Stopped,
+    SubmitInvestigation,
     SubmitRun,
     Submitted,
 )
@@ -151,6 +153,53 @@ def submit(
     show(job, json_file, f"{job.job_id}: {job.phase}. {job.sentence}")
     if job.phase == "refused":
         raise typer.Exit(job.exit_code or 1)
+
+
+@app.command("submit-investigation")
+def submit_investigation(
+    go_on: Annotated[
+        str | None, typer.Option("--go-on", metavar="JOB", help="Go on with this one, which rests.")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option("--budget", metavar="MINUTES", min=0.1, help="Minutes of motion at most.")
+    ] = None,
+    given: Annotated[
+        list[str] | None, typer.Option("--from", metavar="JOB", help="Run of the service at hand; may be repeated.")
+    ] = None,
+    settle: SettleOption = None,
+    done: DoneOption = None,
+    added_mass: AddedMassOption = None,
+    after_drop: Annotated[
+        bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")] = False,
+    endpoint: EndpointOption = None,
+    port: PortOption = DEFAULT_PORT,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Have the service investigate: it thinks by itself, and each motion waits in the queue for `resume`.
+
+    `jobs` shows what the next motion is for; `cancel` of that motion declines it, `stop` ends it.
+
+    Example: iiwa-ident submit-investigation --budget 4
+    """
+    mass = mass_of(added_mass)
+    accepted = Connection(endpoint, port, key, server_key).ask(
+        SubmitInvestigation(
+            job_id=go_on,
+            budget_minutes=budget,
+            recordings=tuple(given or ()),
+            settle=tuple(dict.fromkeys(item.value for item in settle or ())),
+            done=None if done is None else done.value,
+            added_mass=None if mass is None else (mass.mass_kg, *mass.place_m),
+            after_drop=after_drop,
+            unasked=yes,
+        ),
+        Submitted,
+    )
+    show(accepted, json_file, f"{accepted.job_id}: {accepted.sentence}")
 
 
 def _content(trajectory: Path) -> bytes:

@@ -21,7 +21,7 @@ from daemon.run.commissioning import RUNGS
 from daemon.run.service import run_acquisition
 from identification.robots import Installation
 
-__all__ = ["FriDriver"]
+__all__ = ["FriDriver", "ended_in", "objection_to"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,9 @@ class FriDriver:
 
     def objection(self, trajectory: Path) -> str:
         """The preflight's sentence on a motion; empty where it is safe."""
-        report = self._prepared(trajectory, 1.0).preflight
-        return "" if report.safe else report.failures[0].sentence
+        return objection_to(
+            trajectory, robot=self.robot, workspace=self.workspace, tool=self.tool, installation=self.installation
+        )
 
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
         """On a real arm the lower rungs of the ladder, one period each; then the motion itself."""
@@ -52,7 +53,7 @@ class FriDriver:
             prepared = self._prepared(trajectory, rung)
             if not self.agree(prepared, 1):
                 return Drive("stopped", None, f"The rung of amplitude {rung:g} was declined; nothing moved.")
-            outcome = self._run(prepared, folder.with_name(f"{folder.name}-amplitude-{rung:g}"), 1)
+            outcome = self._run(prepared, _rung_folder(folder, rung), 1)
             if outcome.outcome != "completed" or outcome.exit_code:
                 return _drive_of(outcome)
         prepared = self._prepared(trajectory, 1.0)
@@ -60,14 +61,14 @@ class FriDriver:
             return Drive("stopped", None, "The motion was declined; nothing moved.")
         return _drive_of(self._run(prepared, folder, motion.periods))
 
-    def finished(self, folder: Path) -> Path | None:
-        """The recording of a run that was completed, as its run.json says."""
-        try:
-            outcome = read_json(folder / RUN_NAME, RunOutcome)
-        except DaemonError:
-            return None
-        drive = _drive_of(outcome)
-        return drive.recording if drive.outcome == "recorded" else None
+    def ended(self, folder: Path) -> Drive | None:
+        """As run.json of the motion says, or of the highest rung that was begun; a completed rung is no end of it."""
+        if (last := ended_in(folder)) is not None:
+            return last
+        for rung in reversed(RUNGS[:-1]):
+            if (drive := ended_in(_rung_folder(folder, rung))) is not None:
+                return None if drive.outcome == "recorded" else drive
+        return None
 
     def _prepared(self, trajectory: Path, amplitude: float) -> PreparedMotion:
         return prepare_motion(
@@ -84,6 +85,28 @@ class FriDriver:
             prepared, folder, periods=periods, fit=False, simulation=self.simulation, **self.settings
         )
         return run_acquisition(request, observe=self.observe)
+
+
+def objection_to(
+    trajectory: Path, *, robot: str, workspace: Path | None, tool: Tool | None, installation: Installation | None
+) -> str:
+    """The preflight's sentence on a motion of full amplitude; empty where it is safe."""
+    report = prepare_motion(
+        trajectory, robot=robot, amplitude=1.0, workspace=workspace, tool=tool, installation=installation
+    ).preflight
+    return "" if report.safe else report.failures[0].sentence
+
+
+def _rung_folder(folder: Path, rung: float) -> Path:
+    return folder.with_name(f"{folder.name}-amplitude-{rung:g}")
+
+
+def ended_in(folder: Path) -> Drive | None:
+    """How the run in a folder ended, as its run.json says; None where there is none."""
+    try:
+        return _drive_of(read_json(folder / RUN_NAME, RunOutcome))
+    except DaemonError:
+        return None
 
 
 def _drive_of(outcome: RunOutcome) -> Drive:

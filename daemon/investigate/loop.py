@@ -49,7 +49,8 @@ __all__ = ["Drive", "Driver", "Investigation", "smallest_budget_s"]
 
 Tell = Callable[[str], None]
 Progress = Callable[[str, float], None]
-Ask = Callable[[Motion], bool]
+Ask = Callable[[Motion], bool | None]
+"""Whether a motion may be driven; None: it is only planned."""
 
 LEAST_GAIN = 0.02
 """Rise of the probability to tell below which a motion is not worth its time for what it tells."""
@@ -78,8 +79,8 @@ class Driver(Protocol):
         """Drive it and record into a folder."""
         ...
 
-    def finished(self, folder: Path) -> Path | None:
-        """The whole recording in a folder that a killed loop left behind; None where it is not whole."""
+    def ended(self, folder: Path) -> Drive | None:
+        """How the motion ended that a killed loop left behind in a folder; None where nobody wrote that down."""
         ...
 
 
@@ -101,14 +102,12 @@ class Investigation:
         ask: Ask,
         tell: Tell,
         progress: Progress,
-        plan_only: bool = False,
         room: Room | None = None,
     ) -> None:
         self._folder = folder
         self.account = account
         self._driver = driver
         self._ask, self._tell, self._progress = ask, tell, progress
-        self._plan_only = plan_only
         self._room = room
         self._study: Study | None = None
         self._choices: Sequence[tuple[Motion, Trajectory]] = ()
@@ -137,12 +136,16 @@ class Investigation:
 
         acted: what the operator did to the arm since.
 
-        A motion whose recording is whole on disk is taken as recorded; one that was broken off is asked for anew.
+        A motion whose recording is whole on disk is taken as recorded; one that was broken off is asked for anew, one
+        in which the robot dropped out is as if nobody had been killed.
         """
+        ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
+        if ended is not None:
+            event = self._came_of(ended)
+            self._keep(state=after(self.account.state, event))
+            if event is Event.RECORDED:
+                return
         state = self.account.state
-        if state is State.RECORDING and self._take_finished():
-            self._keep(state=after(state, Event.RECORDED))
-            return
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
                 "the robot dropped out of the session during the last motion, and nothing moves again by itself: look "
@@ -286,10 +289,11 @@ class Investigation:
     def _question(self) -> Event:
         motion = self.account.pending
         assert motion is not None
-        if self._plan_only:
+        agreed = self._ask(motion)
+        if agreed is None:
             self._keep(sentence=f"Planned, not driven: {describe_motion(motion)}")
             return Event.ONLY_PLANNED
-        if self._ask(motion):
+        if agreed:
             self._keep(attempts=self.account.attempts + 1)
             return Event.AGREED
         self._keep(sentence="The motion was declined; nothing moved.")
@@ -298,12 +302,7 @@ class Investigation:
     def _record(self) -> Event:
         motion = self.account.pending
         assert motion is not None
-        drive = self._driver.drive(motion, self._folder / motion.trajectory, self._attempt)
-        if drive.outcome == "recorded" and drive.recording is not None:
-            self._take(motion, drive.recording)
-            return Event.RECORDED
-        self._keep(sentence=drive.sentence, exit_code=drive.exit_code)
-        return Event.DROPPED if drive.outcome == "dropped" else Event.STOPPED
+        return self._came_of(self._driver.drive(motion, self._folder / motion.trajectory, self._attempt))
 
     # ---- what they need
 
@@ -311,13 +310,14 @@ class Investigation:
     def _attempt(self) -> Path:
         return self._folder / f"motion-{self.account.attempts:02d}"
 
-    def _take_finished(self) -> bool:
+    def _came_of(self, drive: Drive) -> Event:
+        """Note how the pending motion ended."""
         motion = self.account.pending
-        recording = self._driver.finished(self._attempt)
-        if motion is None or recording is None:
-            return False
-        self._take(motion, recording)
-        return True
+        if drive.outcome == "recorded" and drive.recording is not None and motion is not None:
+            self._take(motion, drive.recording)
+            return Event.RECORDED
+        self._keep(sentence=drive.sentence, exit_code=drive.exit_code)
+        return Event.DROPPED if drive.outcome == "dropped" else Event.STOPPED
 
     def _take(self, motion: Motion, recording: Path) -> None:
         action = self.account.doing if motion.kind == SAME_MOTION else None

@@ -54,6 +54,20 @@ class Tool(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         xx, yy, zz, xy, xz, yz = self.inertia_kg_m2 or (0.0,) * 6
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
+    def with_mass(self, mass_kg: float, place_m: tuple[float, float, float]) -> Tool:
+        """The tool with a point mass fastened to it; place_m: from the flange."""
+        own_kg, own_m = self.mass_kg or 0.0, np.array(self.center_of_mass_m or (0.0, 0.0, 0.0))
+        whole_kg, place = own_kg + mass_kg, np.array(place_m)
+        center = (own_kg * own_m + mass_kg * place) / whole_kg
+        inertia = self.inertia()
+        for kg, at in ((own_kg, own_m - center), (mass_kg, place - center)):
+            inertia = inertia + kg * (at @ at * np.eye(3) - np.outer(at, at))
+        xx, yy, zz, xy, xz, yz = (float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        x, y, z = (float(value) for value in center)
+        return msgspec.structs.replace(
+            self, mass_kg=whole_kg, center_of_mass_m=(x, y, z), inertia_kg_m2=(xx, yy, zz, xy, xz, yz)
+        )
+
     def describe(self) -> str:
         """One line for log and screen: "gripper, 2.5 kg at (0, 0, 0.06) m, 0.2 m long with radius 0.05 m"."""
         words = [self.name] if self.name else []

@@ -95,7 +95,7 @@ class _RequestDriver:
         out = self.record(load_trajectory(trajectory), motion.periods, folder)
         return Drive("recorded", out, "")
 
-    def finished(self, folder: Path) -> Path | None:
+    def ended(self, folder: Path) -> Drive | None:
         del folder
         return None
 
@@ -222,9 +222,7 @@ def _known(
 ) -> Account:
     """What is known of recordings when no motion more is asked for."""
     account = msgspec.structs.replace(start, recordings=recordings, state=State.DIAGNOSING)
-    return Investigation(
-        folder, account, driver, ask=lambda _: False, tell=tell, progress=_silent, plan_only=True
-    ).know()
+    return Investigation(folder, account, driver, ask=lambda _: None, tell=tell, progress=_silent).know()
 
 
 def _recorded(file: Path, kind: str, periods: int) -> Recorded:

@@ -38,6 +38,7 @@ __all__ = [
     "StatusReply",
     "StopMotion",
     "Stopped",
+    "SubmitInvestigation",
     "SubmitRun",
     "Submitted",
     "decode_reply",
@@ -49,13 +50,13 @@ API_VERSION = 1
 MAXIMUM_REQUEST_BYTES = 8 * 1024 * 1024
 """A table of 10 s at 1 kHz as text is some 1.5 MB."""
 
-JobKind = Literal["run", "fit"]
+JobKind = Literal["run", "fit", "investigation"]
 JobPhase = Literal[
     "checking",  # its motion is being checked for the first time
     "queued",  # waits for its turn
-    "held",  # waits for the operator's `resume`
+    "held",  # waits for the operator's `resume`; of an investigation: its next motion does
     "preparing",  # its motion is checked once more
-    "running",  # acquisition or fit is under way
+    "running",  # acquisition or fit is under way, an investigation thinks or its motion is driven
     "done",
     "refused",  # found unsafe or unusable, nothing moved
     "stopped",  # the motion ended early; the partial recording is kept
@@ -103,6 +104,24 @@ class SubmitRun(_Request, frozen=True, kw_only=True, tag="submit"):
     confirmed: bool = False
 
 
+class SubmitInvestigation(_Request, frozen=True, kw_only=True, tag="investigate"):
+    """Begin an investigation, or go on with one that rests (job_id).
+
+    budget_minutes: of motion; needed to begin. recordings: runs of this service that are at hand, the first to be
+    fitted, the second to check names on. settle, done, added_mass (kg, and m from the flange), after_drop: as the
+    options of `investigate`. unasked: its motions take their turn without an operator's `resume`; on a fake robot only.
+    """
+
+    job_id: _JobId | None = None
+    budget_minutes: Annotated[float, Meta(gt=0.0, le=600.0)] | None = None
+    recordings: Annotated[tuple[_JobId, ...], Meta(max_length=20)] = ()
+    settle: Annotated[tuple[Literal["gain", "load"], ...], Meta(max_length=2)] = ()
+    done: Literal["turn_tool", "warm_up"] | None = None
+    added_mass: tuple[float, float, float, float] | None = None
+    after_drop: bool = False
+    unasked: bool = False
+
+
 class StopMotion(_Request, frozen=True, kw_only=True, tag="stop"):
     """Ramp down now; whatever waits is held."""
 
@@ -119,14 +138,16 @@ class CancelJob(_Request, frozen=True, kw_only=True, tag="cancel"):
     job_id: _JobId
 
 
-ControlRequest: TypeAlias = Ping | GetStatus | GetJobs | SubmitRun | StopMotion | ResumeQueue | CancelJob
+ControlRequest: TypeAlias = (
+    Ping | GetStatus | GetJobs | SubmitRun | SubmitInvestigation | StopMotion | ResumeQueue | CancelJob
+)
 
 
 # ---- replies
 
 
 class JobView(Message, frozen=True, kw_only=True):
-    """One job as clients see it. folder: where its files are; exit_code: of a run or fit that has ended."""
+    """One job as clients see it. folder: where its files are; exit_code: of one that has ended."""
 
     job_id: str
     kind: JobKind
@@ -152,7 +173,7 @@ class Pong(Message, frozen=True, kw_only=True, tag="pong"):
 class StatusReply(Message, frozen=True, kw_only=True, tag="status"):
     """What the service does, and the link it serves. moves_an_arm: false on a loopback address, which no cabinet can
     reach; needs_confirmation then says whether submissions have to be confirmed. run, fit: job ids; the numbers belong
-    to the run. malformed: requests that could not be read, so far.
+    to the run. investigation: job id of the one that thinks. malformed: requests that could not be read, so far.
     """
 
     api: int = API_VERSION
@@ -167,6 +188,7 @@ class StatusReply(Message, frozen=True, kw_only=True, tag="status"):
     needs_confirmation: bool
     run: str | None = None
     fit: str | None = None
+    investigation: str | None = None
     waiting: int = 0
     held: int = 0
     motion_phase: str = ""

@@ -124,7 +124,9 @@ class JobQueue:
         settings = {name: decided[name] for name in decided if name not in ("robot", "amplitude")}
         # The fit is a job of its own, so that a restart does not lose it.
         settings.update(periods=job.periods, fit=False, simulation=self._config.is_simulation)
-        trajectory = self.store.folder_of(job.job_id) / f"trajectory{job.suffix}"
+        if job.added_mass is not None:
+            settings["added_mass"] = job.added_mass
+        trajectory = job.trajectory or self.store.folder_of(job.job_id) / f"trajectory{job.suffix}"
         return PreparationJob(
             job_id=job.job_id,
             trajectory_file=None if job.suffix is None else str(trajectory),
@@ -200,7 +202,10 @@ class JobQueue:
         if job.phase not in ("checking", "queued", "held"):
             way = "`iiwa-ident stop` ends a motion" if job.phase in ("preparing", "running") else "it has ended"
             raise RefusedRequestError("not_waiting", f"Job {job_id} is {job.phase} and cannot be cancelled: {way}.", 1)
-        return self.store.change(job_id, "cancelled", "Cancelled before it began.").sentence
+        for motion in self.store.all("run", "queued", "held"):
+            if motion.asked_by == job_id:
+                self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.")
+        return self.store.change(job_id, "cancelled", "Cancelled; nothing of it will move.").sentence
 
     # ---- fits
 

@@ -24,6 +24,7 @@ from daemon.api import Message
 from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.queue.control_api import JobKind, JobPhase, JobView
+from daemon.queue.investigation_step import Order
 from daemon.times import now_text
 
 __all__ = ["ENDED", "MAXIMUM_KEPT", "MAXIMUM_WAITING", "Job", "JobStore"]
@@ -36,10 +37,15 @@ ENDED: frozenset[JobPhase] = frozenset({"done", "refused", "stopped", "failed", 
 
 
 class Job(Message, frozen=True, kw_only=True):
-    """A run or a fit, as it stands in its file.
+    """A run, a fit or an investigation, as it stands in its file.
 
     folder: of the run, absolute. confirmed: see SubmitRun. suffix: of the submitted file, none for the shipped motion.
     fit: whether one follows the run. worker_pid, attempts: of a fit.
+
+    order: of the step that an investigation takes or waits for, of the last one else. thinking: that step is under way.
+    motions: runs it had so far. unasked: they wait for nobody. asked_by: the investigation that a run belongs to.
+    trajectory: its file; None: what was submitted. added_mass: on the flange in it.
+    number: of the motion. asks: what it is for.
     """
 
     job_id: str
@@ -58,6 +64,15 @@ class Job(Message, frozen=True, kw_only=True):
     exit_code: int | None = None
     worker_pid: int | None = None
     attempts: int = 0
+    order: Order | None = None
+    thinking: bool = False
+    motions: int = 0
+    unasked: bool = False
+    asked_by: str | None = None
+    trajectory: str | None = None
+    added_mass: tuple[float, float, float, float] | None = None
+    number: int = 0
+    asks: str = ""
 
     def view(self) -> JobView:
         """What clients see of it."""

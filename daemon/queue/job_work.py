@@ -20,6 +20,7 @@ from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
 from daemon.errors import DaemonError, sentence_of
 from daemon.jobs.worker_start import JOB_NAME, launch, note_end
 from daemon.json_files import read_json
+from daemon.queue.investigation_step import StepEnded
 from daemon.queue.job_preparation import Preparation, PreparationJob, Verdict
 from daemon.queue.job_store import Job, JobStore
 from daemon.run.service import run_acquisition
@@ -96,7 +97,7 @@ class FitEnded:
     exit_code: int
 
 
-Posted: TypeAlias = Stored | Checked | Prepared | RunEvent | RunEnded | FitStarted | FitEnded
+Posted: TypeAlias = Stored | Checked | Prepared | RunEvent | RunEnded | FitStarted | FitEnded | StepEnded
 Post: TypeAlias = Callable[[Posted], None]
 
 

@@ -43,11 +43,14 @@ from daemon.queue.control_api import (
     StatusReply,
     StopMotion,
     Stopped,
+    SubmitInvestigation,
     SubmitRun,
     Submitted,
     decode_request,
 )
 from daemon.queue.control_socket import ControlSocket, ServerKeys
+from daemon.queue.investigation_step import StepEnded, start_step
+from daemon.queue.investigations import Investigations
 from daemon.queue.job_queue import JobQueue
 from daemon.queue.job_work import (
     Checked,
@@ -99,6 +102,7 @@ class Service:
         self._run_thread: threading.Thread | None = None
         self._ended_run = ""
         self._fit_id: str | None = None
+        self._step_id: str | None = None
         self._signals = 0
         self._started_at = now_text()
         self._version = software_versions().get("iiwa-ident", "unknown")
@@ -115,12 +119,14 @@ class Service:
             stack.enter_context(lock_port(self._config.fri.bind_host, self._port))
             self._jobs = JobQueue(self._config, self._tell)
             stack.callback(self._jobs.close)
+            self._investigations = Investigations(self._config, self._jobs.store)
             self._checker = Checker(self._posted.put)
             stack.callback(self._checker.close)
             self._socket = stack.enter_context(ControlSocket(control.endpoint or default_endpoint(self._port), keys))
             stack.callback(self._notifier.close)
             stack.enter_context(self._handled_signals())
             stack.callback(self._end_motion)
+            self._investigations.recover()
             for job in self._jobs.recover():
                 self._checker.check(self._jobs.check_of(job))
             self._tell(f"Serving UDP port {self._port} of {self._config.robot}; spoken to at {self._socket.endpoint}.")
@@ -142,9 +148,11 @@ class Service:
         with contextlib.suppress(queue.Empty):
             while True:
                 self._take(self._posted.get_nowait())
+        self._investigations.follow()
         if self._state is State.IDLE and self._jobs.next_run() is not None:
             self._happen(Event.RUN_READY)
         self._begin_fit()
+        self._begin_step()
         self._notifier.status(self._sentence())
 
     # ---- requests
@@ -177,6 +185,9 @@ class Service:
                 # Answered when it is on the disk.
                 self._submit(request, address)
                 return None
+            case SubmitInvestigation():
+                self._submit_investigation(request, address)
+                return None
             case ResumeQueue():
                 self._require_confirmation(request.confirmed)
                 released = self._jobs.release()
@@ -207,6 +218,14 @@ class Service:
         self._require_confirmation(request.confirmed)
         self._jobs.add(request, lambda job_id, error: self._posted.put(Stored(job_id, address, error)))
 
+    def _submit_investigation(self, request: SubmitInvestigation, address: list[bytes]) -> None:
+        """Moves nothing by itself: each of its motions waits for a confirmed `resume`."""
+        if self._state in (State.CLOSING, State.CLOSED):
+            raise RefusedRequestError("closing", "The service is about to end; nothing is taken any more.", 69)
+        if request.unasked and self._needs_confirmation:
+            raise RefusedRequestError("not_confirmed", "A real arm asks before each motion of an investigation.", 2)
+        self._investigations.add(request, lambda job_id, error: self._posted.put(Stored(job_id, address, error)))
+
     def _require_confirmation(self, confirmed: bool) -> None:
         if self._needs_confirmation and not confirmed:
             raise RefusedRequestError(
@@ -230,6 +249,7 @@ class Service:
             needs_confirmation=self._needs_confirmation,
             run=self._run_id,
             fit=self._fit_id,
+            investigation=self._step_id,
             waiting=self._jobs.waiting(),
             held=self._jobs.held(),
             motion_phase=progress.phase if run else "",
@@ -263,9 +283,12 @@ class Service:
                     text = f"The job could not be stored: {posted.error.strerror}; it is not in the queue."
                     self._socket.reply(posted.address, ErrorReply(code="not_stored", sentence=text, exit_code=74))
                     return
-                text = f"Job {posted.job_id} is in the queue; its motion is being checked."
+                job = self._jobs.store.jobs[posted.job_id]
+                what = "its motion is being checked" if job.kind == "run" else "it asks before each motion"
+                text = f"Job {posted.job_id} is in the queue; {what}."
                 self._socket.reply(posted.address, Submitted(job_id=posted.job_id, sentence=text))
-                self._checker.check(self._jobs.check_of(self._jobs.store.jobs[posted.job_id]))
+                if job.kind == "run":
+                    self._checker.check(self._jobs.check_of(job))
             case Checked():
                 self._jobs.checked(posted.job_id, posted.verdict)
             case Prepared():
@@ -289,12 +312,22 @@ class Service:
                 self._fit_id = None
                 self._jobs.fit_ended(posted)
                 self._tell(f"Fit {posted.job_id}: {posted.sentence}")
+            case StepEnded():
+                self._step_id = None
+                self._investigations.step_ended(posted)
+                self._tell(f"Investigation {posted.job_id}: {posted.sentence}")
 
     def _begin_fit(self) -> None:
         job = None if self._fit_id else self._jobs.next_fit()
         if job is not None and self._state is not State.CLOSING:
             self._fit_id = job.job_id
             start_fit(job, self._posted.put)
+
+    def _begin_step(self) -> None:
+        job = None if self._step_id else self._investigations.next_step()
+        if job is not None and self._state is not State.CLOSING:
+            self._step_id = job.job_id
+            start_step(job.job_id, self._investigations.step_of(job), self._posted.put)
 
     # ---- the state table
 

@@ -20,6 +20,7 @@ from daemon.queue.control_api import (
     RefusedRequestError,
     ResumeQueue,
     StopMotion,
+    SubmitInvestigation,
     SubmitRun,
     decode_reply,
     decode_request,
@@ -33,6 +34,7 @@ REQUESTS: list[ControlRequest] = [
     StopMotion(),
     ResumeQueue(confirmed=True),
     CancelJob(job_id="20261121T103000123Z-1"),
+    SubmitInvestigation(budget_minutes=4.0, recordings=("a", "b"), settle=("gain",), added_mass=(2.0, 0.0, 0.0, 0.05)),
     SubmitRun(trajectory=b"\x00\xff{}", suffix=".npz", name="ä", periods=3, amplitude=0.25, fit=False, confirmed=True),
 ]
 json_values = st.recursive(

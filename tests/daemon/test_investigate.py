@@ -102,9 +102,11 @@ class ScriptedDriver:
         (folder / "recording.npz").write_bytes(b"")
         return Drive(outcome, folder / "recording.npz", f"It was {outcome}.")  # type: ignore[arg-type]
 
-    def finished(self, folder: Path) -> Path | None:
+    def ended(self, folder: Path) -> Drive | None:
         file = folder / "recording.npz"
-        return file if file.is_file() else None
+        if (folder / "dropped").is_file():
+            return Drive("dropped", file, "It was dropped.")
+        return Drive("recorded", file, "It was whole.") if file.is_file() else None
 
 
 def scripted_study(settled_after: int) -> Any:
@@ -243,6 +245,24 @@ def test_a_recording_that_was_whole_when_the_kill_came_is_not_driven_again(tmp_p
     assert len(again.account.recordings) == 3
 
 
+def test_a_drop_that_came_with_the_kill_is_latched_too(tmp_path: Path) -> None:
+    driver = ScriptedDriver("kill")
+    with pytest.raises(KeyboardInterrupt):
+        investigation(tmp_path, begun(tmp_path), driver).run()
+    left = read_account(tmp_path)
+    assert left is not None
+    folder = tmp_path / f"motion-{left.attempts:02d}"
+    folder.mkdir()
+    (folder / "dropped").write_bytes(b"")
+    again = investigation(tmp_path, left, ScriptedDriver())
+    with pytest.raises(ConfigurationError, match="--after-drop"):
+        again.resume()
+    kept = read_account(tmp_path)
+    assert kept is not None
+    assert kept.state is State.DROPPED
+    assert len(kept.recordings) == 2
+
+
 def test_what_is_declined_is_not_driven(tmp_path: Path) -> None:
     driver = ScriptedDriver()
     account = investigation(tmp_path, begun(tmp_path), driver, ask=lambda *_: False).run()
@@ -252,7 +272,7 @@ def test_what_is_declined_is_not_driven(tmp_path: Path) -> None:
 
 def test_a_plan_moves_nothing_and_can_be_driven_later(tmp_path: Path) -> None:
     driver = ScriptedDriver()
-    account = investigation(tmp_path, begun(tmp_path), driver, plan_only=True).run()
+    account = investigation(tmp_path, begun(tmp_path), driver, ask=lambda *_: None).run()
     assert account.state is State.PLANNED
     assert driver.driven == 0
     later = investigation(tmp_path, account, driver)

@@ -1,0 +1,48 @@
+"""What an operator did to the arm, or wants settled, in the words that every command of an investigation shares."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from identification.investigation.added_mass import AddedMass
+
+
+class Done(StrEnum):
+    """Actions of an operator that a command can be told of; a mass has an option of its own."""
+
+    TURN_TOOL = "turn_tool"
+    WARM_UP = "warm_up"
+
+
+class Wanted(StrEnum):
+    """What no motion shows, and an operator may want to be settled."""
+
+    GAIN = "gain"
+    LOAD = "load"
+
+
+AddedMassOption = Annotated[
+    str | None,
+    typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
+]
+DoneOption = Annotated[
+    Done | None, typer.Option("--done", help="What was done to the arm since, as the page asked for.")
+]
+SettleOption = Annotated[
+    list[Wanted] | None,
+    typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange."),
+]
+
+
+def mass_of(text: str | None) -> AddedMass | None:
+    """The mass of KG@X,Y,Z. Raises a usage error for anything else."""
+    from identification.investigation.added_mass import AddedMass
+
+    try:
+        return None if text is None else AddedMass.parse(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05.") from error

@@ -1,0 +1,51 @@
+"""How an investigation begins: its account, with every recording read once so that what is wrong is said first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from daemon.errors import ConfigurationError
+from daemon.investigate.account import Account, Recorded
+from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
+from daemon.investigate.states import State
+from daemon.motion.tool import Tool
+from identification.recordings.reader import read_recording, recording_file
+
+__all__ = ["begun", "carried", "exit_code"]
+
+
+def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) -> Account:
+    """The account of a new investigation. given: recordings or run folders. robot: None is what the recordings say.
+
+    Raises ConfigurationError for a budget that is too short and recordings of different arms, and the errors of
+    `read_recording`.
+    """
+    least = smallest_budget_s(len(given))
+    if budget_s < least:
+        raise ConfigurationError(
+            f"{budget_s / 60.0:g} minutes are too short: {least / 60.0:.1f} are the least with {len(given)} recordings "
+            "at hand.",
+            field="--budget",
+        )
+    read = [read_recording(file) for file in given]
+    refuse_other_arms(read)
+    named = {item.robot for item in read if item.robot}
+    for file, item in zip(given, read, strict=True):
+        if robot is not None and item.robot not in (None, robot):
+            raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))
+    arm = robot or (named.pop() if len(named) == 1 else "iiwa14")
+    files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
+    return Account(robot=arm, seed=seed, budget_s=budget_s, recordings=files)
+
+
+def exit_code(account: Account) -> int:
+    """0: settled or only planned; of a motion that was not completed that of its run; 1: something is open."""
+    if account.state in (State.INTERRUPTED, State.DROPPED):
+        return account.exit_code
+    return 0 if account.state in (State.SETTLED, State.PLANNED) else 1
+
+
+def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:
+    """What is on the flange for a preflight: the tool, with the known mass that is fastened to it now."""
+    return tool if added_mass is None else (tool or Tool()).with_mass(added_mass[0], added_mass[1:])
