@@ -16,6 +16,7 @@ class Done(StrEnum):
 
     TURN_TOOL = "turn_tool"
     WARM_UP = "warm_up"
+    LEVEL_BASE = "level_base"
 
 
 class Wanted(StrEnum):

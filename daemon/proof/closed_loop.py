@@ -35,7 +35,7 @@ from identification.excitation import (
     load_trajectory,
     validation_trajectory,
 )
-from identification.investigation.actions import PAIRED, Action
+from identification.investigation.actions import Action
 from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import PERIOD_S, Room, experiment
 
@@ -179,7 +179,7 @@ def _chosen(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) ->
         if account.state is State.NEEDS_ACTION:
             loop.resume(acted=account.asks[0])
         account = loop.run()
-        if account.state is not State.NEEDS_ACTION or not account.asks or account.asks[0] not in PAIRED:
+        if account.state is not State.NEEDS_ACTION or not account.asks:
             break
         action = account.asks[0]
         tell(f"The operator does what is asked for: {action.value}")

@@ -116,7 +116,7 @@ class SubmitInvestigation(_Request, frozen=True, kw_only=True, tag="investigate"
     budget_minutes: Annotated[float, Meta(gt=0.0, le=600.0)] | None = None
     recordings: Annotated[tuple[_JobId, ...], Meta(max_length=20)] = ()
     settle: Annotated[tuple[Literal["gain", "load"], ...], Meta(max_length=2)] = ()
-    done: Literal["turn_tool", "warm_up"] | None = None
+    done: Literal["turn_tool", "warm_up", "level_base"] | None = None
     added_mass: tuple[float, float, float, float] | None = None
     after_drop: bool = False
     unasked: bool = False

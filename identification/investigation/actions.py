@@ -1,9 +1,10 @@
 """What an operator can do that no motion can, and what a recording before and one after it say: the same motion twice.
 
 Between two recordings of one motion everything cancels that was not changed, a model error too, so that the difference
-of their torques is that of what was done and the noise of both. Turned tool: a load's first moments across the flange's
-axis and its products of inertia with it change their sign. Added mass: the share of its torque that a sensor reads is
-the sensor's gain. Warmed up: friction falls, and whatever part of an offset is friction falls with it.
+of their torques is that of what was done and the noise of both. Turned tool: a load's first moments across the
+flange's axis and its products of inertia with it change their sign. Added mass: the share of its torque that a sensor
+reads is the sensor's gain. Levelled base: gravity turns in its frame. Warmed up: friction falls, and whatever part of
+an offset is friction falls with it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from scipy.stats import chi2
 from identification.base_parameters import direction_of
 from identification.errors import RecordingError
 from identification.investigation.added_mass import AddedMass
+from identification.mismatch.effects import effect_named
+from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
@@ -41,15 +44,12 @@ ASK = {
     "m from the flange): what is proportional to the torque grows with it, what is not stays.",
     Action.TURN_TOOL: "Turn the tool by half a turn on the flange and give the command again with --done turn_tool: a "
     "load turns with the tool, the last link does not.",
-    Action.LEVEL_BASE: "Level the base with an inclinometer, record again, and ask `iiwa-ident compare BEFORE AFTER`: "
-    "where it says base tilt, the base leaned; all else stays.",
+    Action.LEVEL_BASE: "Level the base with an inclinometer and give the command again with --done level_base: what a "
+    "leaning base did goes with it, all else stays.",
     Action.WARM_UP: "Warm the arm up by half an hour of motion and give the command again with --done warm_up: "
     "friction falls with temperature, an offset of the sensor stays.",
 }
 """The question to the operator, in plain words."""
-PAIRED = (Action.ADD_MASS, Action.TURN_TOOL, Action.WARM_UP)
-"""Actions that the same motion before and after them tells of."""
-
 TOLD = 3.0
 """Nats from which on one of two answers is given: odds of 20 to 1."""
 CLEAR = 1e-3
@@ -166,6 +166,24 @@ def turned_tool(difference: Difference) -> Outcome:
         Action.TURN_TOOL, "last_link", True,
         f"{text}: nothing turned. What is there belongs to the last link, or sits on the flange's axis.",
     )  # fmt: skip
+
+
+def levelled(difference: Difference) -> Outcome:
+    """Whether gravity turned in the base's frame, about the two axes that are level with the ground."""
+    motion = difference.before.motion
+    columns = effect_named("base_tilt").columns(motion, Place(), {})
+    if columns is None:
+        return Outcome(Action.LEVEL_BASE, "", False, "Without gravity no level is seen.")
+    turn, covariance = difference.fit(columns.values, columns.joints)
+    chance = float(chi2.sf(float(turn @ np.linalg.solve(covariance, turn)), turn.size))
+    angle = math.degrees(float(np.linalg.norm(turn)))
+    deviation = math.degrees(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
+    text = f"Gravity turned by {angle:.3f} ± {1.96 * deviation:.3f}° (95 %) in the frame of the base"
+    if chance < CLEAR:
+        return Outcome(Action.LEVEL_BASE, "base_tilt", True, f"{text}: the base leaned by so much.")
+    return Outcome(
+        Action.LEVEL_BASE, "level", True, f"{text}: it stood no other way before. What is there is no tilt of the base."
+    )
 
 
 def warmed_up(difference: Difference, joint: int, offset: tuple[float, float], coulomb: tuple[float, float]) -> Outcome:

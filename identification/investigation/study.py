@@ -16,7 +16,15 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.investigation.actions import Action, Difference, Outcome, added_mass, turned_tool, warmed_up
+from identification.investigation.actions import (
+    Action,
+    Difference,
+    Outcome,
+    added_mass,
+    levelled,
+    turned_tool,
+    warmed_up,
+)
 from identification.investigation.added_mass import AddedMass, less_torque, without_added_mass
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
@@ -189,6 +197,8 @@ def what_it_told(
         return () if mass is None else (added_mass(difference, mass),)
     if action is Action.TURN_TOOL:
         return (turned_tool(difference),)
+    if action is Action.LEVEL_BASE:
+        return (levelled(difference),)
     told = []
     for finding in found.diagnosis.findings:
         if finding.effect == "torque_offset" and finding.place.joint is not None:

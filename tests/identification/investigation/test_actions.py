@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from fixtures.cases.arm import Arm, random_links, sign
+from fixtures.cases.arm import GRAVITY, Arm, random_links, sign
 from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.excitation import default_trajectory, validation_trajectory
-from identification.investigation.actions import Difference, added_mass, turned_tool, warmed_up
+from identification.investigation.actions import Difference, added_mass, levelled, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.day_terms import day_terms
 from identification.investigation.discrepancy import Discrepancies
@@ -22,6 +23,8 @@ from identification.mismatch.reduction import build_evidence
 from identification.mismatch.unknown.classes import Ranges
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
+
+FloatArray = npt.NDArray[np.float64]
 
 PERIODS, NOISE_NM = 4, 0.05
 MASS = AddedMass(2.0, (0.03, -0.02, 0.05))
@@ -47,9 +50,10 @@ class Recorded:
         offset: float = 0.0,
         other: bool = False,
         error: float = 0.3,
+        gravity: FloatArray = GRAVITY,
     ) -> Evidence:
         motion = excitation_of("", (validation_trajectory() if other else default_trajectory()).table())
-        torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration, gravity)
         links = arm.links
         torque += friction * (links.viscous * motion.velocity + links.coulomb * sign(motion.velocity))
         torque += error * np.cos(motion.position + 2.0 * np.roll(motion.position, 1, axis=1))
@@ -100,6 +104,17 @@ def test_a_load_that_turns_is_no_last_link(recorded: Recorded) -> None:
 def test_a_last_link_of_another_mass_stays_where_it_is(recorded: Recorded) -> None:
     arm = recorded.arm.with_point_mass(1.5, np.array([0.04, 0.01, 0.2]))
     assert turned_tool(Difference.of(recorded(arm), recorded(arm))).answer == "last_link"
+
+
+@pytest.mark.parametrize(("lean_deg", "answer"), [(0.3, "base_tilt"), (0.0, "level")])
+def test_a_base_that_is_levelled_tells_how_far_it_leaned(recorded: Recorded, lean_deg: float, answer: str) -> None:
+    """Truth: gravity as MuJoCo has it, turned about the base's x axis in the first of two recordings alone."""
+    lean = np.radians(lean_deg)
+    first = recorded(recorded.arm, gravity=9.81 * np.array([0.0, np.sin(lean), -np.cos(lean)]))
+    told = levelled(Difference.of(first, recorded(recorded.arm)))
+    assert (told.answer, told.settled) == (answer, True)
+    angle = float(told.sentence.split("by ")[1].split(" ±")[0])
+    assert angle == pytest.approx(lean_deg, abs=0.03)
 
 
 @pytest.mark.parametrize(
