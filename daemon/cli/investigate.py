@@ -71,8 +71,10 @@ def investigate(
     from daemon.investigate.account import read_account, save
     from daemon.investigate.begin import begun, carried, exit_code
     from daemon.investigate.loop import Investigation
+    from daemon.investigate.states import State
     from daemon.investigate.story import write_story
     from identification.investigation.actions import Action
+    from identification.investigation.equivalences import unasked
 
     host, port = parse_bind(bind)
     simulation = ipaddress.ip_address(host).is_loopback
@@ -124,6 +126,9 @@ def investigate(
         data(account.sentence)
         for action in account.actions:
             data(action)
+        if account.state is State.SETTLED:
+            for question in unasked(account.wanted):
+                data(question)
         data(f"The page to open: {page}")
     if code := exit_code(account):
         raise typer.Exit(code)

@@ -12,6 +12,7 @@ import numpy as np
 from daemon.investigate.account import Account, Recorded, Step, Told
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
+from identification.investigation.equivalences import unasked
 from identification.report.document import (
     Block,
     Document,
@@ -41,6 +42,7 @@ TITLES: dict[State, str] = {
     State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
 }
 _SHOWN, _PANELS = 6, 3
+_BOX, _TICKED = "☐", "☑"
 _LIKELY = 0.01
 """Probability that a hypothesis has to have had once to be drawn."""
 _AGREES = 1e-3
@@ -59,6 +61,8 @@ def story_of(account: Account) -> Document:
     title = TITLES.get(account.state, account.state.value.replace("_", " ").capitalize())
     tone: Tone = "good" if account.state is State.SETTLED else "attention"
     sections = [_now(account), *(_chapter(account, number) for number in range(len(account.recordings)))]
+    if account.steps:
+        sections.append(_unasked(account))
     if any(item.motion is not None and item.motion.forecast is not None for item in account.recordings):
         sections.append(_reckoning(account))
     return Document("Investigation", title, tuple(sections), tone)
@@ -68,7 +72,7 @@ def _now(account: Account) -> Section:
     blocks: list[Block] = []
     if account.sentence:
         blocks.append(Paragraph(account.sentence, "lead"))
-    blocks += [Paragraph(text, "warning") for text in account.actions]
+    blocks += [Paragraph(f"{_BOX} {text}", "warning") for text in account.actions]
     if account.pending is not None and account.state not in (State.SETTLED, State.PLANNED):
         blocks.append(Paragraph(f"Next: {account.pending.purpose}, {account.pending.seconds:.0f} s."))
     blocks.append(
@@ -84,6 +88,13 @@ def _now(account: Account) -> Section:
     if len(account.steps) > 1:
         blocks.append(_course(account))
     return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _unasked(account: Account) -> Section:
+    """What no motion shows: settled by an action, or a box to tick."""
+    blocks = [Paragraph(f"{_TICKED} {item.sentence}", "note") for item in account.told if item.settled]
+    blocks += [Paragraph(f"{_BOX} {text}", "note") for text in unasked(account.wanted)]
+    return Section("no-motion", "What no motion shows", tuple(blocks))
 
 
 def _course(account: Account) -> Figure:

@@ -7,7 +7,7 @@ the arm has to change: what it carries, how it stands, how warm it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +57,21 @@ INVISIBLE = {
     "gain": ("a gain common to all torque sensors", "heavier links", Action.ADD_MASS),
     "load": ("a load on the flange", "other parameters of the last link", Action.TURN_TOOL),
 }
-"""What no motion shows at all, because base parameters take it up whole: two names for it, and what settles it."""
+"""What no motion shows at all, because base parameters take it up whole: two names for it, and what settles it.
+
+By the equations, not by a search: every term of eq. (1) and friction is linear in its parameters, so that a factor
+common to all joints is one common to all parameters; and a body fixed to the last link adds to that link's own ten.
+"""
+
+
+def unasked(wanted: Collection[str]) -> tuple[str, ...]:
+    """What no motion shows and nobody asked for yet, each as a question to an operator. wanted: of INVISIBLE."""
+    return tuple(
+        f"Is there {first}, or is it {second}? The base parameters take either up whole, so that no motion within any "
+        f"limits shows it. To have it settled by an action, add --settle {name}."
+        for name, (first, second, _) in INVISIBLE.items()
+        if name not in wanted
+    )
 
 
 @dataclass(frozen=True, slots=True)

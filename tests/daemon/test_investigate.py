@@ -161,6 +161,8 @@ def test_it_records_until_nothing_is_open(tmp_path: Path) -> None:
     assert "The size of a spring agrees between the recordings" in page
     assert "The size of a delay DIFFERS" in page
     assert "Joint 2: friction fell." in page
+    assert "☐ Is there a gain common to all torque sensors, or is it heavier links?" in page
+    assert "--settle load" in page
 
 
 def test_from_nothing_the_two_shipped_motions_come_first(tmp_path: Path) -> None:
@@ -411,7 +413,11 @@ def test_what_no_motion_shows_is_settled_where_an_operator_wants_it(
     assert ask in account.actions[0]
     again = investigation(tmp_path, account, ScriptedDriver())
     again.resume(acted=action)
-    assert again.run().state is State.SETTLED
+    done = again.run()
+    assert done.state is State.SETTLED
+    page = write_story(tmp_path, done).read_text(encoding="utf-8")
+    assert f"--settle {wanted}" not in page
+    assert "☑ It was the sensor." in page
 
 
 @pytest.mark.parametrize("left", [120.0, 30.0])

@@ -13,11 +13,13 @@ from fixtures.cases.arm import GRAVITY, Arm, random_links, sign
 from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.excitation import default_trajectory, validation_trajectory
+from identification.excitation import default_trajectory, iiwa_limits, validation_trajectory
 from identification.investigation.actions import Difference, added_mass, levelled, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.day_terms import day_terms
 from identification.investigation.discrepancy import Discrepancies
+from identification.investigation.equivalences import INVISIBLE
+from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.unknown.classes import Ranges
@@ -89,6 +91,25 @@ def test_a_known_mass_tells_a_gain_of_all_sensors(recorded: Recorded, gain: floa
     assert (told.answer, told.settled) == (answer, True)
     read = float(told.sentence.split("read ")[1].split(" ±")[0])
     assert read == pytest.approx(100.0 * (1.0 + gain), abs=0.2)
+
+
+@pytest.mark.parametrize("kind", ["fourier", "one_joint", "loads"])
+@pytest.mark.parametrize("invisible", sorted(INVISIBLE))
+def test_what_is_called_invisible_is_a_combination_of_base_columns_on_any_motion(
+    recorded: Recorded, iiwa14_base: BaseRegressor, kind: str, invisible: str
+) -> None:
+    """Truth: MuJoCo's torque of the whole arm, with viscous friction, and of a mass on its last link."""
+    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
+    position, velocity, acceleration = (
+        part[::20] for part in experiment(np.random.default_rng(4), room, kind, 3).states
+    )
+    arm, links = recorded.arm, recorded.arm.links
+    rigid = arm.inverse_dynamics(position, velocity, acceleration)
+    gain = 0.02 * (rigid + links.viscous * velocity)
+    hidden = gain if invisible == "gain" else with_mass(arm).inverse_dynamics(position, velocity, acceleration) - rigid
+    columns = iiwa14_base.matrix(position, velocity, acceleration).reshape(-1, iiwa14_base.size)
+    left = hidden.ravel() - columns @ np.linalg.lstsq(columns, hidden.ravel(), rcond=None)[0]
+    assert np.abs(left).max() < 1e-6 * np.abs(hidden).max()
 
 
 def test_a_load_that_turns_is_no_last_link(recorded: Recorded) -> None:
