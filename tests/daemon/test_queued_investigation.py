@@ -28,7 +28,7 @@ from daemon.queue.investigations import Investigations
 from daemon.queue.job_queue import JobQueue
 from daemon.queue.job_store import Job
 from daemon.queue.job_work import RunEnded
-from tests.daemon.service_process import fake_robot, iiwa_ident, service
+from tests.daemon.service_process import fake_robot, iiwa_ident, service, wait_for
 
 REAL = FriSettings(bind_host="192.170.10.1", robot_host="192.170.10.2")
 MOTION = StepAnswer(sentence="Motion 1: to learn.", exit_code=0, trajectory="t.json", number=1, periods=8)
@@ -317,6 +317,8 @@ def test_by_the_service_a_motion_is_asked_for_driven_stopped_and_found_again_aft
         assert running.phase(run) == "held"
         assert not (running.output / number / "motion-01").exists()  # nothing moves before `resume`
 
+        # What the operator is shown is on the disk soon after; a kill before that has the motion asked for anew.
+        wait_for((running.output / f"jobs-{running.port}" / run / "job.json").is_file)
         running.process.send_signal(signal.SIGKILL)
         running.process.wait()
         running.start()
