@@ -60,7 +60,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
                         faults=(fault("session_state", value=state),), session=PROMPT)  # fmt: skip
     yield FaultCase(
         "ipo-moves", "the robot's own set-point of joint 3 moves", "none", "not_started", 69,
-        (r"set-point \(IPO\) of joint 3 moves at 0.005 rad/s",), request={"command_timeout_s": 3.0},
+        (r"set-point \(IPO\) of joint 3 moves at 0.005 rad/s",), request={"command_timeout_s": 8.0},
         faults=({"fault": "ipo_moves", "after_state": "COMMANDING_WAIT", "cycles": 10**6, "joint": 3, "value": 0.005},),
     )  # fmt: skip
     yield FaultCase("short-drive-list", "drive states of three joints only", "none", "not_started", 69,
