@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.heldout import worsened
 from identification.mismatch.names.abstention import Examination, name_of, without
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Standing, named, standings
 from identification.mismatch.unknown.settings import ClaimSettings
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Trial, list[str]]:
@@ -17,11 +25,11 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Tri
         coefficients = exam.check(trial.members).extension.coefficients
         names = [named(*pair, elsewhere, every) for pair in zip(trial.members, coefficients, strict=True)]
         found = standings(every, names, settings)
-        # Classes that do not predict what was not fitted are no better explanation of it.
+        rivalled = _rivalled(exam, trial, dependence)
         failing = [
             index
             for index, (name, standing) in enumerate(zip(names, found, strict=True))
-            if not standing.earned and dependence.predicts[list(name.joints)].any()
+            if not standing.earned and rivalled[list(name.joints)].any()
         ]
         if not failing:
             break
@@ -30,6 +38,19 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Tri
         remarks.append(f"{name_of(member.effect.name, member.place.joint)} {_why(found[worst], settings)}")
         trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
     return trial, remarks
+
+
+def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolArray:
+    """(n,) joints whose classes are rivals of names: not where they make rows that were not fitted worse.
+
+    Where the noise is not known rows are no proof for each other: there classes are rivals only where they predict what
+    was not fitted better than the names do, beyond what its rows allow.
+    """
+    now = exam.check(trial.members).heldout_after
+    if exam.problem.noise_is_measured or now is None:
+        return dependence.predicts
+    classes = replace(now, rows=dependence.left.of_rows(dependence.alone)[1])
+    return dependence.predicts & worsened(classes, now)
 
 
 def _why(standing: Standing, settings: ClaimSettings) -> str:

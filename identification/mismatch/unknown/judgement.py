@@ -19,13 +19,13 @@ from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
+from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES, Along
 from identification.mismatch.unknown.dependence import Dependence, weighed
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.predictive import log_predictive
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -66,8 +66,22 @@ def judge(
     settings = settings if settings is not None else ClaimSettings()
     held, alone, left, plain, after = found.held, found.alone, found.left, found.before, found.after
     rows = alone.rows
-    claims, silent = [], set[int]()
-    predicted = log_predictive(alone) if rows.heldout else 0.0
+    offered: Offer | None = None
+    given_up: tuple[int, ...] = ()
+    if unseen is not None and names.heldout_after is not None:
+        roles, beside = (fitted, unseen), alone
+        if names.extension.members:
+            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
+            roles = (
+                without_members(fitted, names.extension, known[0]),
+                without_members(unseen, names.extension, known[1]),
+            )
+            # The classes stay those chosen without names; their weights are found anew beside them.
+            beside = weighed(
+                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
+            )
+        offered, given_up = offer(beside, left, names.heldout_after)
+    claims = []
     smooth = [item for item in held if CLASSES[item.number].background and item.loss >= settings.speak]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max([settings.speak, *(item.loss for item in smooth)])
@@ -76,38 +90,21 @@ def judge(
         if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
-        if not found.predicts[item.joint]:
-            # What does not predict is not said, however well it fits.
-            silent.add(item.joint + 1)
-            continue
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        gain = np.zeros(0)
-        if rows.heldout:
-            rest = shortened(alone, item.joint, item.number)
-            gain = left(rest)[1] - after[1]
-            if gain[item.joint] <= 0.0 or predicted <= log_predictive(rest):
-                continue
+        gain = left(shortened(alone, item.joint, item.number))[1] - after[1] if rows.heldout else np.zeros(0)
+        if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
+            # Rows whose noise is not known are no proof for each other: there a class has to predict.
+            continue
         claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
+    if problem.noise_is_measured and not smooth:
+        said = {claim.joint - 1 for claim in claims}
+        chance = names.trial.power.probability.min(axis=1)
+        beyond = chance < DiagnosisSettings().consistency_probability
+        claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     model = ClassModel(plain[0], after[0], plain[1], after[1])
-    offered: Offer | None = None
-    given_up: tuple[int, ...] = ()
-    if unseen is not None and names.heldout_after is not None:
-        roles = fitted, unseen
-        if names.extension.members:
-            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
-            roles = (
-                without_members(fitted, names.extension, known[0]),
-                without_members(unseen, names.extension, known[1]),
-            )
-            # The classes stay those chosen without names; their weights are found anew beside them.
-            alone = weighed(
-                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
-            )
-        offered, given_up = offer(alone, left, names.heldout_after)
-    joints = sorted(silent.union(given_up))
-    notes = [refusal(joints)] if joints else []
+    notes = [refusal(given_up)] if given_up else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
@@ -120,6 +117,22 @@ def _background(joints: Sequence[int]) -> str:
         f"Joint{'s' if len(joints) > 1 else ''} {named}: what the model leaves is a smooth function of the state. "
         "Only what stands out from it is named."
     )
+
+
+def _somewhere(names: Claims, problem: Problem, joint: int) -> ClassClaim:
+    """Where something is left on a joint (from 0) that repeats with the motion and that no class and no name takes."""
+    power, left = names.trial.power, names.after
+    energy, deviation = left.excess_energy[joint], left.excess_deviation[joint]
+    rms, low, high = (float(np.sqrt(max(energy + sign * 1.96 * deviation, 0.0))) for sign in (0.0, -1.0, 1.0))
+    bands = np.flatnonzero(power.probability[joint] < DiagnosisSettings().consistency_probability)
+    ranges = [problem.frequency[problem.band == band] for band in bands]
+    places = " and ".join(f"{values.min():.2g} to {values.max():.2g} Hz" for values in ranges)
+    sentence = (
+        f"Joint {joint + 1}: {rms:.2g} Nm RMS ({low:.2g} to {high:.2g}) beyond the noise between "
+        f"{places}, which repeat with the motion and depend on nothing that was asked."
+    )
+    nats = -float(np.log(max(float(power.probability[joint].min()), 1e-300)))
+    return ClassClaim("broadband", joint + 1, rms, (low, high), nats, np.zeros(0), (), (), sentence, None)
 
 
 def _claim(

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
 
+from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
     Hyper,
     JointGram,
@@ -81,6 +82,7 @@ class Selection:
     signs: tuple[float, ...]
     states: list[JointState] = field(default_factory=list)
     held: list[Held] = field(default_factory=list)
+    banned: frozenset[int] = frozenset()
 
     @classmethod
     def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings) -> Selection:
@@ -211,8 +213,24 @@ class Selection:
                     self.states[joint] = self.eliminated(joint)
                 elif self.states[joint].groups:
                     self.states[joint] = self.settled(joint, self.states[joint], FEW_ROUNDS)
-        self._exchange()
+        self._exchange(range(self.rows.problem.n))
+        self._without_background()
         return self
+
+    def _without_background(self) -> None:
+        """A smooth error of one joint alone is no background of the arm: there the particular classes are asked.
+
+        What an unknown error of the whole model would show on every joint, and shows on none or on one, is not there.
+        """
+        smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
+        if len({item.joint for item in self.held if item.number in smooth and item.loss >= self.settings.speak}) > 1:
+            return
+        self.banned = smooth
+        found = [item.joint for item in self.held if smooth & {item.number, *item.alternatives}]
+        for joint in dict.fromkeys(found):
+            self.states[joint] = self.eliminated(joint)
+            self.held = [item for item in self.held if item.joint != joint]
+            self._exchange([joint])
 
     def asks(self, joint: int) -> bool:
         """Whether a class that a joint does not hold might gain more than it costs.
@@ -248,7 +266,7 @@ class Selection:
         number_of = np.array([bases[group].number for group in gram.group[absent]])
         variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, self.settings.variance_cap, GRID)[:, None]
         found = {}
-        for number in np.unique(number_of).tolist():
+        for number in sorted(set(number_of.tolist()) - self.banned):
             chosen = np.flatnonzero(number_of == number)
             values, vectors = np.linalg.eigh(visible[chosen[:, None], chosen])
             along = (vectors.T @ target[chosen]) ** 2
@@ -269,6 +287,7 @@ class Selection:
 
         banned: numbers of classes that are left aside.
         """
+        banned |= self.banned
         full = self.without(joint, self.full(joint), sorted(banned)) if banned else self.full(joint)
         state = self.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)
         while state.groups:
@@ -299,13 +318,12 @@ class Selection:
         best = max(options, key=lambda option: self.score(joint, option))
         return best if self.score(joint, best) > score else None
 
-    def _exchange(self) -> None:
+    def _exchange(self, joints: Sequence[int]) -> None:
         """Every class against every other one in its place: the better one stands, those as good are its alternatives.
 
         Classes that lose less than `speak` nats stay in the model but are not held.
         """
-        self.held = []
-        for joint in range(self.rows.problem.n):
+        for joint in joints:
             for _ in range(3):
                 state, score = self.states[joint], self.score(joint, self.states[joint])
                 found: list[Held] = []
