@@ -63,18 +63,18 @@ class FixedColumns:
         """
         if self._misfit:
             raise ValueError(self._misfit)
-        result = {}
-        for name in names:
-            kind, offset = self._field(name)
-            # As plain bytes too: one copy a message, not one a number.
-            column = np.empty(len(self), f"V{kind.itemsize}")
-            row = 0
-            for rows in self._rows:
-                part = np.ndarray(len(rows), column.dtype, rows, offset, (rows.itemsize,))
-                column[row : row + len(rows)] = part
-                row += len(rows)
-            result[name] = column.view(kind.base).reshape(-1, *kind.shape)
-        return result
+        fields = [self._field(name) for name in names]
+        # As plain bytes too: one copy a message, not one a number.
+        found = [np.empty(len(self), f"V{kind.itemsize}") for kind, _ in fields]
+        row = 0
+        for rows in self._rows:  # the messages of a block stay in the processor's cache until all fields are out
+            for column, (_, offset) in zip(found, fields, strict=True):
+                column[row : row + len(rows)] = np.ndarray(len(rows), column.dtype, rows, offset, (rows.itemsize,))
+            row += len(rows)
+        return {
+            name: column.view(kind.base).reshape(-1, *kind.shape)
+            for name, column, (kind, _) in zip(names, found, fields, strict=True)
+        }
 
     def _field(self, name: str) -> tuple[np.dtype[Any], int]:
         """Type and place of a field in a message."""

@@ -16,8 +16,9 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.stream_reader import breakup_chunk
 
-from identification.recordings.bag import JOINT_STATE, Topic, _in_chunk
+from identification.recordings.bag import JOINT_STATE, Topic
 from identification.recordings.fixed_columns import FixedColumns
+from identification.recordings.mcap_records import _in_chunk
 
 CHANNELS = (1, 2, 3)
 
