@@ -16,9 +16,7 @@ import os
 import queue
 import signal
 import threading
-import time
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
@@ -64,6 +62,7 @@ from daemon.queue.job_work import (
     start_fit,
     start_run,
 )
+from daemon.queue.service_log import ServiceLog
 from daemon.queue.service_states import Action, Event, State, transition
 from daemon.queue.systemd_notify import SystemdNotifier
 from daemon.runtime_folder import default_endpoint, lock_port
@@ -76,9 +75,6 @@ __all__ = ["Service"]
 POLL_S = 0.05
 UNHEARD_S = 2.0
 """Without a turn of the control thread for so long, the run's heartbeat ceases."""
-_RECENT = 20
-_QUEUED_LINES = 1000
-_LINES_ALLOWANCE_S = 1.0
 
 
 class Service:
@@ -87,14 +83,12 @@ class Service:
     def __init__(self, config: DaemonConfig, *, tell: Callable[[str], None]) -> None:
         """tell: one line for the log. Raises LogIOError when the folder for jobs cannot be used."""
         self._config = config
-        self._lines: queue.Queue[str] = queue.Queue(_QUEUED_LINES)
-        # A terminal that is held or a pipe that nobody reads must not keep the control thread from hearing a stop.
-        threading.Thread(target=_write_lines, args=(self._lines, tell), name="log lines", daemon=True).start()
+        self._log = ServiceLog(tell)
+        self._tell = self._log.tell
         self._port = config.fri.bind_port
         self._needs_confirmation = not config.is_simulation
         self._state = State.IDLE
         self._posted: queue.SimpleQueue[Posted] = queue.SimpleQueue()
-        self._recent: deque[str] = deque(maxlen=_RECENT)
         self._progress = RunEvent(kind="", sentence="")
         self._stop = StopHandle()
         self._prepared: Prepared | None = None
@@ -115,7 +109,7 @@ class Service:
         if control.server_key is not None and control.authorised_clients is not None:
             keys = ServerKeys(Path(control.server_key), Path(control.authorised_clients))
         with contextlib.ExitStack() as stack:
-            stack.callback(self._write_last_lines)
+            stack.callback(self._log.close)
             stack.enter_context(lock_port(self._config.fri.bind_host, self._port))
             self._jobs = JobQueue(self._config, self._tell)
             stack.callback(self._jobs.close)
@@ -259,7 +253,7 @@ class Service:
             missing=progress.missing if run else 0,
             lost_in_handover=progress.lost_in_handover if run else 0,
             malformed=self._socket.malformed,
-            recent=tuple(self._recent),
+            recent=self._log.recent,
         )
 
     def _sentence(self) -> str:
@@ -367,16 +361,6 @@ class Service:
 
     # ---- the rest
 
-    def _tell(self, sentence: str) -> None:
-        self._recent.append(sentence)
-        with contextlib.suppress(queue.Full):
-            self._lines.put_nowait(sentence)
-
-    def _write_last_lines(self) -> None:
-        deadline = time.monotonic() + _LINES_ALLOWANCE_S
-        while self._lines.unfinished_tasks and time.monotonic() < deadline:
-            time.sleep(0.01)
-
     @contextlib.contextmanager
     def _handled_signals(self) -> Iterator[None]:
         """The end of the service goes through the state table like everything else."""
@@ -400,11 +384,3 @@ class Service:
             while thread.is_alive():
                 self._stop.tick()
                 thread.join(POLL_S)
-
-
-def _write_lines(lines: queue.Queue[str], tell: Callable[[str], None]) -> None:
-    while True:
-        line = lines.get()
-        with contextlib.suppress(OSError):
-            tell(line)
-        lines.task_done()
