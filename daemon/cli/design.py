@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from identification.excitation import Trajectory
+    from identification.estimators.physical import PhysicalParameters
+    from identification.excitation import FourierTrajectory, Trajectory
     from identification.excitation.design import DesignProgress
     from identification.excitation.effect_report import ShownEffect
     from identification.excitation.payload_term import PayloadDeviations
@@ -98,15 +99,13 @@ def design(
 
     from daemon.motion.clearance import room_of, safe_in
     from daemon.motion.workspace import load_surroundings
-    from identification.base_parameters import BaseRegressor
-    from identification.excitation import default_trajectory, limits_of_robot
+    from identification.excitation import limits_of_robot
     from identification.excitation.design import design_excitation
-    from identification.excitation.effect_report import effects_shown
     from identification.excitation.local_search import DesignSettings
     from identification.excitation.nominal import nominal_parameters
-    from identification.excitation.objective import DETECTABILITY, achieved_figures, mixture_weights
+    from identification.excitation.objective import DETECTABILITY, mixture_weights
     from identification.excitation.payload_term import wrist_limits
-    from identification.excitation.prediction import NoiseColour, predict_deviations, torque_noise
+    from identification.excitation.prediction import NoiseColour, torque_noise
     from identification.excitation.reference import reference_trajectory
     from identification.robots import BUILT_IN_ROBOTS, load_robot
     from identification.robots.installation import ON_THE_FLOOR
@@ -116,6 +115,7 @@ def design(
     period = period or (20.0 if for_payload else 10.0)
     stand = installation_of(gravity, mount, None) or ON_THE_FLOOR
     model = load_robot(robot, stand)
+    limits_used = limits_of_robot(model)
     # Only the built-in arms have a geometry to check self-collision and workspace on.
     has_shape = model.name in BUILT_IN_ROBOTS
     if not has_shape and (workspace is not None or start is not None):
@@ -129,15 +129,8 @@ def design(
         if workspace is not None or start is not None:
             room = room_of(around, pose, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
-    motion: Trajectory
     if reference is not None:
-        motion = reference_trajectory(
-            reference,
-            limits_of_robot(model),
-            seed,
-            robot=model,
-            acceptable=acceptable,
-        )
+        motion = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
         document = _write(motion, target, table)
         if json_file is not None:
             write_json(json_file, document)
@@ -146,7 +139,7 @@ def design(
         return
     colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
     noise_nm = None
-    if noise is not None or model.name in BUILT_IN_ROBOTS:
+    if noise is not None or has_shape:
         noise_nm = torque_noise(model, None if noise is None else read_numbers("--noise", noise.split(","), model.n))
     for_effects = DETECTABILITY in mixture_weights(objective)
     weighing = noise_nm if noise is not None or for_effects else None
@@ -161,7 +154,6 @@ def design(
         periods=periods,
     )
     nominal = nominal_parameters(model, prior)
-    limits_used = limits_of_robot(model)
     result = design_excitation(
         model,
         wrist_limits(limits_used, np.zeros(model.n)) if for_payload else limits_used,
@@ -174,52 +166,95 @@ def design(
     )
     motion = result.trajectory
     document = _write(motion, target, table)
-    regressor = BaseRegressor(model)
-    predicted: PredictedDeviations | None = None
-    effects: tuple[ShownEffect, ...] = ()
-    if noise_nm is not None and not for_payload:
-        predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods, colour=colour)
-        if for_effects and nominal is not None:
-            effects = effects_shown(regressor, motion, nominal, noise_nm, periods, colour)
-    weighed = _weighed(model, motion, noise_nm, colour) if for_payload else {}
+    promise = _promise(model, motion, noise_nm, periods, colour, for_payload, nominal if for_effects else None)
     if json_file is not None:
-        rows = [] if predicted is None else zip(predicted.names, predicted.std.tolist(), predicted.units, strict=True)
-        promised = [{"name": name, "std": std, "unit": unit} for name, std, unit in rows]
-        write_json(
-            json_file,
-            {
-                **document,
-                "predicted_std": promised,
-                "effects": [_effect_json(item) for item in effects],
-                "payload_std": {name: asdict(item) for name, item in weighed.items()},
-            },
-        )
-    if not wants_json_on_stdout(json_file):
-        data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
-        if room is not None:
-            free = achieved_figures(regressor, default_trajectory(model.name))
-            shrunk = motion.record["settings"]["shrunk_to"]
-            data(
-                f"It keeps clear of everything, at {100 * shrunk:.0f} % of the amplitude it was found with. The price: "
-                f"the shipped motion, in free space, has cond {free['cond']:.2f} and log det {free['log_det']:.1f}."
-            )
-            if predicted is not None and noise_nm is not None:
-                alone = predict_deviations(
-                    regressor, default_trajectory(model.name), noise_nm=noise_nm, periods=periods, colour=colour
-                )
-                grown = predicted.std / alone.std
-                most = int(np.argmax(grown))
-                data(
-                    f"σ of the base parameters is {np.median(grown):.2f} times as large (median), of "
-                    f"{predicted.names[most]} {grown[most]:.2f} times."
-                )
-        show_verified(result.verified)
-        if for_payload:
-            _show_weighed(weighed, motion.period_s)
-        else:
-            _show_predicted(predicted, model.units)
-        if effects:
-            _show_effects(effects, periods)
+        write_json(json_file, {**document, **promise.to_json()})
+    if wants_json_on_stdout(json_file):
+        return
+    data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
+    if room is not None:
+        _show_price_of_the_cell(model, motion, promise.predicted, colour)
+    show_verified(result.verified)
+    if for_payload:
+        _show_weighed(promise.weighed, motion.period_s)
+    else:
+        _show_predicted(promise.predicted, model.units)
+    if promise.effects:
+        _show_effects(promise.effects, periods)
+
+
+@dataclass(frozen=True, slots=True)
+class _Promise:
+    """What a run of a motion will tell. predicted: None where the noise is not known. weighed: by the motion's name."""
+
+    predicted: PredictedDeviations | None
+    effects: tuple[ShownEffect, ...]
+    weighed: dict[str, PayloadDeviations]
+
+    def to_json(self) -> dict[str, Any]:
+        """For the trajectory's document on stdout."""
+        found = self.predicted
+        rows = [] if found is None else zip(found.names, found.std.tolist(), found.units, strict=True)
+        return {
+            "predicted_std": [{"name": name, "std": std, "unit": unit} for name, std, unit in rows],
+            "effects": [_effect_json(item) for item in self.effects],
+            "payload_std": {name: asdict(item) for name, item in self.weighed.items()},
+        }
+
+
+def _promise(
+    model: RobotModel,
+    motion: Trajectory,
+    noise_nm: FloatArray | None,
+    periods: int,
+    colour: NoiseColour,
+    for_payload: bool,
+    nominal: PhysicalParameters | None,
+) -> _Promise:
+    """nominal: parameters that missing physics is looked for beside; None: it is not looked for."""
+    from identification.base_parameters import BaseRegressor
+    from identification.excitation.effect_report import effects_shown
+    from identification.excitation.prediction import predict_deviations
+
+    if for_payload:
+        return _Promise(None, (), _weighed(model, motion, noise_nm, colour))
+    if noise_nm is None:
+        return _Promise(None, (), {})
+    regressor = BaseRegressor(model)
+    predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods, colour=colour)
+    effects = () if nominal is None else effects_shown(regressor, motion, nominal, noise_nm, periods, colour)
+    return _Promise(predicted, effects, {})
+
+
+def _show_price_of_the_cell(
+    model: RobotModel, motion: FourierTrajectory, predicted: PredictedDeviations | None, colour: NoiseColour
+) -> None:
+    """What a motion inside walls tells less than the shipped one in free space."""
+    import numpy as np
+
+    from identification.base_parameters import BaseRegressor
+    from identification.excitation import default_trajectory
+    from identification.excitation.objective import achieved_figures
+    from identification.excitation.prediction import predict_deviations
+
+    regressor, shipped = BaseRegressor(model), default_trajectory(model.name)
+    free = achieved_figures(regressor, shipped)
+    data(
+        f"It keeps clear of everything, at {100 * motion.record['settings']['shrunk_to']:.0f} % of the amplitude it "
+        f"was found with. The price: the shipped motion, in free space, has cond {free['cond']:.2f} and log det "
+        f"{free['log_det']:.1f}."
+    )
+    if predicted is None:
+        return
+    alone = predict_deviations(
+        regressor, shipped, noise_nm=predicted.noise_nm, periods=predicted.periods, colour=colour
+    )
+    grown = predicted.std / alone.std
+    most = int(np.argmax(grown))
+    data(
+        f"σ of the base parameters is {np.median(grown):.2f} times as large (median), of {predicted.names[most]} "
+        f"{grown[most]:.2f} times."
+    )
 
 
 def _weighed(
