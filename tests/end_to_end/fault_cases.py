@@ -15,6 +15,8 @@ __all__ = ["FAULT_CASES", "ROBOT_CASES"]
 
 PROMPT = QUICK | {"lockstep_shortest_s": 0.1}
 """The client leaves some messages unanswered and then goes on: that answer must not come a cycle late."""
+PATIENT = {"lockstep_timeout_s": 20.0}
+"""All that the robot sends is answered: a wait that ends before shifts the answer by a cycle that the arm stands."""
 LONG_SILENCE = {"receive_timeout_s": 10.0}
 """A lockstep robot's wait for an answer that does not come is no silence."""
 
@@ -133,12 +135,12 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
         0,
         gap=3,
         faults=tuple(fault("lose", IN_MOTION + 5 * k) for k in range(3)),
-        session=QUICK,
+        session=PATIENT,
     )
     yield FaultCase("lose-burst", "10 messages lost in a row", "finished", "completed", 0, gap=10,
-                    faults=(fault("lose", cycles=10),), session=QUICK, request=LONG_SILENCE)  # fmt: skip
+                    faults=(fault("lose", cycles=10),), session=PATIENT, request=LONG_SILENCE)  # fmt: skip
     yield FaultCase("silence", "silent for 10 cycles, the counter stands", "finished", "completed", 0,
-                    faults=(fault("silence", cycles=10),), session=QUICK, request=LONG_SILENCE)  # fmt: skip
+                    faults=(fault("silence", cycles=10),), session=PATIENT, request=LONG_SILENCE)  # fmt: skip
     yield FaultCase("silence-on", "silent for good", "held", "dropped", 1, ("no usable message came for",),
                     faults=(fault("silence", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("ignore-answers", "5 answers lost", "finished", "completed", 0,
