@@ -208,13 +208,17 @@ class Investigation:
         done = len([item for item in self.account.recordings if item.action is not None])
         if last.action is None or done == self.account.heard:
             return
-        before = next(
-            item for item in reversed(self.account.recordings[:-1])
-            if item.action is not None or item is self.account.recordings[0]
-        )  # fmt: skip
-        inputs = inputs_of([read_recording(item.file) for item in (before, last)])
-        pair = inputs.recordings[0], inputs.recordings[1]
-        outcomes = what_it_told(last.action, pair, found, inputs.robot, _mass(last.added_mass))
+        # Of one arm that gets warmer and warmer all recordings say the same thing.
+        together = last.action is Action.WARM_UP
+        own = [
+            item for item in self.account.recordings
+            if item is last or (together and (item.action, item.added_mass) == (last.action, last.added_mass))
+        ]  # fmt: skip
+        earlier = self.account.recordings[: self.account.recordings.index(own[0])]
+        before = next(item for item in reversed(earlier) if item.action is not None or item is earlier[0])
+        inputs = inputs_of([read_recording(item.file) for item in (before, *own)])
+        first, *after_it = inputs.recordings
+        outcomes = what_it_told(last.action, first, after_it, found, inputs.robot, _mass(last.added_mass))
         told = tuple(
             Told(action=item.action, answer=item.answer, settled=item.settled, sentence=item.sentence)
             for item in outcomes

@@ -72,16 +72,21 @@ def chosen_motion(account: Account, choice: Choice, found: Study) -> Planned:
 
 
 def same_motion(account: Account, folder: Path) -> Planned:
-    """The first motion once more after an action, so that whatever was not changed cancels."""
+    """The first motion once more after an action, so that whatever was not changed cancels.
+
+    Longer, where there is time, after an action that was done before and did not tell: the two are judged together.
+    """
     number, first = len(account.recordings) + 1, account.recordings[0]
+    again = account.doing is not None and account.recordings[-1].action is account.doing
+    periods = min(FIRST_PERIODS, int(account.left_s / PERIOD_S)) if again else SECOND_PERIODS
     done = "" if account.doing is None else account.doing.value.replace("_", " ")
     motion = Motion(
         number=number,
         kind=SAME_MOTION,
         purpose=f"the first motion once more after the action '{done}': what it changed",
         trajectory=f"trajectory-{number:02d}.json",
-        periods=SECOND_PERIODS,
-        seconds=PERIOD_S * SECOND_PERIODS,
+        periods=periods,
+        seconds=PERIOD_S * periods,
     )
     if first.motion is not None:
         return motion, load_trajectory(folder / first.motion.trajectory)

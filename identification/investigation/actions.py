@@ -186,42 +186,68 @@ def levelled(difference: Difference) -> Outcome:
     )
 
 
-def warmed_up(difference: Difference, joint: int, offset: tuple[float, float], coulomb: tuple[float, float]) -> Outcome:
+def warmed_up(
+    differences: Sequence[Difference], joint: int, offset: tuple[float, float], coulomb: tuple[float, float]
+) -> Outcome:
     """Whether an offset of a joint (from 0) is the sensor's, or Coulomb friction that differs between directions.
 
-    offset, coulomb: of the joint before, Nm, with deviations. The difference of two offsets is N(0, s²) where it is the
-    sensor's, and N(b (r − 1), …) where it is friction, r being the ratio of the Coulomb frictions.
+    differences: of one cold recording and each of the warm ones, judged together: the noise of the cold one is in all
+    of them. offset, coulomb: of the joint before, Nm, with deviations. With r the changes of the Coulomb friction over
+    the friction, the changes of the offset are N(0, S) where it is the sensor's, and N(b r, …) where it is friction.
     """
-    motion = difference.before.motion
-    speed = motion.velocity[:, joint]
-    sign = direction_of(motion.velocity, motion.coulomb_velocity)[:, joint]
-    columns = np.stack([np.ones_like(speed), sign, speed], axis=1)[:, None]
-    # The constant is what is asked for here.
-    rows = difference.before.project(columns[:, 0]) / difference.noise[:, joint, None]
-    measured = difference.rows[:, joint] / difference.noise[:, joint]
-    covariance = np.linalg.inv(rows.T @ rows)
-    change = covariance @ (rows.T @ measured)
-    left = measured - rows @ change
-    covariance = covariance * max(1.0, float(left @ left) / (measured.size - 3))
+    change, covariance = _frictions(differences, joint)
     (size, size_std), (dry, dry_std) = offset, coulomb
-    ratio = change[1] / dry
-    ratio_variance = covariance[1, 1] / dry**2 + (ratio * dry_std / dry) ** 2
-    expected = size * ratio
-    spread = covariance[0, 0] + (ratio * size_std) ** 2 + size**2 * ratio_variance
-    odds = _log_normal(change[0] - expected, spread) - _log_normal(change[0], covariance[0, 0])
+    shift, ratio = change[:, 0], change[:, 1] / dry
+    own, across, other = covariance[:, 0, :, 0], covariance[:, 0, :, 1] / dry, covariance[:, 1, :, 1] / dry**2
+    other = other + np.outer(ratio, ratio) * (dry_std / dry) ** 2
+    spread = own - size * (across + across.T) + size**2 * other + np.outer(ratio, ratio) * size_std**2
+    odds = _log_normal(shift - size * ratio, spread) - _log_normal(shift, own)
+    last = -1
     text = (
-        f"Joint {joint + 1}: Coulomb friction changed by {100 * ratio:+.0f} %, the offset of {size:+.3g} Nm by "
-        f"{change[0]:+.3g} ± {1.96 * math.sqrt(covariance[0, 0]):.2g} Nm (95 %)"
+        f"Joint {joint + 1}: Coulomb friction changed by {100 * ratio[last]:+.0f} %, the offset of {size:+.3g} Nm by "
+        f"{shift[last]:+.3g} ± {1.96 * math.sqrt(own[last, last]):.2g} Nm (95 %)"
     )
-    if abs(ratio) <= TOLD * math.sqrt(ratio_variance):
-        return Outcome(Action.WARM_UP, "", False, f"{text}: friction did not change enough. Warm the arm up longer.")
+    if len(differences) > 1:
+        text += f", {len(differences)} warm recordings judged together"
+    again = "Warm the arm up more and record once more: all warm recordings are judged together."
+    if float(ratio @ np.linalg.solve(other, ratio)) <= TOLD**2:
+        return Outcome(Action.WARM_UP, "", False, f"{text}: friction did not change enough. {again}")
     if odds >= TOLD:
         return Outcome(Action.WARM_UP, "asymmetric_coulomb_friction", True,
                        f"{text}: it is Coulomb friction that differs between the two directions.")  # fmt: skip
     if odds <= -TOLD:
         return Outcome(Action.WARM_UP, "sensor_offset", True, f"{text}: it is an offset of the sensor.")
-    return Outcome(Action.WARM_UP, "", False, f"{text}: that tells neither from the other. Warm the arm up longer.")
+    return Outcome(Action.WARM_UP, "", False, f"{text}: that tells neither from the other. {again}")
 
 
-def _log_normal(distance: float, variance: float) -> float:
-    return -0.5 * (distance**2 / variance + math.log(variance))
+def _frictions(differences: Sequence[Difference], joint: int) -> tuple[FloatArray, FloatArray]:
+    """(K, 3) change of the offset, Nm, of Coulomb, Nm, and of viscous friction, Nm s/rad, and covariance (K, 3, K, 3).
+
+    Rows of K differences share the noise of the recording that they are taken from.
+    """
+    before, count = differences[0].before, len(differences)
+    columns = friction_columns(before.motion.velocity, before.motion.coulomb_velocity, joint)
+    shared = before.noise[:, joint] ** 2
+    own = np.stack([item.noise[:, joint] ** 2 - shared for item in differences], axis=1)
+    factor = np.linalg.cholesky(own[:, :, None] * np.eye(count) + shared[:, None, None])
+    white = np.linalg.inv(factor)
+    rows = before.project(columns)
+    matrix = (white[:, :, :, None] * rows[:, None, None, :]).reshape(-1, count * rows.shape[1])
+    measured = (white @ np.stack([item.rows[:, joint] for item in differences], axis=1)[..., None]).ravel()
+    covariance = np.linalg.inv(matrix.T @ matrix)
+    change = covariance @ (matrix.T @ measured)
+    left = measured - matrix @ change
+    covariance = covariance * max(1.0, float(left @ left) / (measured.size - change.size))
+    shape = count, rows.shape[1]
+    return change.reshape(shape), covariance.reshape(*shape, *shape)
+
+
+def friction_columns(velocity: FloatArray, coulomb_velocity: float, joint: int) -> FloatArray:
+    """(S, 3) of one joint (from 0): constant, direction as Coulomb friction has it, speed. velocity: (S, n)."""
+    speed = velocity[:, joint]
+    return np.stack([np.ones_like(speed), direction_of(velocity, coulomb_velocity)[:, joint], speed], axis=1)
+
+
+def _log_normal(distance: FloatArray, covariance: FloatArray) -> float:
+    """But for a constant that the number of values alone decides."""
+    return -0.5 * float(distance @ np.linalg.solve(covariance, distance) + np.linalg.slogdet(covariance)[1])

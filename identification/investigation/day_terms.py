@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from identification.base_parameters import direction_of
-from identification.investigation.actions import is_same
+from identification.investigation.actions import friction_columns, is_same
 from identification.investigation.columns import Form, Sums, form_rows, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.evidence import Evidence
@@ -62,7 +61,7 @@ class DayTerm:
 
     def torque(self, velocity: FloatArray, coulomb_velocity: float) -> FloatArray:
         """(S,) Nm along a motion. velocity: (S, n)."""
-        return np.asarray(_columns(velocity, coulomb_velocity, self.joint) @ self.change)
+        return np.asarray(friction_columns(velocity, coulomb_velocity, self.joint) @ self.change)
 
 
 def day_terms(
@@ -82,7 +81,7 @@ def day_terms(
         columns = np.zeros((*item.noise.shape, _OWN * len(places)))
         for index, (recording, joint) in enumerate(places):
             if recording == number:
-                shape = _columns(item.motion.velocity, item.motion.coulomb_velocity, joint)
+                shape = friction_columns(item.motion.velocity, item.motion.coulomb_velocity, joint)
                 columns[:, joint, _OWN * index : _OWN * (index + 1)] = item.project(shape)
         extra = np.concatenate([*(form_rows(item, form) for form in forms), columns, item.torque[..., None]], axis=2)
         found = sums_of(item, (), extra, beside)
@@ -108,12 +107,6 @@ def day_terms(
         chance = _chance(rest, first, places, others, (recording, joint))
         terms.append(DayTerm(recording, joint, values[own], deviations[own], chance))
     return tuple(terms)
-
-
-def _columns(velocity: FloatArray, coulomb_velocity: float, joint: int) -> FloatArray:
-    """(S, 3) of one joint."""
-    speed = velocity[:, joint]
-    return np.stack([np.ones_like(speed), direction_of(velocity, coulomb_velocity)[:, joint], speed], axis=1)
 
 
 def _fit(

@@ -182,17 +182,20 @@ def _study_of(
 
 def what_it_told(
     action: Action,
-    pair: tuple[Recording, Recording],
+    before: Recording,
+    after: Sequence[Recording],
     found: Study,
     robot: RobotModel,
     mass: AddedMass | None = None,
 ) -> tuple[Outcome, ...]:
-    """What an action told by one motion. pair: before and after it. mass: the known one, on the flange in the second.
+    """What an action told by one motion, recorded before it and once or more after it, the last one after all of it.
 
-    Raises RecordingError where the two motions are not one.
+    mass: the known one, on the flange in the last. Raises RecordingError where the motions are not one.
     """
     regressor, values = found.chooser.regressor, found.chooser.values
-    difference = Difference.of(*(build_evidence(item, robot, regressor)[0] for item in pair))
+    first, *others = (build_evidence(item, robot, regressor)[0] for item in (before, *after))
+    differences = [Difference.of(first, item) for item in others]
+    difference = differences[-1]
     if action is Action.ADD_MASS:
         return () if mass is None else (added_mass(difference, mass),)
     if action is Action.TURN_TOOL:
@@ -204,7 +207,7 @@ def what_it_told(
         if finding.effect == "torque_offset" and finding.place.joint is not None:
             joint = finding.place.joint - 1
             size = float(finding.coefficients[0]), math.sqrt(float(finding.covariance[0, 0]))
-            told.append(warmed_up(difference, joint, size, _coulomb(found, regressor, values, joint)))
+            told.append(warmed_up(differences, joint, size, _coulomb(found, regressor, values, joint)))
     return tuple(told)
 
 

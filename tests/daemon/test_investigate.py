@@ -5,7 +5,6 @@ Truth: the table below, written from the operator's side. The mathematics is rep
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,20 +15,12 @@ import pytest
 
 from daemon.cli.app import main
 from daemon.errors import ConfigurationError
-from daemon.investigate import loop as loop_module
 from daemon.investigate import steps as steps_module
-from daemon.investigate.account import Account, Motion, Recorded, read_account, save
-from daemon.investigate.loop import Drive, Investigation, refuse_other_arms
-from daemon.investigate.motions import SAME_MOTION
+from daemon.investigate.account import Motion, read_account
+from daemon.investigate.loop import Investigation, refuse_other_arms
 from daemon.investigate.states import TABLE, Event, State, TransitionError, after
 from daemon.investigate.story import write_story
-from identification.excitation import iiwa_limits
-from identification.investigation.actions import Action, Outcome
-from identification.investigation.choice import Choice, Design
-from identification.investigation.experiments import Room, experiment
-from identification.investigation.forecast import Forecast
-from identification.investigation.hypotheses import NOTHING
-from identification.mismatch.effects.base import Place
+from tests.daemon.scripted_investigation import ScriptedDriver, begun, investigation, scripted_study
 
 WAYS = """
 diagnosing  nothing_open     settled
@@ -64,7 +55,6 @@ needs_action acted           choosing
 settled     acted            choosing
 settled     resumed          diagnosing
 """
-ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
 
 
 def test_the_table_of_states_is_the_one_written_here() -> None:
@@ -80,66 +70,6 @@ def test_after_a_drop_only_a_release_leads_on() -> None:
     assert {event for state, event in TABLE if state is State.DROPPED} == {Event.RELEASED}
     with pytest.raises(TransitionError):
         after(State.DROPPED, Event.RESUMED)
-
-
-class ScriptedDriver:
-    """Drives nothing: each motion ends as the script says, and leaves a file."""
-
-    def __init__(self, *outcomes: str, objection: str = "") -> None:
-        self.outcomes, self.driven, self._objection = list(outcomes), 0, objection
-
-    def objection(self, trajectory: Path) -> str:
-        assert trajectory.is_file()
-        return self._objection
-
-    def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
-        del motion, trajectory
-        self.driven += 1
-        outcome = self.outcomes.pop(0) if self.outcomes else "recorded"
-        if outcome == "kill":
-            raise KeyboardInterrupt
-        folder.mkdir(parents=True)
-        (folder / "recording.npz").write_bytes(b"")
-        return Drive(outcome, folder / "recording.npz", f"It was {outcome}.")  # type: ignore[arg-type]
-
-    def ended(self, folder: Path) -> Drive | None:
-        file = folder / "recording.npz"
-        if (folder / "dropped").is_file():
-            return Drive("dropped", file, "It was dropped.")
-        return Drive("recorded", file, "It was whole.") if file.is_file() else None
-
-
-def scripted_study(settled_after: int) -> Any:
-    """A study that is settled once there are so many recordings."""
-
-    def of(self: Investigation) -> Any:
-        count = len(self.account.recordings)
-        found = experiment(np.random.default_rng(1), ROOM, "two_speeds", 3)
-        choice = Choice(found, 4, Forecast(0.9, 0.1, None, np.zeros((1, 1))))
-        open_ = count < settled_after
-        return SimpleNamespace(
-            settled=not open_,
-            answer="An answer.",
-            agreements=(("a spring", 0.4), ("a delay", 1e-5)),
-            day_terms=(SimpleNamespace(sentence="Joint 2: friction fell."),),
-            questions=(SimpleNamespace(sentence="A or B?"),) if open_ else (),
-            assessment=SimpleNamespace(alive=(replace(NOTHING, probability=1.0),)),
-            diagnosis=SimpleNamespace(verdict="explained", findings=(), remaining="", classes=()),
-            chooser=SimpleNamespace(choose=lambda *given, **_: Design((choice,) if given[2] >= 40.0 else (), ())),
-        )
-
-    return of
-
-
-def begun(folder: Path, **changes: Any) -> Account:
-    given = (Recorded(file="a.npz"), Recorded(file="b.npz"))
-    account = Account(robot="iiwa14", seed=1, budget_s=120.0, recordings=given)
-    return save(folder, msgspec.structs.replace(account, **changes))
-
-
-def investigation(folder: Path, account: Account, driver: ScriptedDriver, **options: Any) -> Investigation:
-    options = {"ask": lambda *_: True, "tell": lambda *_: None, "progress": lambda *_: None} | options
-    return Investigation(folder, account, driver, **options)
 
 
 @pytest.fixture(autouse=True)
@@ -341,106 +271,3 @@ def test_recordings_of_two_arms_or_tools_are_refused() -> None:
         refuse_other_arms([of("a.mcap", serial="81"), of("b.mcap", serial="82")])
     with pytest.raises(ConfigurationError, match="tool"):
         refuse_other_arms([of("a.mcap", tool="none"), of("b.mcap", tool="2 kg at (0, 0, 0.1) m")])
-
-
-@pytest.fixture
-def _told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Actions that tell at once, of recordings that nobody reads."""
-    planned = Motion(number=3, kind=SAME_MOTION, purpose="once more", trajectory="t.json", periods=4, seconds=40.0)
-    trajectory = experiment(np.random.default_rng(1), ROOM, "fourier", None).trajectory("iiwa14")
-    monkeypatch.setattr(loop_module, "same_motion", lambda *_: (planned, trajectory))
-    monkeypatch.setattr(loop_module, "read_recording", lambda *_: None)
-    monkeypatch.setattr(loop_module, "inputs_of", lambda _: SimpleNamespace(recordings=(None, None), robot=None))
-    monkeypatch.setattr(
-        loop_module, "what_it_told", lambda action, *_: (Outcome(action, "an answer", True, "It was the sensor."),)
-    )
-
-
-@pytest.mark.usefixtures("_told")
-def test_a_mass_that_is_asked_for_and_fastened_leads_on(tmp_path: Path) -> None:
-    account = begun(tmp_path, state=State.NEEDS_ACTION)
-    again = investigation(tmp_path, account, ScriptedDriver())
-    again.resume()
-    assert again.account.state is State.NEEDS_ACTION
-    fastened = msgspec.structs.replace(account, added_mass=(2.0, 0.0, 0.0, 0.05))
-    again = investigation(tmp_path, fastened, ScriptedDriver())
-    again.resume(acted=Action.ADD_MASS)
-    done = again.run()
-    assert done.state is State.SETTLED
-    assert [item.added_mass for item in done.recordings] == [None, None, *[(2.0, 0.0, 0.0, 0.05)] * 2]
-    assert [item.action for item in done.recordings] == [None, None, Action.ADD_MASS, None]
-    assert [item.sentence for item in done.told] == ["It was the sensor."]
-    assert "It was the sensor." in done.sentence
-
-
-@pytest.mark.usefixtures("_told")
-def test_an_offset_asks_for_a_warm_arm_and_is_settled_by_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    offset = SimpleNamespace(effect="torque_offset", place=Place(4), alternatives=())
-    study = scripted_study(0)
-
-    def with_offset(self: Investigation) -> Any:
-        found = study(self)
-        found.diagnosis = SimpleNamespace(verdict="explained", findings=(offset,), remaining="", classes=())
-        return found
-
-    monkeypatch.setattr(Investigation, "_studied", with_offset)
-    driver = ScriptedDriver()
-    account = investigation(tmp_path, begun(tmp_path), driver).run()
-    assert account.state is State.NEEDS_ACTION
-    assert "--done warm_up" in account.actions[0]
-    assert driver.driven == 0
-    assert "warm_up" in write_story(tmp_path, account).read_text(encoding="utf-8")
-    again = investigation(tmp_path, account, driver)
-    again.resume(acted=Action.WARM_UP)
-    done = again.run()
-    assert done.state is State.SETTLED
-    assert driver.driven == 1
-    assert done.actions == ()
-    assert "It was the sensor." in write_story(tmp_path, done).read_text(encoding="utf-8")
-
-
-@pytest.mark.usefixtures("_told")
-@pytest.mark.parametrize(
-    ("wanted", "ask", "action"),
-    [("gain", "--added-mass", Action.ADD_MASS), ("load", "--done turn_tool", Action.TURN_TOOL)],
-)
-def test_what_no_motion_shows_is_settled_where_an_operator_wants_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: str, ask: str, action: Action
-) -> None:
-    monkeypatch.setattr(Investigation, "_studied", scripted_study(0))
-    account = investigation(tmp_path, begun(tmp_path, wanted=(wanted,)), ScriptedDriver()).run()
-    assert account.state is State.NEEDS_ACTION
-    assert ask in account.actions[0]
-    again = investigation(tmp_path, account, ScriptedDriver())
-    again.resume(acted=action)
-    done = again.run()
-    assert done.state is State.SETTLED
-    page = write_story(tmp_path, done).read_text(encoding="utf-8")
-    assert f"--settle {wanted}" not in page
-    assert "☑ It was the sensor." in page
-
-
-@pytest.mark.parametrize("left", [120.0, 30.0])
-def test_a_class_that_no_motion_gives_a_name_is_settled_as_a_class(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: float
-) -> None:
-    """Whether there is time for more or not: what is known is said, and the way does not end as out of time."""
-    found = experiment(np.random.default_rng(1), ROOM, "fourier", None)
-    useless = Choice(found, 4, Forecast(0.5, 0.5, None, np.zeros((1, 1))))
-    study = scripted_study(100)
-
-    def with_class(self: Investigation) -> Any:
-        found = study(self)
-        found.diagnosis = SimpleNamespace(
-            verdict="unexplained", findings=(), remaining="", classes=(SimpleNamespace(sentence="own velocity"),)
-        )
-        found.chooser = SimpleNamespace(choose=lambda *_, **__: Design((useless,), ()))
-        return found
-
-    monkeypatch.setattr(Investigation, "_studied", with_class)
-    driver = ScriptedDriver()
-    account = investigation(tmp_path, begun(tmp_path, budget_s=left), driver).run()
-    assert account.state is State.SETTLED
-    assert account.sentence.startswith("Settled as a class, without a name.")
-    assert "No form of the library describes it better" in account.sentence
-    assert driver.driven == (2 if left > 40.0 else 0)

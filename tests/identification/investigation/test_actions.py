@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -148,9 +150,43 @@ def test_a_warm_arm_tells_an_offset_from_friction(
     """Friction of a warm arm is less by a share, and so is the part of it that differs between directions."""
     after = recorded(recorded.arm, friction=friction, offset=offset)
     dry = float(recorded.arm.links.coulomb[3])
-    told = warmed_up(Difference.of(before, after), 3, (OFFSET_NM, 0.005), (dry, 0.005))
+    told = warmed_up([Difference.of(before, after)], 3, (OFFSET_NM, 0.005), (dry, 0.005))
     assert told.answer == answer
     assert told.settled == bool(answer)
+
+
+def warm_answers(random: np.random.Generator, count: int, *, falls: bool) -> tuple[str, str]:
+    """What the last of some warm recordings tells alone, and what all of them do, of a small offset.
+
+    Truth: drawn rows of a cold recording with eight periods and warm ones with four; friction falls by 30 % or more.
+    """
+    rows, offset, dry = 200, 0.17, 5.0
+    time = np.arange(rows) / rows
+    velocity = np.tile(np.sin(2.0 * np.pi * (2.0 * time + 0.1))[:, None], (1, 7))
+    motion = SimpleNamespace(velocity=velocity, coulomb_velocity=0.0, position=np.zeros((rows, 7)))
+
+    def measured(share: float, noise: float) -> Any:
+        torque = dry * share * np.sign(velocity) + offset * (share if falls else 1.0)
+        level = np.full((rows, 7), noise)
+        torque = torque + noise * random.normal(size=torque.shape)
+        return SimpleNamespace(motion=motion, torque=torque, noise=level, project=lambda part: part)
+
+    cold = measured(1.0, 0.2)
+    warm = [Difference.of(cold, measured(float(random.uniform(0.5, 0.7)), 0.2 * np.sqrt(2.0))) for _ in range(count)]
+    of = (offset, 0.01), (dry, 0.02)
+    return warmed_up(warm[-1:], 3, *of).answer, warmed_up(warm, 3, *of).answer
+
+
+@pytest.mark.parametrize(("falls", "truth"), [(True, "asymmetric_coulomb_friction"), (False, "sensor_offset")])
+def test_warm_recordings_judged_together_tell_more_often_and_are_right(falls: bool, truth: str) -> None:
+    random = np.random.default_rng(31)
+    alone, together = (
+        np.array(part) for part in zip(*(warm_answers(random, 4, falls=falls) for _ in range(300)), strict=True)
+    )
+    assert np.mean(together == truth) > np.mean(alone == truth) + 0.15
+    for told in (alone, together):
+        wrong = (told != truth) & (told != "")
+        assert np.mean(wrong) < 0.05  # odds of 20 to 1 are asked for
 
 
 def no_classes(rows: list[Evidence]) -> Discrepancies:

@@ -1,0 +1,171 @@
+"""Claims about what an operator is asked to do in `investigate`, and what is judged after it.
+
+Truth: the operator's side of each action. The mathematics is replaced by a study with a fixed answer.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from daemon.investigate import loop as loop_module
+from daemon.investigate import steps as steps_module
+from daemon.investigate.account import Motion, Recorded
+from daemon.investigate.loop import Investigation
+from daemon.investigate.motions import SAME_MOTION, shipped_motion
+from daemon.investigate.states import State
+from daemon.investigate.story import write_story
+from identification.excitation import default_trajectory
+from identification.investigation.actions import Action, Outcome
+from identification.investigation.choice import Choice, Design
+from identification.investigation.experiments import experiment
+from identification.investigation.forecast import Forecast
+from identification.mismatch.effects.base import Place
+from tests.daemon.scripted_investigation import ROOM, ScriptedDriver, begun, investigation, scripted_study
+
+
+@pytest.fixture(autouse=True)
+def _scripted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Investigation, "_studied", scripted_study(4))
+    monkeypatch.setattr(steps_module, "stands_out", lambda *_: True)
+
+
+@pytest.fixture
+def _told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Actions that tell at once, of recordings that nobody reads."""
+    planned = Motion(number=3, kind=SAME_MOTION, purpose="once more", trajectory="t.json", periods=4, seconds=40.0)
+    trajectory = experiment(np.random.default_rng(1), ROOM, "fourier", None).trajectory("iiwa14")
+    monkeypatch.setattr(loop_module, "same_motion", lambda *_: (planned, trajectory))
+    monkeypatch.setattr(loop_module, "read_recording", lambda *_: None)
+    monkeypatch.setattr(loop_module, "inputs_of", lambda _: SimpleNamespace(recordings=(None, None), robot=None))
+    monkeypatch.setattr(
+        loop_module, "what_it_told", lambda action, *_: (Outcome(action, "an answer", True, "It was the sensor."),)
+    )
+
+
+@pytest.mark.usefixtures("_told")
+def test_a_mass_that_is_asked_for_and_fastened_leads_on(tmp_path: Path) -> None:
+    account = begun(tmp_path, state=State.NEEDS_ACTION)
+    again = investigation(tmp_path, account, ScriptedDriver())
+    again.resume()
+    assert again.account.state is State.NEEDS_ACTION
+    fastened = msgspec.structs.replace(account, added_mass=(2.0, 0.0, 0.0, 0.05))
+    again = investigation(tmp_path, fastened, ScriptedDriver())
+    again.resume(acted=Action.ADD_MASS)
+    done = again.run()
+    assert done.state is State.SETTLED
+    assert [item.added_mass for item in done.recordings] == [None, None, *[(2.0, 0.0, 0.0, 0.05)] * 2]
+    assert [item.action for item in done.recordings] == [None, None, Action.ADD_MASS, None]
+    assert [item.sentence for item in done.told] == ["It was the sensor."]
+    assert "It was the sensor." in done.sentence
+
+
+def with_offset(self: Investigation) -> Any:
+    """A study that found an offset of joint 4."""
+    offset = SimpleNamespace(effect="torque_offset", place=Place(4), alternatives=())
+    found = scripted_study(0)(self)
+    found.diagnosis = SimpleNamespace(verdict="explained", findings=(offset,), remaining="", classes=())
+    return found
+
+
+@pytest.mark.usefixtures("_told")
+def test_an_offset_asks_for_a_warm_arm_and_is_settled_by_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Investigation, "_studied", with_offset)
+    driver = ScriptedDriver()
+    account = investigation(tmp_path, begun(tmp_path), driver).run()
+    assert account.state is State.NEEDS_ACTION
+    assert "--done warm_up" in account.actions[0]
+    assert driver.driven == 0
+    assert "warm_up" in write_story(tmp_path, account).read_text(encoding="utf-8")
+    again = investigation(tmp_path, account, driver)
+    again.resume(acted=Action.WARM_UP)
+    done = again.run()
+    assert done.state is State.SETTLED
+    assert driver.driven == 1
+    assert done.actions == ()
+    assert "It was the sensor." in write_story(tmp_path, done).read_text(encoding="utf-8")
+
+
+def test_a_second_warm_up_is_judged_with_the_first_and_uses_the_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cold recording stays what both are compared with; the second one is as long as the first recording of all."""
+    asked: list[tuple[str, ...]] = []
+
+    def tell(action: Action, first: str, others: list[str], *_: object) -> tuple[Outcome, ...]:
+        asked.append((first, *others))
+        return (Outcome(action, "sensor_offset" if len(others) == 2 else "", len(others) == 2, "As it was told."),)
+
+    monkeypatch.setattr(Investigation, "_studied", with_offset)
+    monkeypatch.setattr(loop_module, "read_recording", str)
+    monkeypatch.setattr(loop_module, "inputs_of", lambda read: SimpleNamespace(recordings=read, robot=None))
+    monkeypatch.setattr(loop_module, "what_it_told", tell)
+    shipped, _ = shipped_motion("iiwa14", 0)
+    (tmp_path / shipped.trajectory).write_text(json.dumps(default_trajectory("iiwa14").to_json()), encoding="utf-8")
+    account = begun(tmp_path, recordings=(Recorded(file="cold", motion=shipped), Recorded(file="b")), budget_s=240.0)
+    for _ in range(2):
+        again = investigation(tmp_path, account, ScriptedDriver())
+        if account.state is State.NEEDS_ACTION:
+            again.resume(acted=Action.WARM_UP)
+        account = again.run()
+    assert account.state is State.NEEDS_ACTION
+    again = investigation(tmp_path, account, ScriptedDriver())
+    again.resume(acted=Action.WARM_UP)
+    account = again.run()
+    assert account.state is State.SETTLED
+    warm = [item for item in account.recordings if item.action is Action.WARM_UP]
+    assert asked == [("cold", warm[0].file), ("cold", warm[0].file, warm[1].file)]
+    assert [item.motion.periods for item in warm if item.motion is not None] == [4, 8]
+
+
+@pytest.mark.usefixtures("_told")
+@pytest.mark.parametrize(
+    ("wanted", "ask", "action"),
+    [("gain", "--added-mass", Action.ADD_MASS), ("load", "--done turn_tool", Action.TURN_TOOL)],
+)
+def test_what_no_motion_shows_is_settled_where_an_operator_wants_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: str, ask: str, action: Action
+) -> None:
+    monkeypatch.setattr(Investigation, "_studied", scripted_study(0))
+    account = investigation(tmp_path, begun(tmp_path, wanted=(wanted,)), ScriptedDriver()).run()
+    assert account.state is State.NEEDS_ACTION
+    assert ask in account.actions[0]
+    again = investigation(tmp_path, account, ScriptedDriver())
+    again.resume(acted=action)
+    done = again.run()
+    assert done.state is State.SETTLED
+    page = write_story(tmp_path, done).read_text(encoding="utf-8")
+    assert f"--settle {wanted}" not in page
+    assert "☑ It was the sensor." in page
+
+
+@pytest.mark.parametrize("left", [120.0, 30.0])
+def test_a_class_that_no_motion_gives_a_name_is_settled_as_a_class(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: float
+) -> None:
+    """Whether there is time for more or not: what is known is said, and the way does not end as out of time."""
+    found = experiment(np.random.default_rng(1), ROOM, "fourier", None)
+    useless = Choice(found, 4, Forecast(0.5, 0.5, None, np.zeros((1, 1))))
+    study = scripted_study(100)
+
+    def with_class(self: Investigation) -> Any:
+        found = study(self)
+        found.diagnosis = SimpleNamespace(
+            verdict="unexplained", findings=(), remaining="", classes=(SimpleNamespace(sentence="own velocity"),)
+        )
+        found.chooser = SimpleNamespace(choose=lambda *_, **__: Design((useless,), ()))
+        return found
+
+    monkeypatch.setattr(Investigation, "_studied", with_class)
+    driver = ScriptedDriver()
+    account = investigation(tmp_path, begun(tmp_path, budget_s=left), driver).run()
+    assert account.state is State.SETTLED
+    assert account.sentence.startswith("Settled as a class, without a name.")
+    assert "No form of the library describes it better" in account.sentence
+    assert driver.driven == (2 if left > 40.0 else 0)
