@@ -37,8 +37,9 @@ class Alive(_Entry, frozen=True, kw_only=True):
 class Motion(_Entry, frozen=True, kw_only=True):
     """A motion that was chosen. purpose: in words. tells: the pair it is to tell apart.
 
-    forecast: probability that the truth stands out afterwards; now: the same without it; None where nothing is foretold
-    (the first two motions). seconds: of recorded motion. trajectory: file in the folder.
+    forecast: probability that the truth has its name afterwards, or that nothing is there; now: the same without it;
+    None where nothing is foretold (the first two motions). forms: probability that it is a form of the library; named,
+    named_now: that it then has its name. seconds: of recorded motion. trajectory: file in the folder.
     """
 
     number: int
@@ -49,6 +50,9 @@ class Motion(_Entry, frozen=True, kw_only=True):
     seconds: float
     forecast: float | None = None
     now: float | None = None
+    forms: float = 1.0
+    named: float | None = None
+    named_now: float | None = None
     tells: tuple[str, str] | None = None
 
 

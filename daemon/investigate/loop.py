@@ -52,10 +52,8 @@ Progress = Callable[[str, float], None]
 Ask = Callable[[Motion], bool | None]
 """Whether a motion may be driven; None: it is only planned."""
 
-LEAST_GAIN = 0.02
-"""Rise of the probability to tell below which a motion is not worth its time for what it tells."""
 MOST_CONFIRMING = 2
-"""Motions in a row that add evidence where hypotheses are told apart and the diagnosis gives no name yet."""
+"""Motions in a row without a gain in sight where no form of the library leads; where one does, all time is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,10 +254,11 @@ class Investigation:
             self._keep(sentence=f"Settled. {found.answer}{self._heard}")
             return Event.KNOWN
         best = design.choices[0].forecast
-        useless = best.probability - best.now < LEAST_GAIN
+        useless = not best.worth_driving
         no_time = left_s < PERIODS[0] * PERIOD_S
         confirming = self.account.confirming + 1 if useless else 0
-        if useless and (no_time or confirming > MOST_CONFIRMING):
+        nameless = found.assessment.alive[0].effect is None
+        if useless and (no_time or (nameless and confirming > MOST_CONFIRMING)):
             if found.diagnosis.classes:
                 self._keep(sentence=as_a_class(found))
                 return Event.KNOWN

@@ -26,6 +26,7 @@ __all__ = [
     "SECOND_PERIODS",
     "chosen_motion",
     "describe_motion",
+    "foretold",
     "same_motion",
     "shipped_motion",
 ]
@@ -66,6 +67,9 @@ def chosen_motion(account: Account, choice: Choice, found: Study) -> Planned:
         seconds=choice.seconds,
         forecast=choice.forecast.probability,
         now=choice.forecast.now,
+        forms=choice.forecast.forms,
+        named=choice.forecast.named,
+        named_now=choice.forecast.named_now,
         tells=None if pair is None else (alive[pair.truth].name, alive[pair.rival].name),
     )
     return motion, choice.experiment.trajectory(account.robot)
@@ -96,14 +100,18 @@ def same_motion(account: Account, folder: Path) -> Planned:
 
 
 def describe_motion(motion: Motion) -> str:
-    """What a motion is for and what it will tell, in one sentence."""
-    what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods"
-    if motion.forecast is None or motion.tells is None:
-        return f"{what}, {motion.seconds:.0f} s."
-    truth, rival = motion.tells
-    if (motion.now or 0.0) >= ENOUGH:
-        return f"{what}, {motion.seconds:.0f} s. The hypotheses are told apart already; it adds evidence for a name."
-    return (
-        f"{what}. In {motion.seconds:.0f} s this tells {truth} from {rival} and all else alive with "
-        f"{100 * motion.forecast:.0f} % (now {100 * (motion.now or 0.0):.0f} %)."
-    )
+    """What a motion is for and what it will tell, in two sentences."""
+    what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods, {motion.seconds:.0f} s."
+    return what if motion.tells is None else f"{what} {foretold(motion)}"
+
+
+def foretold(motion: Motion) -> str:
+    """What a motion with a forecast will tell."""
+    truth, rival = motion.tells or ("", "")
+    now, then = motion.named_now or 0.0, motion.named or 0.0
+    if now >= ENOUGH:
+        return f"{truth[:1].upper()}{truth[1:]} is told from all else already: the motion adds evidence for its name."
+    named = f"it has its name afterwards with {100 * then:.0f} % (without the motion {100 * now:.0f} %)"
+    if motion.forms < ENOUGH:
+        named = f"if a form of the library is there, which has {100 * motion.forms:.0f} %, {named}"
+    return f"It is to tell {truth} from {rival}: {named}."

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.investigate.account import Account, Recorded, Step, Told
+from daemon.investigate.motions import foretold
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
 from identification.investigation.equivalences import unasked
@@ -152,11 +153,8 @@ def _why(recorded: Recorded) -> str:
     if motion is None:
         return f"Given: {recorded.file}."
     text = f"{motion.periods} periods, {motion.seconds:.0f} s of motion."
-    if motion.forecast is not None and motion.tells is not None:
-        text += (
-            f" Chosen to tell {motion.tells[0]} from {motion.tells[1]}: foretold with {100 * motion.forecast:.0f} %, "
-            f"where it was {100 * (motion.now or 0.0):.0f} % before."
-        )
+    if motion.tells is not None:
+        text += f" Foretold: {foretold(motion)}"
     return text
 
 
@@ -195,6 +193,8 @@ def _reckoning(account: Account) -> Section:
         outcome = f"{step.alive[0].name} stands out" if step.stands_out else "not told apart"
         if named := [f"{item.effect.replace('_', ' ')} named" for item in step.findings if not item.alternatives]:
             outcome = ", ".join(named)
+        elif step.stands_out and step.alive[0].effect is not None:
+            outcome += ", not named yet"
         rows.append((str(number), motion.kind.replace("_", " "), f"{motion.seconds:.0f} s",
                      f"{100 * motion.forecast:.0f} %", outcome))  # fmt: skip
     head = ("recording", "motion", "time", "foretold", "came out")

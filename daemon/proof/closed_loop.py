@@ -266,12 +266,14 @@ def _leads(step: Step, label: dict[str, Any]) -> bool:
 
 
 def forecasts_of(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:
-    """Forecast of each motion that had one, and whether the truth stood out after it."""
+    """Forecast of each motion that had one, and whether the truth had its name after it, or was rightly nothing."""
     found = []
     for number, recorded in enumerate(account.recordings, start=1):
         step = next((item for item in account.steps if item.recordings == number), None)
         if recorded.motion is not None and recorded.motion.forecast is not None and step is not None:
-            found.append((recorded.motion.forecast, _leads(step, label)))
+            answer = answer_of("chosen", account, step, {**label, "answer": ""}, 0)
+            came = answer.named if label["effects"] else answer.leader_right and step.stands_out
+            found.append((recorded.motion.forecast, came))
     return tuple(found)
 
 

@@ -16,13 +16,14 @@ import numpy.typing as npt
 
 from identification.investigation.columns import Form, form_rows
 from identification.investigation.discrepancy import Discrepancies, variances_of
+from identification.investigation.free_functions import nearest
 from identification.investigation.hypotheses import NOTHING, Assessment, Hypothesis
 from identification.investigation.screening import Screened, Weighting, screen, stacked, wrong_way
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.evidence import loss_without
+from identification.mismatch.unknown.evidence import FREE, loss_without
 from identification.mismatch.unknown.named import ABSENT
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
@@ -31,7 +32,7 @@ from identification.mismatch.unknown.settings import ClaimSettings
 FloatArray = npt.NDArray[np.float64]
 
 NO_FORM = 4.0
-"""Prior odds of "no form of the library" against all of them together, which share them evenly."""
+"""Prior odds of nothing against all forms of the library together, and against all classes: each kind shares evenly."""
 WITHIN = 7.0
 """Nats below the most probable hypothesis up to which one is alive: odds of a thousand to one."""
 MOST_ALIVE, MOST_WEIGHED = 8, 6
@@ -64,13 +65,15 @@ def assess(
     screened, count = screen(rows, weightings, {(form.effect, form.place) for form in known})
     prior = -math.log(NO_FORM * count)
     sizes = [len(joint.bases) for joint in unknown.joints]
-    none = replace(NOTHING, beside=variances_of(nothing.states, sizes))
+    none = replace(NOTHING, log_odds=-_shared_odds(nothing), beside=variances_of(nothing.states, sizes))
     found, noise = [none], [_noise(nothing)]
+    free: dict[tuple[str | None, Place], dict[int, tuple[int, ...]]] = {}
     for item in _chosen(screened, asked):
         weighed = _weighed(nothing, unknown, rows, item, prior)
         if weighed is not None:
             found.append(weighed[0])
             noise.append(weighed[1])
+            free.setdefault((item.effect.name, item.place), {}).update(weighed[2])
     leader = max(range(len(found)), key=lambda number: found[number].log_odds)
     edges = np.cumsum([item.frequency.size for item in rows])[:-1]
     inflated = tuple(
@@ -78,7 +81,11 @@ def assess(
         for item, band in zip(rows, np.split(unknown.band, edges), strict=True)
     )
     alive = _alive(found, asked)
-    there = [np.flatnonzero(np.max([item.beside[joint] for item in alive], axis=0)) for joint in range(len(sizes))]
+    there = []
+    for joint in range(len(sizes)):
+        used = {int(place) for item in alive for place in np.flatnonzero(item.beside[joint])}
+        used.update(place for item in alive for place in free.get((item.effect, item.place), {}).get(joint, ()))
+        there.append(np.array(sorted(used), dtype=np.int64))
     alive = tuple(
         replace(item, beside=tuple(own[kept] for own, kept in zip(item.beside, there, strict=True))) for item in alive
     )
@@ -157,8 +164,10 @@ def _chosen(screened: Sequence[Sequence[Screened]], asked: Collection[tuple[str,
 
 def _weighed(
     nothing: Selection, unknown: Rows, rows: Sequence[Evidence], item: Screened, prior: float
-) -> tuple[Hypothesis, FloatArray] | None:
-    """One form with the classes that it leaves on its joints, and the noise beside it (n, bands)."""
+) -> tuple[Hypothesis, FloatArray, dict[int, tuple[int, ...]]] | None:
+    """One form with the classes that it leaves on its joints, the noise beside it (n, bands), and on each of its joints
+    (from 0) the free functions that come nearest to it.
+    """
     joints, columns = stacked(rows, item.best)
     every = np.zeros((unknown.problem.n, *columns.shape[1:]))
     every[list(joints)] = columns
@@ -184,12 +193,28 @@ def _weighed(
     rest = Selection(replace(among, prior=absent), whole.settings, parts, (1.0,), whole.states)
     # A smooth error of the model may have any form: a name has to weigh as much as the largest one.
     worth = whole.total() - rest.total() - _background(whole)
-    log_odds = min(whole.total() - nothing.total(), worth) + item.spread + prior
+    # An evidence leaves out ½ log FREE of each column beside the base parameters, of which the form has some more.
+    gained = whole.total() - nothing.total() + 0.5 * own.size * math.log(FREE)
+    log_odds = min(gained, worth) + item.spread + prior - _shared_odds(whole)
     sizes = [len(joint.bases) for joint in unknown.joints]
+    described = [number for number, kind in enumerate(CLASSES) if item.effect.name in kind.described]
+    factors = [state.hyper.noise for state in whole.states]
+    free = {
+        joint: nearest(parts[0], factors, among.joints[joint], joint, coefficients, described)
+        for joint in touched
+        if among.joints[joint].bases
+    }
     return Hypothesis(
         item.effect.name, item.place, item.forms, item.best, coefficients, now.covariance[np.ix_(place, place)],
         log_odds, beside=variances_of(whole.states, sizes),
-    ), _noise(whole)  # fmt: skip
+    ), _noise(whole), free  # fmt: skip
+
+
+def _shared_odds(selection: Selection) -> float:
+    """Nats that its classes cost beyond what the evidence takes off: they share their odds as forms do theirs."""
+    joints = range(len(selection.states))
+    count = sum(len(selection.classes(joint, selection.states[joint])) for joint in joints)
+    return count * (math.log(NO_FORM * len(CLASSES) * len(selection.states)) - selection.settings.prior_cost)
 
 
 def _noise(selection: Selection) -> FloatArray:

@@ -28,9 +28,11 @@ FloatArray = npt.NDArray[np.float64]
 
 TRIALS, IMPROVEMENTS = 48, 24
 KEPT = 4
-"""Best trials that are improved, and motions handed to the preflight in their order."""
+"""Best trials that are improved."""
+HANDED_ON, ALIKE = 8, 2
+"""Motions handed to the preflight in their order, and how many of one kind and joint: what one meets, its like meet."""
 PERIODS = (4, 8, 16)
-"""How often a motion may be repeated: noise is measured from four periods on."""
+"""How often a motion is repeated: noise is measured from four periods on. Also what is left, where it is little."""
 ENOUGH = 0.95
 
 
@@ -128,52 +130,72 @@ class Chooser:
 
         others: motions to weigh beside those that are drawn (the shipped ones).
         """
-        possible = [count for count in PERIODS if count * PERIOD_S <= seconds_left]
+        possible = lengths(seconds_left)
         if not possible:
             return Design((), ())
         stream = experiments(random, room, self._joints())
-        tried: list[tuple[float, Experiment]] = []
         best_gain = np.zeros_like(self.separated)
+        count = 0
 
-        def look(experiment: Experiment) -> None:
+        def valued(experiment: Experiment) -> tuple[float, Experiment]:
+            nonlocal count
             found = self.foretell(experiment, possible[0])
             np.maximum(best_gain, found.gain, out=best_gain)
-            tried.append((self._value(found), experiment))
+            count += 1
             if progress is not None:
-                progress(len(tried) / (TRIALS + IMPROVEMENTS + len(others)))
+                progress(count / (TRIALS + IMPROVEMENTS + len(others)))
+            return self._value(found), experiment
 
-        def ordered() -> list[Experiment]:
-            return [one for _, one in sorted(tried, key=lambda entry: -entry[0])]
-
-        for one in (*others, *(next(stream) for _ in range(TRIALS))):
-            look(one)
+        tried = [valued(one) for one in (*others, *(next(stream) for _ in range(TRIALS)))]
         for number in range(IMPROVEMENTS):
-            best = ordered()[:KEPT]
-            look(varied(random, room, best[number % len(best)], 0.5 * 0.97**number))
-        choices = tuple(self._repeated(one, possible) for one in ordered()[:KEPT])
+            best = _best(tried)[:KEPT]
+            tried.append(valued(varied(random, room, best[number % len(best)], 0.5 * 0.97**number)))
+        ordered: list[Experiment] = []
+        for one in _best(tried):
+            alike = [other for other in ordered if (other.kind, other.joint) == (one.kind, one.joint)]
+            if len(alike) < ALIKE and len(ordered) < HANDED_ON:
+                ordered.append(one)
+        periods = self._enough(ordered[0], possible)
+        choices = tuple(Choice(one, periods, self.foretell(one, periods)) for one in ordered)
         alive = self.assessment.alive
         pairs = inseparable(alive, self.separated + best_gain)
         return Design(choices, tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
 
     def _value(self, found: Forecast) -> float:
-        """Probability to tell, and where that is none or all, how many nats are gained where they are fewest."""
-        weights = np.array([item.probability for item in self.assessment.alive])
+        """Chance of a name, and where that is none or all, how many nats are gained where they are fewest.
+
+        Were nothing there that has a name, no motion would be better than another: forms count as if one were true.
+        """
+        alive = self.assessment.alive
+        weights = np.array([0.0 if item.without_name else item.probability for item in alive])
+        weights = weights / max(float(weights.sum()), 1e-300)
         off = ~np.eye(len(weights), dtype=bool)
         least = np.where(off, found.gain, np.inf).min(axis=1)
-        return found.probability + 0.05 * float(weights @ np.log1p(np.minimum(least, 1e6)))
+        chance = found.probability + found.named
+        return chance + 0.05 * float(weights @ np.log1p(np.minimum(least, 1e6)))
 
-    def _repeated(self, experiment: Experiment, possible: Sequence[int]) -> Choice:
-        """With as many periods as are enough."""
+    def _enough(self, experiment: Experiment, possible: Sequence[int]) -> int:
+        """As many periods as are enough; few where none are: after them the next motion is chosen better."""
         for periods in possible:
-            found = self.foretell(experiment, periods)
-            if found.probability >= ENOUGH:
-                break
-        return Choice(experiment, periods, found)
+            if self.foretell(experiment, periods).named >= ENOUGH:
+                return periods
+        return possible[0]
 
     def _joints(self) -> list[int]:
         """Joints, from 0, of the hypotheses that are alive, the most probable first; all where none has a joint."""
         named = [item.place.joint - 1 for item in self.assessment.alive if item.place.joint is not None]
         return list(dict.fromkeys(named))[:3] or list(range(self.assessment.evidences[0].n))
+
+
+def lengths(seconds_left: float) -> tuple[int, ...]:
+    """Numbers of periods to choose from: after each of them time is left for another motion, or none at all."""
+    most = int(seconds_left / PERIOD_S + 1e-9)
+    found = [count for count in PERIODS if count + PERIODS[0] <= most]
+    return (*found, most) if PERIODS[0] <= most < PERIODS[-1] + PERIODS[0] else tuple(found)
+
+
+def _best(tried: Sequence[tuple[float, Experiment]]) -> list[Experiment]:
+    return [one for _, one in sorted(tried, key=lambda entry: -entry[0])]
 
 
 def _equivalence(first: Hypothesis, second: Hypothesis) -> Equivalence:

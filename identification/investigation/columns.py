@@ -26,6 +26,7 @@ from identification.signals.periodic import differentiate_harmonics, to_lines
 from identification.signals.standstill import over_standstills
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 PLAN_RATE_HZ = 250.0
 """Rate at which planned motions are looked at: four times the widest compared band."""
@@ -79,27 +80,35 @@ class Sums:
         classes = tuple(own + more for own, more in zip(self.classes, other.classes, strict=True))
         return Sums(self.gram + other.gram, self.base, classes)
 
-    def occam(self, joint: int, deviations: FloatArray) -> float:
-        """Nats that the freedom of a joint's classes costs: ½ log det (I + D BᵀB D), D the deviations (q,)."""
-        there = np.flatnonzero(deviations)
-        inner = deviations[there, None] * self.classes[joint][there[:, None], there] * deviations[there]
-        return 0.5 * float(np.linalg.slogdet(inner + np.eye(there.size))[1])
-
-    def projected(self, deviations: Sequence[FloatArray] = ()) -> FloatArray:
+    def projected(
+        self, deviations: Sequence[FloatArray] = (), beside: tuple[int, IntArray] | None = None
+    ) -> FloatArray:
         """(m, m) of the columns after base parameters and classes took up what they can.
 
-        deviations: per joint (q,) Nm, how large the weight of each column of the classes may be beforehand.
+        deviations: per joint (q,) Nm, how large the weight of each column of the classes may be beforehand. beside: a
+        joint, from 0, and places of k columns of its classes that are kept behind the others: (m + k, m + k).
         """
-        gram, p = self.gram, self.base
-        for own, spread in zip(self.classes, deviations, strict=bool(deviations)):
+        p, size = self.base, len(self.gram)
+        joint, kept = beside if beside is not None else (-1, np.zeros(0, dtype=np.int64))
+        gram = np.zeros((size + kept.size, size + kept.size))
+        gram[:size, :size] = self.gram
+        if kept.size:
+            own = self.classes[joint]
+            gram[size:, :size] = own[kept, len(own) :]
+            gram[:size, size:] = gram[size:, :size].T
+            gram[size:, size:] = own[kept[:, None], kept]
+        for number, (own, spread) in enumerate(zip(self.classes, deviations, strict=bool(deviations))):
             there = np.flatnonzero(spread)
             if there.size:
                 root = spread[there]
                 inner = root[:, None] * own[there[:, None], there] * root
                 inner[np.diag_indices(there.size)] += 1.0
                 factor = cholesky(inner, lower=True, check_finite=False)
-                across = root[:, None] * own[there, len(spread) :]
-                half = solve_triangular(factor, across, lower=True, check_finite=False)
+                across = np.zeros((there.size, len(gram)))
+                across[:, :size] = own[there, len(spread) :]
+                if number == joint:
+                    across[:, size:] = own[there[:, None], kept]
+                half = solve_triangular(factor, root[:, None] * across, lower=True, check_finite=False)
                 gram = gram - half.T @ half
         base = gram[:p, :p]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))

@@ -14,11 +14,17 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from identification.investigation.hypotheses import Hypothesis
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
 
-STANDS_OUT = 3.0
-"""Nats by which a hypothesis has to lead every rival: odds of 20 to 1, as for a name in the diagnosis."""
+STANDS_OUT = ClaimSettings().alternative
+"""Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""
+APART = DiagnosisSettings().margin_of_indistinguishable
+"""Nats by which a name has to lead every other name, or the diagnosis says that it cannot tell the two."""
+LEAST_GAIN, LEAST_LIKELY = 0.02, 0.01
+"""Rise of a chance below which a motion is not worth its time; probability of all forms below which none is sought."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
@@ -37,23 +43,33 @@ class Forecast:
     """probability: that a name, or that there is nothing more, stands out afterwards and is true. now: the same without
     a motion more. Where something without a name is there, no motion gives it one: that chance is left out of both.
 
-    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds.
+    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds. forms: probability
+    that it is a form of the library; named, named_now: that it then has its name, with the motion and without.
     """
 
     probability: float
     now: float
     hardest: Pair | None
     gain: FloatArray
+    forms: float = 0.0
+    named: float = 0.0
+    named_now: float = 0.0
+
+    @property
+    def worth_driving(self) -> bool:
+        """Whether a form is likely enough, and the motion raises the chance of its name; or settles that none is."""
+        rise = max(self.probability - self.now, self.named - self.named_now if self.forms >= LEAST_LIKELY else 0.0)
+        return rise >= LEAST_GAIN
 
 
 def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatArray) -> Forecast:
     """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion."""
     gain = np.maximum(after - before, 0.0)
     told = [_told(hypotheses, i, gain) for i in range(len(hypotheses))]
-    weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
-    one = [float(max(0.0, 1.0 - np.sum(1.0 - row))) for row in told]
+    one = [_all(hypotheses, i, row) for i, row in enumerate(told)]
     standing = np.zeros_like(gain)
-    now = [float(max(0.0, 1.0 - np.sum(1.0 - _told(hypotheses, i, standing)))) for i in range(len(hypotheses))]
+    now = [_all(hypotheses, i, _told(hypotheses, i, standing)) for i in range(len(hypotheses))]
+    weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
     pairs = [
         Pair(i, j, float(told[i][j]))
         for i in range(len(hypotheses))
@@ -61,7 +77,12 @@ def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatA
         if i != j and weights[i] > 0.01
     ]
     hardest = min(pairs, key=lambda pair: pair.probability, default=None)
-    return Forecast(float(weights @ one), float(weights @ now), hardest, gain)
+    likely = np.where([item.effect is not None for item in hypotheses], weights, 0.0)
+    forms = float(likely.sum())
+    share = likely / forms if forms > 0.0 else likely
+    return Forecast(
+        float(weights @ one), float(weights @ now), hardest, gain, forms, float(share @ one), float(share @ now)
+    )
 
 
 def stands_out(hypotheses: Sequence[Hypothesis]) -> bool:
@@ -74,11 +95,34 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, gain: FloatArray) -> Flo
     """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; 1 in its own place."""
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
+    needed = np.where([_is_a_class(own, item) for item in hypotheses], STANDS_OUT, APART)
     spread = min(own.relative_std, 1.0) if own.effect is not None else 0.0
     total = np.zeros(len(hypotheses))
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         strength = gain[truth] * max(0.0, 1.0 + spread * float(node)) ** 2
         deviation = np.sqrt(np.maximum(strength, 1e-12))
-        total += weight * ndtr((lead + 0.5 * strength - STANDS_OUT) / deviation)
+        total += weight * ndtr((lead + 0.5 * strength - needed) / deviation)
     total[truth] = 1.0
     return np.minimum(total, 1.0)
+
+
+def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> float:
+    """Probability, at least, that a truth leads all rivals. told: (H,) it leads each.
+
+    Rivals that are one class with or without a further name stand and fall together.
+    """
+    together = np.array([_is_a_class(hypotheses[truth], item) for item in hypotheses])
+    missed = 1.0 - told
+    return float(max(0.0, 1.0 - missed[together].max(initial=0.0) - missed[~together].sum()))
+
+
+def _is_a_class(truth: Hypothesis, rival: Hypothesis) -> bool:
+    """Whether a rival has no name for the truth's torque: none at all, or a class on its joint that the truth lacks."""
+    if truth.effect is None or rival.effect is None:
+        return True
+    joints = range(len(rival.beside)) if truth.place.joint is None else (truth.place.joint - 1,)
+    return any(
+        np.any((own := rival.beside[joint]) > 0.0) and not np.array_equal(own > 0.0, truth.beside[joint] > 0.0)
+        for joint in joints
+        if joint < len(rival.beside)
+    )

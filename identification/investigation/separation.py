@@ -7,6 +7,7 @@ Fedorov, Biometrika 62, 1975).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,8 +17,10 @@ from scipy.special import chdtrc
 
 from identification.investigation.columns import Form, Sums, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
+from identification.investigation.free_functions import lead
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -59,34 +62,27 @@ def separations(
 ) -> FloatArray:
     """(H, H) λ of each hypothesis (row), were it true, against each rival (column); 0 on the diagonal.
 
-    The classes that a rival has beside it take up what they can at their size. A rival may also take on the classes
-    that stand on the truth's joint where no form is, at what they cost beforehand. Against "nothing more" it is what is
-    visible of the effect at all. In the row of "nothing more" stands what a rival of the size that it has now would
-    show: so much speaks against it where it is not there.
+    The classes that a rival has beside it take up what they can at their size. Against "nothing more" it is what is
+    visible of the effect at all, or what the free functions that come nearest to it cannot take up, with what these
+    cost. In the row of "nothing more" stands what a rival of the size that it has now would show: so much speaks
+    against it where it is not there.
     """
     places = layout.places
     count = len(hypotheses)
     result = np.zeros((count, count))
-    plain = next((item.beside for item in hypotheses if item.effect is None), ())
     for j, rival in enumerate(hypotheses):
         rest = _rest(sums, beside, rival.beside)
-        richer: dict[int, tuple[FloatArray, float]] = {}
         for i, truth in enumerate(hypotheses):
             if i == j or truth.best is None:
                 continue
             own, size = places[truth.best], truth.coefficients
             if rival.best is None:
                 result[i, j] = result[j, i] = max(0.0, float(size @ rest[own, own] @ size))
+                if beside is not None:
+                    result[i, j] = min(result[i, j], _free_functions(sums, beside, rival.beside, truth, own))
                 continue
             forms = [places[form] for form in rival.forms if form in places]
-            left = _left(rest, own, forms, size)
-            joint = -1 if truth.place.joint is None else truth.place.joint - 1
-            if beside is not None and plain and joint >= 0:
-                if joint not in richer:
-                    richer[joint] = _with_classes(sums, beside, rival.beside, plain, joint)
-                free, cost = richer[joint]
-                left = min(left, _left(free, own, forms, size) + 2.0 * cost)
-            result[i, j] = left
+            result[i, j] = _left(rest, own, forms, size)
     return result
 
 
@@ -100,17 +96,30 @@ def _left(rest: FloatArray, own: slice, forms: Sequence[slice], size: FloatArray
     return max(0.0, whole - max(_explained(rest, own, form, size) for form in forms))
 
 
-def _with_classes(
-    sums: Sums, beside: Discrepancies, variances: Variances, plain: Variances, joint: int
-) -> tuple[FloatArray, float]:
-    """What is left beside further classes on a joint (from 0), and the nats that they cost."""
-    own, more = variances[joint], np.maximum(variances[joint], plain[joint])
-    added = {basis.number for basis, old, new in zip(beside.bases[joint], own, more, strict=True) if new > old == 0.0}
-    if not added:
-        return _rest(sums, beside, variances), 0.0
-    taken = (*variances[:joint], more, *variances[joint + 1 :])
-    occam = sums.occam(joint, beside.deviations(taken)[joint]) - sums.occam(joint, beside.deviations(variances)[joint])
-    return _rest(sums, beside, taken), ClaimSettings().prior_cost * len(added) + max(0.0, occam)
+def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, truth: Hypothesis, own: slice) -> float:
+    """Twice the nats by which a name leads the best free function in its place, among those that are at hand."""
+    settings, found = ClaimSettings(), math.inf
+    if truth.place.joint is None:
+        return found
+    joint = truth.place.joint - 1
+    width = [2 * basis.centre.size for basis in beside.bases[joint]]
+    rivals = [
+        place for place, (basis, held) in enumerate(zip(beside.bases[joint], variances[joint], strict=True))
+        if held == 0.0 and truth.effect not in CLASSES[basis.number].described
+    ]  # fmt: skip
+    if not rivals:
+        return found
+    group = np.repeat(np.arange(len(width)), width)
+    kept = np.flatnonzero(np.isin(group, rivals))
+    rest = sums.projected(beside.deviations(variances), (joint, kept))
+    first = len(rest) - kept.size
+    size = truth.coefficients
+    strength = float(size @ rest[own, own] @ size)
+    for place in rivals:
+        chosen = first + np.flatnonzero(group[kept] == place)
+        nats = lead(strength, rest[chosen[:, None], chosen], rest[chosen, own] @ size)
+        found = min(found, 2.0 * (nats + settings.prior_cost))
+    return found
 
 
 def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> float:

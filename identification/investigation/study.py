@@ -258,8 +258,14 @@ def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question
     elif leader.effect is None and assessment.certain < CERTAIN:
         rival = assessment.alive[1]
         found.append(
-            Question(f"Is there {rival.name}, at {100 * rival.probability:.0f} % probability, or nothing more?")
+            Question(f"Is there {rival.name}, at {100 * rival.probability:.0f} % probability, or {leader.name}?")
         )
+    settled = {item.place.joint for item in diagnosis.findings}
+    near = [item for item in assessment.alive if item.effect is not None and item.place.joint not in settled]
+    for claim in diagnosis.classes:
+        forms = [item.name for item in near if item.place.joint == claim.joint]
+        if not found and forms and claim.joint not in settled:
+            found.append(Question(f"{forms[0].capitalize()}, or a torque of joint {claim.joint} without such a form?"))
     if not found and diagnosis.verdict in ("partly_explained", "unexplained", "undecided"):
         found.append(Question(f"Something without a name is left: {diagnosis.remaining}"))
     return tuple(found)

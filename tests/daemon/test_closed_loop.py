@@ -52,14 +52,35 @@ def test_where_nothing_is_hidden_silence_is_right() -> None:
     assert not answer_of("chosen", ACCOUNT, step(SPRING), label, 0).named
 
 
-def test_a_forecast_came_true_where_the_truth_stood_out_after_that_motion() -> None:
+@pytest.mark.parametrize(
+    ("after", "came"),
+    [
+        (step(SPRING), True),
+        (step(leader="cable_spring", stands_out=True), False),
+        (step(OPEN, leader="cable_spring", stands_out=True), False),
+        (step(Named(effect="cable_spring", joint=3)), False),
+    ],
+)
+def test_a_forecast_came_true_where_the_truth_had_its_name_after_that_motion(after: Step, came: bool) -> None:
     motion = Motion(number=3, kind="x", purpose="", trajectory="", periods=4, seconds=40.0, forecast=0.9)
     account = Account(
         robot="iiwa14", seed=1, budget_s=120.0,
         recordings=(Recorded(file="a"), Recorded(file="b"), Recorded(file="c", motion=motion)),
-        steps=(step(recordings=2), step(SPRING)),
+        steps=(step(recordings=2), after),
     )  # fmt: skip
-    assert forecasts_of(account, LABEL) == ((0.9, True),)
+    assert forecasts_of(account, LABEL) == ((0.9, came),)
+
+
+def test_a_forecast_of_nothing_came_true_where_nothing_stood_out() -> None:
+    motion = Motion(number=3, kind="x", purpose="", trajectory="", periods=4, seconds=40.0, forecast=0.9)
+    account = Account(
+        robot="iiwa14", seed=1, budget_s=120.0,
+        recordings=(Recorded(file="a"), Recorded(file="b"), Recorded(file="c", motion=motion)),
+    )  # fmt: skip
+    label = {"group": "nothing", "effects": []}
+    for sure in (True, False):
+        known = msgspec.structs.replace(account, steps=(step(stands_out=sure),))
+        assert forecasts_of(known, label) == ((0.9, sure),)
 
 
 @pytest.mark.parametrize(

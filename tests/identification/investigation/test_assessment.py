@@ -18,6 +18,7 @@ from identification.investigation.choice import Chooser
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
 from identification.mismatch.reduction import build_evidence
+from identification.mismatch.unknown.classes import CLASSES
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 
@@ -62,6 +63,11 @@ def test_a_spring_leads_where_it_is_and_no_form_does_beside_a_smooth_error(
     if not background:
         assert (found.leader.effect, found.leader.place.joint) == ("cable_spring", 3)
         assert found.certain > 0.95
+        # No Bayes factor is larger than the ratio of likelihoods at the best size: half its square in deviations.
+        nothing = next(item.log_odds for item in found.alive if item.effect is None)
+        assert found.leader.log_odds - nothing <= 0.5 / found.leader.relative_std**2
+        free = {CLASSES[basis.number].name for basis in found.discrepancies.bases[2]}
+        assert "own_position" in free
         assert float(found.leader.coefficients[0]) == pytest.approx(0.3, abs=4.0 * found.leader.relative_std * 0.3)
         return
     assert found.leader.effect is None

@@ -16,7 +16,7 @@ from identification.investigation import columns
 from identification.investigation.columns import Form, Sums
 from identification.investigation.equivalences import inseparable, twins_of
 from identification.investigation.experiments import KINDS, PERIOD_S, Room, experiment, experiments
-from identification.investigation.forecast import STANDS_OUT, forecast, stands_out
+from identification.investigation.forecast import APART, forecast, stands_out
 from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, agreement, separations
 from identification.mismatch.effects.base import Place
@@ -85,8 +85,8 @@ def test_a_forecast_of_two_hypotheses_is_the_gaussian_log_odds_integral() -> Non
     rows = random.normal(size=(100_000, 4))
     truth = np.full(4, math.sqrt(strength) / 2.0)
     odds = 0.5 * np.sum((rows) ** 2 - (rows + truth) ** 2, axis=1) * -1.0
-    assert found.probability == pytest.approx(np.mean(odds >= STANDS_OUT), abs=5e-3)
-    assert found.probability == pytest.approx(norm.cdf((strength / 2.0 - STANDS_OUT) / math.sqrt(strength)), abs=1e-3)
+    assert found.probability == pytest.approx(np.mean(odds >= APART), abs=5e-3)
+    assert found.probability == pytest.approx(norm.cdf((strength / 2.0 - APART) / math.sqrt(strength)), abs=1e-3)
     assert found.hardest is not None
 
 
@@ -259,7 +259,7 @@ def one_forecast(random: np.random.Generator) -> tuple[float, bool]:
     then = separations(sums(slice(0, rows + new)), layout, alive, Beside())  # type: ignore[arg-type]
     foretold = forecast(alive, now, then).probability
     after = evidences(rows + new)
-    return foretold, after[true] - after[1 - true] >= STANDS_OUT
+    return foretold, after[true] - after[1 - true] >= APART
 
 
 def test_a_forecast_comes_true_as_often_as_it_says() -> None:
