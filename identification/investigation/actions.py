@@ -239,7 +239,7 @@ def _frictions(differences: Sequence[Difference], joint: int) -> tuple[FloatArra
     left = measured - matrix @ change
     covariance = covariance * max(1.0, float(left @ left) / (measured.size - change.size))
     shape = count, rows.shape[1]
-    return change.reshape(shape), covariance.reshape(*shape, *shape)
+    return change.reshape(shape), np.asarray(covariance.reshape(*shape, *shape), dtype=np.float64)
 
 
 def friction_columns(velocity: FloatArray, coulomb_velocity: float, joint: int) -> FloatArray:
