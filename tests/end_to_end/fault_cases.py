@@ -144,7 +144,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
     yield FaultCase("silence-on", "silent for good", "held", "dropped", 1, ("no usable message came for",),
                     faults=(fault("silence", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("ignore-answers", "5 answers lost", "finished", "completed", 0,
-                    faults=(fault("ignore_answers", cycles=5),), session=QUICK)  # fmt: skip
+                    faults=(fault("ignore_answers", cycles=5),), session=PATIENT)  # fmt: skip
     yield FaultCase(
         "ignore-answers-on",
         "all answers lost from now on",
@@ -153,7 +153,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
         1,
         (),
         faults=(fault("ignore_answers", cycles=3000),),
-        session={"lockstep_timeout_s": 0.05},
+        session={"lockstep_timeout_s": 2.0},
     )
     yield FaultCase("duplicate", "100 messages doubled", "finished", "completed", 0,
                     faults=(fault("duplicate", cycles=100),))  # fmt: skip

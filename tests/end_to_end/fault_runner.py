@@ -62,7 +62,7 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
             port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
         transcript, exit_code, left = _run(case, folder, robot)
-        summary = _end_robot(robot, folder, patient=case.arm in ("held", "dropped")) if robot is not None else {}
+        summary = _end_robot(robot, folder, _braking_s(case)) if robot is not None else {}
     outcome = outcome_of(folder)
     samples, answered, gap, recovered = examine(folder)
     lines = [line for line in transcript.splitlines() if line and not line.startswith("[")]
@@ -170,10 +170,17 @@ def _bad_wire(wire: tuple[str, float], client_port: int) -> Iterator[int]:
             proxy.terminate()
 
 
-def _end_robot(robot: subprocess.Popen[bytes], folder: Path, *, patient: bool) -> dict[str, Any]:
-    """The robot's summary. patient: let a session that was dropped close by itself, so that braking is over."""
+def _braking_s(case: FaultCase) -> float:
+    """How long a session that was dropped may take to close by itself, so that braking is over."""
+    if case.arm not in ("held", "dropped"):
+        return 0.0
+    return 6.0 if "after_drop" in case.session else WATCHDOG_S  # a session that stays open has no end
+
+
+def _end_robot(robot: subprocess.Popen[bytes], folder: Path, patience_s: float) -> dict[str, Any]:
+    """The robot's summary, of one that closed by itself or was asked to."""
     with contextlib.suppress(subprocess.TimeoutExpired):
-        robot.wait(6.0 if patient else 0.0)
+        robot.wait(patience_s)
     robot.terminate()
     robot.wait(WATCHDOG_S)
     file = folder / "robot.json"  # absent where the run ended before the robot was there
