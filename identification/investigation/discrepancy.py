@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Part, Ranges
+from identification.mismatch.unknown.classes import CLASSES, Basis, Part
+from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.selection import JointState
 from identification.signals.processed import LinearOperator
 

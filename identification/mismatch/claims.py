@@ -16,7 +16,8 @@ from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
-from identification.mismatch.findings import Alternative, Curve, Finding
+from identification.mismatch.figures import Curve
+from identification.mismatch.findings import Alternative, Finding
 from identification.mismatch.heldout import Residuals, share_removed, worsened
 from identification.mismatch.names.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
 from identification.mismatch.names.earned import earned

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from identification.mismatch.findings import Curve, Diagnosis, Finding
+from identification.mismatch.figures import Curve
+from identification.mismatch.findings import Diagnosis, Finding
 from identification.robots import RobotModel
 from identification.robots.joint_units import for_prismatic, in_units
 

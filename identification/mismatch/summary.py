@@ -13,9 +13,9 @@ from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.findings import (
     Baseline,
-    Curve,
     DataFault,
     Detectable,
     Diagnosis,
@@ -23,8 +23,6 @@ from identification.mismatch.findings import (
     HeldOutMisfit,
     NotIdentifiable,
     ParameterShift,
-    Spectrum,
-    TimeSeries,
 )
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.names.localisation import best_curve

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Place
-from identification.mismatch.findings import Curve, Diagnosis, Finding, TimeSeries
+from identification.mismatch.figures import Curve, TimeSeries
+from identification.mismatch.findings import Diagnosis, Finding
 from identification.report.document import Block, Facts, Figure, Heading, Line, Panel, Paragraph, Style, Table
 from identification.report.motion_sections import spectrum_panel
 from identification.report.numbers import chance, listed, rounded, unit_of, with_sigma

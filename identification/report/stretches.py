@@ -16,7 +16,8 @@ from scipy.signal import welch
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.result import FitResult
-from identification.mismatch.findings import Diagnosis, Spectrum, TimeSeries
+from identification.mismatch.figures import Spectrum, TimeSeries
+from identification.mismatch.findings import Diagnosis
 from identification.signals.processed import ProcessedSignals
 
 __all__ = ["Stretch", "stretches_of_diagnosis", "stretches_of_fit"]

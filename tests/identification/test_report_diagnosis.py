@@ -12,10 +12,10 @@ import pytest
 from identification.audit.difference import Audit, Difference, Number
 from identification.mismatch.baseline import LinkDeviation, ModelComparison, ParameterDeviation
 from identification.mismatch.effects.base import Parameter, Place
+from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.findings import (
     Alternative,
     Baseline,
-    Curve,
     DataFault,
     Detectable,
     Diagnosis,
@@ -23,8 +23,6 @@ from identification.mismatch.findings import (
     HeldOut,
     NotIdentifiable,
     ParameterShift,
-    Spectrum,
-    TimeSeries,
 )
 from identification.mismatch.set_up import SetUpCheck
 from identification.report import build_document, write_report

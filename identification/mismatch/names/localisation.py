@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.evidence import Evidence
-from identification.mismatch.findings import Curve
+from identification.mismatch.figures import Curve
 from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.search.detection import BandPower
 

@@ -21,9 +21,10 @@ from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
-from identification.mismatch.unknown.classes import CLASSES, Along
+from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, weighed
 from identification.mismatch.unknown.evidence import FREE
+from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
 from identification.mismatch.unknown.rows import Rows

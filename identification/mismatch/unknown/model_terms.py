@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from identification.errors import ModelFileError
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.classes import CLASSES, Basis
+from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]

@@ -24,7 +24,8 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared, without_changes
 from identification.mismatch.problem import Problem
 from identification.mismatch.unknown.claims import ClassClaim
-from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.classes import CLASSES, Basis
+from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, standings
 from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
 from identification.mismatch.unknown.settings import ClaimSettings

@@ -16,8 +16,9 @@ from scipy.special import chdtrc
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
-from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram
+from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]

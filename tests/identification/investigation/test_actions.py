@@ -24,7 +24,7 @@ from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.unknown.classes import Ranges
+from identification.mismatch.unknown.inputs import Ranges
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 

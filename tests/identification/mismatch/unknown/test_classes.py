@@ -9,8 +9,9 @@ import pytest
 
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.classes import CLASSES, Basis, Inputs, Ranges
+from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.functions import fade, responses, stops
+from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FADE = 2.0 * ClaimSettings().fade
