@@ -1,8 +1,9 @@
 """What a joint's torque may depend on, without a form: a basis of functions for each class of dependence.
 
-The functions are fixed by the ranges of the motions at hand; any other motion gets the same ones, and beyond the ranges
-of the fitted motions they fade to zero. A class's columns are scaled so that independent weights of variance v give a
-torque of mean square v on the motions at hand. No measured torque is seen here.
+The functions are fixed by the ranges of the motions at hand, fitted and held out: within them their prior says how fast
+a torque may change from where it was seen. Any other motion gets the same functions, faded to zero beyond. A class's
+columns are scaled so that independent weights of variance v give a torque of mean square v on the motions at hand. No
+measured torque is seen here.
 """
 
 from __future__ import annotations
@@ -77,10 +78,13 @@ def _position_fine(inputs: Inputs, joint: int) -> Part:
 
 
 def _position_by_direction(inputs: Inputs, joint: int) -> Part:
-    place = inputs.position[:, joint]
-    table = smooth_table(*SMOOTH, ("one", "linear"))[:, :8]
-    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
-    return values * inputs.direction[:, joint, None], inputs.inside("position")[:, joint]
+    values, inside = _position_smooth(inputs, joint)
+    return values * inputs.direction[:, joint, None], inside
+
+
+def _position_by_direction_fine(inputs: Inputs, joint: int) -> Part:
+    values, inside = _position_fine(inputs, joint)
+    return values * inputs.direction[:, joint, None], inside
 
 
 def _velocity_either_way(inputs: Inputs, joint: int) -> Part:
@@ -201,7 +205,7 @@ CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
-        (_position_by_direction,), "position",
+        (_position_by_direction, _position_by_direction_fine), "position",
     ),
     DependenceClass(
         "own_velocity", "depends on its own velocity", (_velocity_either_way, _velocity_one_way), "velocity",

@@ -1,4 +1,4 @@
-"""A motion as the classes of dependence see it: every input as a share of the range that the fitted motions reached.
+"""A motion as the classes of dependence see it: every input as a share of the range that some motions reached.
 
 Here: ranges, and what is computed once for all classes of a motion. Not here: the functions of it (`classes`).
 """
@@ -26,7 +26,7 @@ WAVES = 48
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """What the fitted motions reached, (n,) each: position in rad (m), speed, load and torque in Nm, acceleration.
+    """What some motions reached, (n,) each: position in rad (m), speed, load and torque in Nm, acceleration.
 
     load: torque of the rigid links. torque: largest nominal torque, friction and all.
     """
@@ -117,11 +117,6 @@ class Inputs:
         if self.limits is None:
             return np.ones((self.motion.samples, self.motion.n))
         return fade(self._scaled(name, self.limits), self.fade_width)
-
-    def within(self, limits: Ranges) -> bool:
-        """Whether no input leaves some limits."""
-        names = ("position", "velocity", "acceleration", "load", "torque")
-        return all(bool(np.all(np.abs(self._scaled(name, limits)) <= 1.0 + 1e-9)) for name in names)
 
     @cached_property
     def all_inside(self) -> FloatArray:

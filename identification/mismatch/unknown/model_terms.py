@@ -1,6 +1,6 @@
-"""Class terms as they stand in `model.json`: bases, weights, the ranges they were fitted in; and their torque.
+"""Class terms as they stand in `model.json`: bases, weights, the ranges they were fitted and checked in; their torque.
 
-Beyond the fitted ranges every term fades to zero.
+Beyond these ranges every term fades to zero.
 """
 
 from __future__ import annotations
@@ -44,7 +44,6 @@ def terms_of(selection: Selection) -> dict[str, Any]:
             )
     return {
         "ranges": rows.inputs[0].ranges.to_json(),
-        "fitted_ranges": rows.fitted.to_json(),
         "fade": rows.inputs[0].fade_width,
         "terms": terms,
     }
@@ -54,8 +53,8 @@ def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
     """(S, n) Nm of class terms along a motion. Raises ModelFileError where they are not complete or of another arm."""
     torque = np.zeros((motion.samples, motion.n))
     try:
-        ranges, fitted = (Ranges.from_json(data[name]) for name in ("ranges", "fitted_ranges"))
-        inputs = Inputs(motion, ranges, float(data["fade"]), fitted)
+        ranges = Ranges.from_json(data["ranges"])
+        inputs = Inputs(motion, ranges, float(data["fade"]), ranges)
         if inputs.ranges.speed.size != motion.n:
             raise ValueError(f"{inputs.ranges.speed.size} joints")
         for term in data["terms"]:
@@ -74,6 +73,6 @@ def range_sentence(data: Mapping[str, Any]) -> str:
     joints = sorted({int(term["joint"]) for term in data["terms"]})
     named = ", ".join(map(str, joints))
     return (
-        f"The model holds torque without a name on joint{'s' if len(joints) > 1 else ''} {named}; it was fitted within "
-        "the ranges that stand with it in model.json, and fades to zero beyond them."
+        f"The model holds torque without a name on joint{'s' if len(joints) > 1 else ''} {named}; it was fitted and "
+        "checked within the ranges that stand with it in model.json, and fades to zero beyond them."
     )

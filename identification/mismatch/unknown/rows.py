@@ -129,26 +129,14 @@ class Rows:
         return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.concatenate(prior))
 
     def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
-        """Only some groups of each joint, which fade to zero beyond the fitted ranges, as they will elsewhere.
-
-        Without the products of held-out rows.
-        """
-        outside = [place for place, item in enumerate(self.inputs) if not item.within(self.fitted)]
-        faded = {place: replace(self.inputs[place], limits=self.fitted) for place in outside}
-        edges = np.cumsum([0, *(item.frequency.size for item in self.evidences)])
+        """Only some groups of each joint, without the products of held-out rows."""
         joints, grams = [], []
-        for number, (joint, wanted, gram) in enumerate(zip(self.joints, chosen, self.grams, strict=True)):
+        for joint, wanted, gram in zip(self.joints, chosen, self.grams, strict=True):
             own = np.flatnonzero(np.isin(joint.group, list(wanted)))
             places, group = np.unique(joint.group[own], return_inverse=True)
             kept = np.concatenate([own, np.arange(joint.columns, joint.whitened.shape[1])])
             bases = tuple(joint.bases[place] for place in places)
-            whitened = joint.whitened[:, kept]
-            for place in outside if bases else ():
-                here = slice(edges[place], edges[place + 1])
-                columns = np.concatenate([basis.columns(faded[place]) for basis in bases], axis=1)
-                rows = self.evidences[place].project(columns)
-                whitened[here, : own.size] = rows * self.problem.weight[number, here, None]
-            joints.append(JointRows(whitened, bases, group.astype(np.int64)))
+            joints.append(JointRows(joint.whitened[:, kept], bases, group.astype(np.int64)))
             grams.append(gram[: self.folds][:, :, kept[:, None], kept])
         return replace(self, joints=tuple(joints), grams=tuple(grams), count=self.count[:, : self.folds])
 

@@ -43,6 +43,8 @@ def motion(clean_evidence: Evidence) -> Motion:
         ("own_velocity", lambda _, dq, __: np.abs(dq)),
         ("own_load", lambda _, __, tau: (tau / np.abs(tau).max()) ** 3),
         ("own_position_by_direction", lambda q, dq, _: q * np.sign(dq)),
+        # A disc that rubs where it runs out: an eighth of the range wide.
+        ("own_position_by_direction", lambda q, dq, _: np.exp(-(((q - np.median(q)) / 0.12) ** 2)) * np.sign(dq)),
     ],
 )
 def test_a_class_holds_a_function_of_what_it_depends_on(motion: Motion, name: str, function: object) -> None:
