@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from identification.base_parameters import direction_of
 from identification.mismatch.unknown.functions import responses, smooth_table, stops, tabulated, warped
 from identification.mismatch.unknown.inputs import Inputs
 
@@ -121,6 +122,12 @@ def _load_by_position(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("load")[:, joint] * inputs.inside("position")[:, joint]
 
 
+def _load_by_position_fine(inputs: Inputs, joint: int) -> Part:
+    values, inside = _position_fine(inputs, joint)
+    load = np.clip(inputs.load[:, joint, None], -1, 1)
+    return values * load, inputs.inside("load")[:, joint] * inside
+
+
 def _path_memory(inputs: Inputs, joint: int) -> Part:
     values = stops(inputs.position[:, joint], STOP_WIDTHS, periodic=inputs.motion.periodic)
     return values, inputs.inside("position")[:, joint]
@@ -191,12 +198,15 @@ def _other_torques(inputs: Inputs, joint: int) -> Part:
 
 
 def _other_motion(inputs: Inputs, joint: int) -> Part:
+    """Speeds, accelerations and directions of the others; products with its own, and which way both turn together."""
     velocity, acceleration, direction = (
         np.delete(np.clip(values, -1, 1), joint, axis=1)
         for values in (inputs.velocity, inputs.acceleration, inputs.direction)
     )
     both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
-    values = np.concatenate([velocity, acceleration, both, direction], axis=1)
+    own, others = inputs.motion.velocity[:, joint, None], np.delete(inputs.motion.velocity, joint, axis=1)
+    turning = [direction_of(others + sign * own, inputs.motion.coulomb_velocity) for sign in (1.0, -1.0)]
+    values = np.concatenate([velocity, acceleration, both, direction, *turning], axis=1)
     return values, inputs.inside("velocity").prod(axis=1)
 
 
@@ -215,7 +225,10 @@ CLASSES: tuple[DependenceClass, ...] = (
         "own_load_by_direction", "depends on its own load and turns round with its direction of motion",
         (_load_by_direction,), "load",
     ),
-    DependenceClass("own_load_by_position", "depends on its own load and position together", (_load_by_position,)),
+    DependenceClass(
+        "own_load_by_position", "depends on its own load and position together",
+        (_load_by_position, _load_by_position_fine),
+    ),
     DependenceClass(
         "path_memory", "depends on where its path last turned round", (_path_memory,),
         described=("presliding_hysteresis",),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from identification.mismatch.effects.dynamics import rigid_torque
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis
@@ -55,6 +56,25 @@ def test_a_class_holds_a_function_of_what_it_depends_on(motion: Motion, name: st
     wanted = function(motion.position[:, joint], motion.velocity[:, joint], motion.torque[:, joint])  # type: ignore[operator]
     weights, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-8)
     assert np.std(wanted - columns @ weights) < 0.01 * np.std(wanted)
+
+
+def test_a_load_whose_share_changes_with_the_angle_is_a_function_of_load_and_position(motion: Motion) -> None:
+    """A gear's mesh: a wave over the angle that grows with the load; base columns hold the load itself."""
+    inputs = inputs_of(motion)
+    load = rigid_torque(motion).torque[:, 3]
+    columns = np.column_stack([columns_of("own_load_by_position", 3, inputs, inputs), load, np.ones(motion.samples)])
+    wanted = load * np.sin(8.0 * motion.position[:, 3])
+    weights, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-8)
+    assert np.std(wanted - columns @ weights) < 0.1 * np.std(wanted)
+
+
+def test_what_turns_with_two_joints_together_is_a_function_of_the_other_joint_s_motion(motion: Motion) -> None:
+    """Dry friction of a shaft that two joints turn: the direction of their sum."""
+    inputs = inputs_of(motion)
+    columns = columns_of("other_motion", 5, inputs, inputs)
+    wanted = np.sign(motion.velocity[:, 5] + motion.velocity[:, 4])
+    weights, *_ = np.linalg.lstsq(columns, wanted - wanted.mean(), rcond=1e-8)
+    assert np.std(wanted - columns @ weights) < 0.1 * np.std(wanted)
 
 
 def test_a_class_does_not_hold_a_function_of_another_joint(motion: Motion) -> None:
