@@ -26,7 +26,7 @@ SMALLEST_CLOCK_ERROR = 0.03
 FILTERED = 0.005
 """By which the filter of a recorded velocity makes it smaller or larger."""
 STAYS = 0.12
-"""Of the misfit, what may stay for a misreading to be believed."""
+"""Of the misfit of the joints that take part, what may stay for a misreading to be believed."""
 WIDEST_RAD = 4.0 * np.pi
 """No joint of an arm turns that far; in degrees nearly every motion does."""
 
@@ -98,17 +98,20 @@ def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple
     from scipy.optimize import linear_sum_assignment  # slow to load, and a plain fit does without
 
     _, order = linear_sum_assignment(cost)
+    every = np.arange(n)
     # A joint takes part in a change of order only where its own torque is clearly not what is expected of it.
-    total = float(cost[np.arange(n), order].sum())
-    if np.array_equal(order, np.arange(n)) or total > STAYS * float(own.sum()) or total > 0.5 * float(upright.sum()):
-        return None
+    total = float(cost[every, order].sum())
     for joint in range(n):
         other = int(np.flatnonzero(order == joint)[0])
         swapped = order.copy()
         swapped[[joint, other]] = swapped[[other, joint]]
-        if float(cost[np.arange(n), swapped].sum()) < total + 0.1 * n:
-            order, total = swapped, float(cost[np.arange(n), swapped].sum())
-    joints = tuple(int(joint) + 1 for joint in np.flatnonzero(order != np.arange(n)))
+        if float(cost[every, swapped].sum()) < total + 0.1 * n:
+            order, total = swapped, float(cost[every, swapped].sum())
+    part = order != every
+    stays = float(cost[every, order][part].sum())
+    if not part.any() or stays > STAYS * float(own[part].sum()) or stays > 0.5 * float(upright[part].sum()):
+        return None
+    joints = tuple(int(joint) + 1 for joint in np.flatnonzero(part))
     text = "The torques are in the order of other joints: " + ", ".join(
         f"that of joint {joint} stands under joint {int(order[joint - 1]) + 1}" for joint in joints
     )

@@ -20,6 +20,8 @@ from identification.audit.hypotheses import Hypothesis
 __all__ = ["Found", "found_numbers"]
 
 FloatArray = npt.NDArray[np.float64]
+LEAST_SCALE = 0.01
+"""No torque is known better, relative."""
 SCALE_WIDTH = 0.1
 """A torque sensor's scale differs by less than this between two runs; motor currents by a few per cent."""
 
@@ -39,32 +41,42 @@ class Found:
 
 def found_numbers(now: Explanation) -> list[Found]:
     """Of every difference, on all rows."""
-    estimate = now.fitted(ALL)
     products, noise = now.comparison.products, now.noise
     expected = float((products.counts(REPORT) / noise.repeated).sum())
-    birge = max(1.0, float(noise.weight @ now.reported()) / max(expected, 1.0))
-    without = np.array([now.fitted([p for p in ALL if p != part]).values for part in ALL])
-    between = between_parts(without)
-    scale = _scale_scatter(now)
-    result, place = [], len(estimate.values) - sum(len(step.columns) for step in now.steps)
+    misfit = max(1.0, float(noise.weight @ now.reported()) / max(expected, 1.0))
+    values, covariance = _all_terms(now, misfit)
+    scale = _scale_scatter(now, misfit)
+    result, place = [], len(values) - sum(len(step.columns) for step in now.steps)
     for step in now.steps:
         own = slice(place, place + len(step.columns))
         place = own.stop
-        whole = birge * estimate.covariance[own, own] + between[own, own]
-        result.append(Found(step, estimate.values[own], whole, scale))
+        result.append(Found(step, values[own], covariance[own, own], scale))
     return result
 
 
-def _scale_scatter(now: Explanation) -> float:
-    """Relative: root of the mean square of the joints' scales, free beside what was found, less their own variance."""
+def _all_terms(now: Explanation, misfit: float) -> tuple[FloatArray, FloatArray]:
+    """Values (k,) of all that is free, and covariance (k, k): what the rows leave open, and what their parts differ by.
+
+    misfit: what is left on rows that were not used, in units of the noise.
+    """
+    estimate = now.fitted(ALL)
+    without = np.array([now.fitted([p for p in ALL if p != part]).values for part in ALL])
+    return estimate.values, misfit * estimate.covariance + between_parts(without)
+
+
+def _scale_scatter(now: Explanation, misfit: float) -> float:
+    """Relative: root of the mean square of the joints' scales, free beside what was found, less their own variance.
+
+    The variance has all terms: parts of a recording in which a joint carries next to nothing differ in its scale.
+    """
     layout = now.layout
     taken = np.concatenate([[-1], *(step.columns for step in now.steps)])
     free = np.setdiff1d(np.arange(layout.gain, layout.gain + layout.n), taken)
     if not free.size:
         return 0.0
     scales = Hypothesis("torque_sensor_gain", free, np.full(free.size, SCALE_WIDTH), 0.0)
-    values, covariance = now.plus(scales, now.day).deviation_of_last()
-    squares = values**2 - np.diag(covariance)
-    # Joints that carry no weight know nothing of their scale: each counts by what it does know.
-    known = 1.0 / (np.diag(covariance) + 1e-4)
-    return float(np.sqrt(max(0.0, float(known @ squares) / float(known.sum()))))
+    values, covariance = _all_terms(now.plus(scales, now.day), misfit)
+    variance = np.diag(covariance)[-free.size :]
+    # Joints that carry no weight know nothing of their scale: each square counts by how well it is known itself.
+    known = 1.0 / (variance + LEAST_SCALE**2) ** 2
+    return float(np.sqrt(max(0.0, float(known @ (values[-free.size :] ** 2 - variance)) / float(known.sum()))))

@@ -17,7 +17,7 @@ from identification.audit.directions import Directions
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout, hypotheses
 
-__all__ = ["Audited", "Step", "search"]
+__all__ = ["LEAST_GAIN", "Audited", "Step", "gain_of", "possible", "search"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -48,6 +48,7 @@ SIGN_BELOW = -0.3
 """A scale below this is a sensor read with the wrong sign, not a weak one."""
 
 Scored = tuple[float, float, Hypothesis]
+Place = tuple[str, int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,9 +98,7 @@ def _search(
 
     if new(-np.ones(n)) and _all_turned(first):
         return again(-np.ones(n))
-    products = first.comparison.products
-    rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
-    candidates = hypotheses(first.layout, sizes, rms, model.own, geometry.robot.kinematics.revolute)
+    candidates = possible(first)
     now, steps, likely = first, tuple[Step, ...](), candidates
     while len(steps) < MOST_STEPS:
         taken = _next(now, likely, first)
@@ -117,6 +116,25 @@ def _search(
         if step.hypothesis.bends:
             now = replace(now, noise=now.noise_with())
     return Audited(steps, np.ones(n), now, first, _with_inertia(now, candidates))
+
+
+def possible(first: Explanation) -> list[Hypothesis]:
+    """Every difference that these rows can show."""
+    products, n = first.comparison.products, first.layout.n
+    rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
+    revolute = first.comparison.geometry.robot.kinematics.revolute
+    return hypotheses(first.layout, first.sizes, rms, first.model.own, revolute)
+
+
+def gain_of(now: Explanation, item: Hypothesis) -> float:
+    """Log odds of one difference against none, read from wherever it is likeliest."""
+    score, day, _ = now.gains([item])[0]
+    if not item.bends:
+        return score
+    starts = [_bent(now.plus(item, day)).without([item])]
+    if item.effect == "base_tilt" and (anywhere := _turned_base(now)) is not None:
+        starts.append(anywhere)
+    return max(score, *(_score_there(now, start, item)[0] for start in starts))
 
 
 def _with_inertia(now: Explanation, candidates: list[Hypothesis]) -> Explanation:
@@ -149,19 +167,20 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
     """The next difference and all with it; None where none is likely and seen on rows that were not fitted."""
     known = {item.place for item in now.steps}
     candidates = [item for item in candidates if item.place not in known]
-    now = _in_its_own_noise(now, candidates)
-    scored = now.gains(candidates)
-    turned = _turned_base(now, [item for item in candidates if item.effect == "base_tilt"])
-    if turned is not None and turned[0][0] > next(one[0] for one in scored if one[2] is turned[0][2]):
-        scored = [turned[0] if one[2] is turned[0][2] else one for one in scored]
-    else:
-        turned = None
+    now, starts = _read_otherwise(now, candidates)
+    scored = []
+    for score, day, item in now.gains(candidates):
+        one = _score_there(now, starts[item.place], item) if item.place in starts else (-np.inf, day, item)
+        if one[0] <= score:
+            one = score, day, item
+            starts.pop(item.place, None)
+        scored.append(one)
     scored.sort(key=lambda one: -one[0])
     for score, day, item in _fewest_columns_first(scored, now.model.own)[:TRIED]:
         if score < LEAST_GAIN:
             return None
-        start = turned[1] if turned is not None and item is turned[0][2] else now
-        after = _bent(start.plus(item, day)) if item.bends else start.plus(item, day)
+        after = starts.get(item.place, now).plus(item, day)
+        after = _bent(after) if item.bends else after
         least = LATER_SHARE if now.steps else FIRST_SHARE
         if _share(now, after, first) < least or _sigmas(now, after) < LEAST_SIGMAS or not _plausible(after):
             continue
@@ -171,17 +190,35 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
     return None
 
 
-def _in_its_own_noise(now: Explanation, candidates: list[Hypothesis]) -> Explanation:
-    """With the noise of that reading of the data, among the likeliest, which leaves least.
+def _read_otherwise(now: Explanation, candidates: list[Hypothesis]) -> tuple[Explanation, dict[Place, Explanation]]:
+    """With the noise of that reading of the data, among the likeliest, which leaves least; and those readings.
 
-    A fault that parameters cannot take looks like noise in the torque as it is read, and would hide itself.
+    A fault that parameters cannot take looks like noise in the torque as it is read, and would hide itself. One that
+    bends is seen where the data are read as it says: from afar its torque is not linear in its numbers.
     """
-    best = now.noise
+    noises, starts = [now.noise], dict[Place, Explanation]()
     readings = [one for one in now.gains(candidates) if one[2].bends or one[2].effect == "torque_sensor_gain"]
     for _, day, item in readings[:READINGS]:
-        trial = _bent(now.plus(item, day)).noise_with() if item.bends else now.noise_with(item)
-        best = trial if trial.loudness < best.loudness else best
-    return replace(now, noise=best)
+        if item.bends:
+            starts[item.place] = _bent(now.plus(item, day)).without([item])
+            noises.append(starts[item.place].noise_with())
+        else:
+            noises.append(now.noise_with(item))
+    now = replace(now, noise=min(noises, key=lambda noise: noise.loudness))
+    starts = {place: replace(start, noise=now.noise) for place, start in starts.items()}
+    for item in candidates:
+        if item.effect == "base_tilt":
+            anywhere = _turned_base(now)
+            near = starts.get(item.place, anywhere)
+            if anywhere is not None and near is not None:
+                starts[item.place] = max(anywhere, near, key=lambda start: _score_there(now, start, item)[0])
+    return now, starts
+
+
+def _score_there(now: Explanation, start: Explanation, item: Hypothesis) -> Scored:
+    """What a difference gains where the data are read otherwise from the start."""
+    score, day, _ = start.gains([item])[0]
+    return score + start.evidence() - now.evidence(), day, item
 
 
 def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
@@ -305,19 +342,17 @@ def _all_turned(first: Explanation) -> bool:
     return size == 0.0 or best > there.best(weight, *prior, size)[1] + LEAST_GAIN
 
 
-def _turned_base(now: Explanation, tilts: list[Hypothesis]) -> tuple[Scored, Explanation] | None:
+def _turned_base(now: Explanation) -> Explanation | None:
     """The base turned to where gravity is likeliest on the whole sphere, which no tangent reaches."""
     read: Comparison = now.comparison
     size = float(np.linalg.norm(read.set_up.gravity))
-    if size == 0.0 or not tilts:
+    if size == 0.0:
         return None
     everything = Directions.of(read.geometry, torque_as_read(read.geometry, read.set_up))
     weight = now.noise.weight * read.products.counts(USED) / np.maximum(read.products.counts(ALL), 1.0)
     prior = now.model.values, root_of(now.model.covariance_on(now.day), now.sizes.each)
     gravity, _ = everything.best(weight, *prior, size)
-    turned = now.read(replace(read.set_up, gravity=gravity))
-    score, day, tilt = turned.gains(tilts)[0]
-    return (score + turned.evidence() - now.evidence(), day, tilt), turned
+    return now.read(replace(read.set_up, gravity=gravity))
 
 
 def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypothesis, ...]:

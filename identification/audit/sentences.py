@@ -51,7 +51,9 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             if numbers[0].value < 0.0:
                 text = f"The rotor inertia of joint {joint} is smaller: {with_interval(numbers[0])}"
         case "torque_sensor_gain":
-            numbers = (Number("gain", 1.0 + float(found.values[0]), float(std[0]), ""),)
+            gain, alike = 1.0 + float(found.values[0]), len(first.zeros) if joint is None else 1
+            # From run to run the scales scatter; that of all torques is the mean of the joints'.
+            numbers = (Number("gain", gain, float(np.hypot(std[0], found.scale * gain / np.sqrt(alike))), ""),)
             where = "every joint" if joint is None else f"joint {joint}"
             text = f"The torque of {where} is {with_interval(numbers[0])} of what {source} expects"
             if joint is None:

@@ -312,17 +312,43 @@ def test_a_recording_without_motion_is_refused(bench: Bench) -> None:
         bench.asked(replace(bench.recording, position=still, velocity=None))
 
 
-def test_two_runs_of_one_arm_on_other_programs_have_nothing_named(
-    shared_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    # KUKA KR300, two recordings of 10 s with different motions: each against the model of the other.
+@pytest.fixture(scope="module")
+def heavy(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Bench]:
+    """KUKA KR300, two recordings of 10 s with different motions of half a radian: each with the model of the other."""
     folder = shared_folder / "recordings"
     runs = [read_recording(folder / file) for file in ("kr300_a.npz", "kr300_b.npz")]
     robot = load_robot(folder / "kr300.urdf")
-    for one, other in (runs, runs[::-1]):
-        result = fit_recordings([one], robot, FitSettings(physical=False, check_torque_sign=False))
-        file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
-        assert audit([other], robot, read_model(file)).differences == ()
+    settings, there = FitSettings(physical=False, check_torque_sign=False), tmp_path_factory.mktemp("model")
+    models = [fit_recordings([run], robot, settings).to_model_json() for run in runs]
+    first, second = (read_model(write_model(model, there / f"{k}.json")) for k, model in enumerate(models))
+    return Bench(robot, first, runs[1]), Bench(robot, second, runs[0])
+
+
+def test_two_runs_of_one_arm_on_other_programs_have_nothing_named(heavy: tuple[Bench, Bench]) -> None:
+    for each in heavy:
+        assert each.asked(each.recording).differences == ()
+
+
+def test_a_late_torque_counts_by_what_it_gains_where_the_data_are_read_as_late_as_it_is(
+    heavy: tuple[Bench, Bench],
+) -> None:
+    """From nought the torque is no line in a delay of 25 ms, and seemed not to gain enough."""
+    for each in heavy:
+        late, time = 0.025, each.recording.time
+        torque = np.column_stack([np.interp(time - late, time, column) for column in each.recording.torque.T])
+        found = each.with_torque(torque)
+        assert names(found) == [("torque_delay", None, None)]
+        low, high = found.differences[0].numbers[0].interval
+        assert low < late < high
+
+
+def test_two_torques_are_put_back_in_order_beside_joints_of_which_the_model_leaves_more(
+    heavy: tuple[Bench, Bench],
+) -> None:
+    for each in heavy:
+        found = each.with_torque(each.recording.torque[:, [0, 2, 1, 3, 4, 5]])
+        assert names(found) == [("wrong_joint_order", None, None)]
+        assert found.differences[0].joints == (2, 3)
 
 
 def counted(answer: Callable[..., object], most: int = 30) -> Callable[..., object]:
