@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,12 @@ def root_of(covariance: FloatArray, scale: FloatArray) -> FloatArray:
     """F with F Fᵀ the covariance (k, k) of parameters of some sizes (k,)."""
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+@lru_cache(maxsize=2 * len(DAYS))
+def _prior_on(model: GivenModel, sizes: Sizes, day: float) -> FloatArray:
+    """(14 n, 14 n) root of the prior of all parameters; every hypothesis asks for it again."""
+    return root_of(model.covariance_on(day), sizes.each)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +114,9 @@ class Explanation:
 
     def factor(self, day: float | None = None) -> FloatArray:
         """(k, k) root of the prior of all that is free."""
-        covariance = self.model.covariance_on(self.day if day is None else day)
+        parameters = _prior_on(self.model, self.sizes, self.day if day is None else day)
         widths = np.concatenate([self._scattering()[1], *(step.width for step in self.steps)])
-        return block_diag(root_of(covariance, self.sizes.each), np.diag(widths))
+        return block_diag(parameters, np.diag(widths))
 
     def fitted(self, parts: Sequence[int]) -> Estimate:
         """All that is free, by the rows of some parts."""

@@ -13,7 +13,9 @@ from identification.report.page import render
 
 __all__ = ["trend_document", "write_trend"]
 
-_DAY_S = 86400.0
+_UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
+_LEAST_SPAN = 2.0
+"""Of a unit of time, that a series lasts to be drawn in it."""
 
 
 def trend_document(trend: Trend, robot: str) -> Document:
@@ -21,8 +23,9 @@ def trend_document(trend: Trend, robot: str) -> Document:
     if trend.dates is None:
         place, label = np.arange(1.0, len(trend.names) + 1.0), "recording, as given"
     else:
-        place = np.array([(date - trend.dates[0]).total_seconds() / _DAY_S for date in trend.dates])
-        label = f"days since {trend.dates[0]:%Y-%m-%d %H:%M}"
+        place = np.array([(date - trend.dates[0]).total_seconds() for date in trend.dates])
+        unit, length = next((each for each in _UNITS if place[-1] >= _LEAST_SPAN * each[1]), _UNITS[-1])
+        place, label = place / length, f"{unit} since {trend.dates[0]:%Y-%m-%d %H:%M}"
     keys: tuple[tuple[Style, str], ...] = (("measured", "friction of one recording ± one deviation"),)
     blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
     by_date = tuple(_panel(item, place, label) for item in trend.joints)

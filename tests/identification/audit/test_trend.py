@@ -6,7 +6,7 @@ Truth: Pinocchio's torque of the paper's arm whose joint 4 rubs more from the fo
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -51,6 +51,24 @@ def test_the_day_on_which_friction_changed_is_found(series: list[Recording], iiw
     assert trend.hours == (1200.5, 1224.5, 1248.5, 1272.5, 1296.5)
     titles = [block.caption for section in document.sections for block in section.blocks if isinstance(block, Figure)]
     assert titles == ["Friction of each recording", "Friction by hours of operation"]
+
+
+@pytest.mark.parametrize(
+    ("apart_s", "unit", "last"), [(86400.0, "days", 4.0), (3600.0, "hours", 4.0), (90.0, "minutes", 6.0)]
+)
+def test_a_series_is_drawn_in_a_unit_of_time_that_it_lasts(
+    series: list[Recording], iiwa14: RobotModel, apart_s: float, unit: str, last: float
+) -> None:
+    begun = datetime(2026, 3, 1, tzinfo=UTC)
+    trend = replace(trend_of(series, iiwa14), dates=tuple(begun + k * timedelta(seconds=apart_s) for k in range(5)))
+    figure = next(
+        block
+        for section in trend_document(trend, "iiwa14").sections
+        for block in section.blocks
+        if isinstance(block, Figure)
+    )
+    assert figure.panels[0].x_label.startswith(f"{unit} since 2026-03-01")
+    assert figure.panels[0].lines[0].x[-1] == pytest.approx(last)
 
 
 def test_a_series_without_dates_is_in_the_order_of_its_hours(series: list[Recording], iiwa14: RobotModel) -> None:
