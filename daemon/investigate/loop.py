@@ -281,7 +281,6 @@ class Investigation:
             objection = self._driver.objection(file)
             if not objection:
                 self._keep(pending=motion)
-                self._tell(describe_motion(motion))
                 return Event.SAFE
         self._keep(
             sentence=f"Of the motions that would tell most ({len(self._choices)} tried) none is safe here: {objection} "
@@ -292,6 +291,7 @@ class Investigation:
     def _question(self) -> Event:
         motion = self.account.pending
         assert motion is not None
+        self._tell(describe_motion(motion))
         agreed = self._ask(motion)
         if agreed is None:
             self._keep(sentence=f"Planned, not driven: {describe_motion(motion)}")

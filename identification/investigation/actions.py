@@ -54,6 +54,10 @@ TOLD = 3.0
 """Nats from which on one of two answers is given: odds of 20 to 1."""
 CLEAR = 1e-3
 """Chance below which a difference is no noise."""
+LEAST_LOAD = 1e-3
+"""Share of a known mass's largest torque on any joint from which on a joint's sensor is asked about it."""
+MOST_GAIN = 0.5
+"""Share by which sensors may read a known mass wrongly; beyond it the mass is not what was said."""
 _SAME_MOTION_RAD = 1e-3
 _TURNED = (1, 2, 6, 8)
 """Of eq. (3), those that change their sign when a body turns by half a turn about z: MX, MY, XZ, YZ."""
@@ -122,7 +126,10 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
     motion = difference.before.motion
     torque = mass.torque(motion.robot, motion.position, motion.velocity, motion.acceleration)
     gains, variances = [], []
-    for joint in range(motion.n):
+    size = np.sqrt((torque**2).mean(axis=0))
+    # A mass on the axis of a joint loads it with nothing.
+    loaded = [int(joint) for joint in np.flatnonzero(size > LEAST_LOAD * size.max())]
+    for joint in loaded:
         values, covariance = difference.fit(torque[:, joint, None, None], [joint])
         gains.append(float(values[0]) - 1.0)
         variances.append(float(covariance[0, 0]))
@@ -131,11 +138,16 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
     deviation = 1.0 / math.sqrt(float(precision.sum()))
     distance = float(chi2.sf(float(precision @ (np.array(gains) - gain) ** 2), len(gains) - 1))
     text = f"Of the known mass the sensors read {100 * (1 + gain):.2f} ± {100 * 1.96 * deviation:.2f} % (95 %)"
+    if abs(gain) > MOST_GAIN:
+        return Outcome(
+            Action.ADD_MASS, "", False,
+            f"{text}. No sensor is that wrong: see that the mass is on the flange, weigh it, give --added-mass again.",
+        )  # fmt: skip
     if distance < CLEAR:
         worst = int(np.argmax(np.abs(np.array(gains) - gain) * np.sqrt(precision)))
         return Outcome(
             Action.ADD_MASS, "single_gain", True,
-            f"{text}, but not alike: joint {worst + 1} reads {100 * (1 + gains[worst]):.2f} % of it (chance "
+            f"{text}, but not alike: joint {loaded[worst] + 1} reads {100 * (1 + gains[worst]):.2f} % of it (chance "
             f"{distance:.1g}). Its sensor has a gain of its own.",
         )  # fmt: skip
     if chi2.sf((gain / deviation) ** 2, 1) < CLEAR:

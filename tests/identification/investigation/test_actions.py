@@ -95,6 +95,21 @@ def test_a_known_mass_tells_a_gain_of_all_sensors(recorded: Recorded, gain: floa
     assert read == pytest.approx(100.0 * (1.0 + gain), abs=0.2)
 
 
+def test_a_mass_on_the_axis_of_the_last_joint_tells_by_the_others(recorded: Recorded) -> None:
+    """The example of the manual: such a mass loads joint 7 with nothing."""
+    mass, arm = AddedMass(2.0, (0.0, 0.0, 0.05)), recorded.arm
+    loaded = arm.with_point_mass(2.0, np.array([0.0, 0.0, FLANGE_M + 0.05]))
+    told = added_mass(Difference.of(recorded(arm, gain=0.01), recorded(loaded, gain=0.01)), mass)
+    assert (told.answer, told.settled) == ("common_gain", True)
+    assert "read 101." in told.sentence
+
+
+def test_a_mass_that_nobody_fastened_settles_nothing(recorded: Recorded) -> None:
+    told = added_mass(Difference.of(recorded(recorded.arm), recorded(recorded.arm)), MASS)
+    assert not told.settled
+    assert "see that the mass is on the flange" in told.sentence
+
+
 @pytest.mark.parametrize("kind", ["fourier", "one_joint", "loads"])
 @pytest.mark.parametrize("invisible", sorted(INVISIBLE))
 def test_what_is_called_invisible_is_a_combination_of_base_columns_on_any_motion(
