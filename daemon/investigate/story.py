@@ -115,7 +115,9 @@ def _course(account: Account) -> Figure:
         course = np.array([_probability(step, key) for step in account.steps])
         text = ", ".join(f"{value:.2f} after {count:.0f}" for value, count in zip(course, recordings, strict=True))
         lines = tuple(Line("fitted", recordings, course, marks=marks) for marks in ("dots", "line"))
-        panels.append(Panel(words[key].capitalize(), "recordings", "probability", lines, f"{words[key]}: {text}"))
+        panels.append(
+            Panel(words[key].capitalize(), "recordings", "probability", lines, f"{words[key]}: {text}", chances=True)
+        )
     return Figure(
         "How the hypotheses fared as recordings came in; a name that stands alone counts as one.", tuple(panels)
     )
@@ -160,7 +162,7 @@ def _why(recorded: Recorded) -> str:
 
 def _known(step: Step) -> list[Block]:
     rows = tuple(
-        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{item.log_odds:+.1f}")
+        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{round(item.log_odds, 1) + 0.0:+.1f}")
         for item in step.alive[:_SHOWN]
     )
     blocks: list[Block] = [

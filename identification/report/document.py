@@ -40,7 +40,7 @@ class Panel:
     """One small plot. description: what a reader who does not see it should know.
 
     floor: standard deviation of the noise, drawn on both sides of zero, in the units of y, or None. logarithmic: both
-    axes. equal: one scale for both axes.
+    axes. equal: one scale for both axes. chances: y is a probability, drawn from 0 to 1, and x counts.
     """
 
     title: str
@@ -51,6 +51,7 @@ class Panel:
     floor: float | None = None
     logarithmic: bool = False
     equal: bool = False
+    chances: bool = False
 
 
 @dataclass(frozen=True, slots=True)

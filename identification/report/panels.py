@@ -146,6 +146,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
             axis.set_major_locator(_logarithmic_ticks(*limits))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_locator(NullLocator())
+    elif panel.chances:
+        axes.set_ylim(-0.05, 1.05)
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
+        axes.yaxis.set_major_locator(FixedLocator([0.0, 0.5, 1.0]))
     else:
         for axis, most in ((axes.xaxis, 6), (axes.yaxis, 5)):
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=FEWEST_NUMBERS))

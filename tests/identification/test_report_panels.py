@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -109,3 +110,11 @@ def test_a_line_without_any_number_draws_an_empty_panel() -> None:
     nothing = np.full(10, np.nan)
     for logarithmic in (False, True):
         draw_panel(panel((Line("after", np.arange(10.0), nothing),), logarithmic=logarithmic), "panel-1")
+
+
+def test_a_probability_is_drawn_from_0_to_1_over_whole_numbers() -> None:
+    """A chance of 3 % that does not change must not fill the panel, and nobody made 2.4 recordings."""
+    line = Line("fitted", np.array([2.0, 3.0]), np.array([0.033, 0.033]))
+    svg = draw_panel(replace(panel((line,)), chances=True), "panel-1")
+    texts = [text.split("<")[0] for text in svg.split(">") if text.split("<")[0].replace(".", "").isdigit()]
+    assert sorted(map(float, texts)) == [0.0, 0.5, 1.0, 2.0, 3.0]
