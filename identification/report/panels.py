@@ -97,6 +97,10 @@ def _new_axes(equal: bool) -> Axes:
     return canvas.add_axes((0.205, 0.15 if equal else 0.2, 0.765, 0.75 if equal else 0.67))
 
 
+ALIKE = 1e-9
+"""Share of a number by which two of them may differ by rounding."""
+
+
 def _is_logarithmic(panel: Panel) -> bool:
     """Nothing above zero has no logarithm, and nothing to show either: such a panel stays empty."""
     shown = [line.y[line.y > 0.0] for line in panel.lines if (line.y > 0.0).any()]
@@ -151,6 +155,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
         axes.yaxis.set_major_locator(FixedLocator([0.0, 0.5, 1.0]))
     else:
+        low, high = axes.get_ylim()
+        if high - low < ALIKE * max(abs(low), abs(high)):
+            # Numbers that differ by rounding alone would all read alike.
+            axes.set_ylim(*sorted((0.475 * (low + high), 0.525 * (low + high))))
         for axis, most in ((axes.xaxis, 6), (axes.yaxis, 5)):
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=FEWEST_NUMBERS))
 

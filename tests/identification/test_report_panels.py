@@ -91,6 +91,7 @@ def numbers_on_axes(svg: str) -> tuple[list[float], list[float]]:
 
 @settings(max_examples=30, deadline=None)
 @example(0.0, 1.0, 0.0, 1.192092896e-07, 0.0, True)
+@example(0.0, 1.0, 0.0, 1e-15, 0.0, True)
 @given(
     st.floats(-5, 4), st.floats(0.01, 6), st.floats(-6, 4), st.floats(0.0, 6), st.floats(-1e4, 1e4), st.booleans()
 )  # fmt: skip
