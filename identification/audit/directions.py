@@ -24,6 +24,8 @@ POINTS = 80
 TANGENT_RAD = 5e-3
 FIRST_REACH_RAD, LEAST_REACH_RAD = 0.1, 1e-4
 """Of the points that the next step is drawn from: half of the grid's distance, and what no one measures."""
+MOST_STEPS = 100
+"""A smooth evidence takes fewer than thirty; one that is not smooth has no top to be found."""
 LEAST_GAIN_NATS = 1e-3
 """No odds worth a step; the evidence of many rows is rounded to less."""
 
@@ -134,10 +136,12 @@ class Directions:
         """The likeliest unit vector (3,) near a start, and its log evidence.
 
         Newton's steps on the sphere, their derivatives from points `reach` away; none is longer than twice the reach,
-        which shrinks with them.
+        which shrinks with them, and grows again while they lead on.
         """
         best, found, reach = start, evidence(start), FIRST_REACH_RAD
-        while reach > LEAST_REACH_RAD:
+        for _ in range(MOST_STEPS):
+            if reach <= LEAST_REACH_RAD:
+                break
             frame = across(best)
 
             def leant(angles: FloatArray, here: FloatArray = best, frame: FloatArray = frame) -> FloatArray:
@@ -159,14 +163,14 @@ class Directions:
             step *= min(1.0, 2.0 * reach / length) if length > 0.0 else 1.0
             steps, values = np.vstack([steps, step]), np.append(values, evidence(leant(step)))
             place = int(np.argmax(values))
-            # A whole step of Newton's says how near the top is; one cut short that led nowhere, that the bend is
-            # not to be trusted so far away.
-            shrunk = max(0.5 * length, 0.1 * reach) if hill else 0.5 * reach
-            if values[place] > found + LEAST_GAIN_NATS:
+            cut = not hill or length > 2.0 * reach
+            gains = values[place] > found + LEAST_GAIN_NATS
+            if gains:
                 best, found = leant(steps[place]), float(values[place])
-                reach = min(reach, shrunk)
-            else:
-                reach = min(0.5 * reach, shrunk)
+            if cut:
+                reach = min(2.0 * reach, FIRST_REACH_RAD) if gains else 0.5 * reach
+            else:  # a whole step says how near the top is
+                reach = min(reach if gains else 0.5 * reach, max(0.5 * length, 0.1 * reach))
         return best, found
 
     def spread(self, gravity: FloatArray, weight: FloatArray, mean: FloatArray, factor: FloatArray) -> float:

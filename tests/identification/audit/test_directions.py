@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from identification.audit.directions import FIRST_REACH_RAD, Directions
@@ -26,6 +26,9 @@ numbers = st.floats(-1e6, 1e6)
 
 
 @settings(max_examples=200, deadline=None)
+@example(
+    [-101702.0, 547532.0, 0.0], [0.0, -623591.0, 990286.0, -600935.0, -586766.0, 0.0, -511171.0, 992800.0, 0.0], 0.0
+)
 @given(st.lists(numbers, min_size=3, max_size=3), st.lists(numbers, min_size=9, max_size=9), st.floats(0.0, 10.0))
 def test_the_search_ends_whatever_the_evidence_looks_like(slope: list[float], bend: list[float], ripple: float) -> None:
     asked = Asked(np.array(slope), np.array(bend).reshape(3, 3), ripple)
