@@ -3,9 +3,9 @@
 While an arm moves, all that changes from one message to the next are two counters, the time stamp, and measured
 numbers. A `Glance` is made from one datagram after its answer has left. It says of later ones of the same length:
 either every other bit is the same (state, quality, safety state, drives, modes, periods, texts), the counter is the one
-expected, every number is finite, and then here are measured position and external torque; or None, and the whole way
-through codec and session is gone. Not here: what may be concluded from that (`answer_ahead`), and the drawing of shapes
-(`layout`), whose sketch this uses.
+expected, every number is finite, every joint position one that an arm can have, and then here are measured position and
+external torque; or None, and the whole way through codec and session is gone. Not here: what may be concluded from that
+(`answer_ahead`), and the drawing of shapes (`layout`), whose sketch this uses.
 
 Few and plain steps, because each of them stands between a message and its answer with cold caches. What a message has
 in hundreds of bytes is compared as one integer.
@@ -24,10 +24,14 @@ __all__ = ["Glance"]
 _FREE = frozenset({"sequence_counter", "reflected_sequence_counter", "sec", "nanosec"})
 """Integers that may change without a change of anything the session watches."""
 
+_ANGLES = ("measured_joint_position", "commanded_joint_position", "joint_position")
+"""Joint positions of a message: measured, commanded, of the IPO. The session refuses what is beyond FARTHEST_RAD."""
+
 # A double is no finite number where its eleven exponent bits are all ones: adding the lowest of them then carries into
-# the place of the sign.
+# the place of the sign. Adding more lets smaller numbers carry too: from 4 on, which is nearer than FARTHEST_RAD.
 _EXPONENT = (0x7FF << 52).to_bytes(8, "little")
 _ONE = (1 << 52).to_bytes(8, "little")
+_FROM_FOUR = (0x800 - 0x401 << 52).to_bytes(8, "little")
 _CARRY = (1 << 63).to_bytes(8, "little")
 
 
@@ -44,14 +48,16 @@ class Glance:
     def __init__(self, sketch: Sketch, wanted: list[slice]) -> None:
         self._mask = int.from_bytes(sketch.mask, "little")
         self._expected = int.from_bytes(sketch.expected, "little")
-        kept = {place for part in wanted for place in range(part.start, part.stop)}
+        kept = {place for part in wanted for place in _range(part)}
+        angles = {place for name in _ANGLES if name in sketch.places for place in _range(sketch.places[name])}
         formats, lanes = ["<"], [bytearray(), bytearray(), bytearray()]
         place = 0
         self._counter_offset = 0
         for code in sketch.formats:
             if place == sketch.places["sequence_counter"].start and not self._counter_offset and code == "B":
                 self._counter_offset = len(lanes[0])
-            for lane, double in zip(lanes, (_EXPONENT, _ONE, _CARRY), strict=True):
+            added = _FROM_FOUR if place in angles else _ONE
+            for lane, double in zip(lanes, (_EXPONENT, added, _CARRY), strict=True):
                 lane += double if code == "d" else bytes(struct.calcsize("<" + code))
             formats.append(code if place in kept and code == "d" else f"{struct.calcsize('<' + code)}x")
             place += not code.endswith("x")
@@ -82,3 +88,7 @@ class Glance:
         ):
             return None
         return self._unpack(payload)
+
+
+def _range(places: slice) -> range:
+    return range(places.start, places.stop)

@@ -36,6 +36,8 @@ ODD: tuple[dict[str, Any], ...] = (
     {"measured": (math.nan,) * 7}, {"measured": (0.1, math.inf, *REST[2:])}, {"torque": (math.nan,) * 7},
     {"external": (0.0, math.inf, *(0.0,) * 5)}, {"external": (0.0, 29.5, *(0.0,) * 5)}, {"ipo": (math.nan,) * 7},
     {"ipo": tuple(q + 0.1 for q in REST)}, {"reflected": 7},
+    {"ipo": (*REST[:6], -3.5e307)}, {"ipo": (7.1, *REST[1:])}, {"ipo": (6.9, *REST[1:])},
+    {"commanded": (0.1, 3.5e307, *REST[2:])}, {"commanded": (-7.1, *REST[1:])}, {"commanded": (4.0, *REST[1:])},
 )  # fmt: skip
 ENDING: tuple[dict[str, Any], ...] = (
     {"external": (0.0, 30.5, *(0.0,) * 5)}, {"measured": tuple(q + 0.3 for q in REST)}, {"safety": 1},

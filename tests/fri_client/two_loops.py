@@ -92,7 +92,8 @@ class Bench:
             RobotInfo(7, changes.get("safety", 0), changes.get("drives", (2,) * 7), 2, changes.get("control", 0)),
             MonitorData(
                 changes.get("measured", self.position), changes.get("torque", (0.1,) * 7),
-                self.position if first else None, (0.0,) * 7, changes.get("external", (0.0,) * 7),
+                changes.get("commanded", self.position) if first else None, (0.0,) * 7,
+                changes.get("external", (0.0,) * 7),
                 timestamp=TimeStamp(self.clock.now // 10**9, self.clock.now % 10**9),
             ),
             ConnectionInfo(self.state, self.quality, changes.get("period", 1), 1),
