@@ -69,10 +69,11 @@ def investigate(
 
     from daemon.errors import ConfigurationError
     from daemon.investigate.account import read_account, save
-    from daemon.investigate.begin import begun, carried, exit_code
+    from daemon.investigate.begin import begun, exit_code
     from daemon.investigate.loop import Investigation
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
+    from daemon.motion.tool import carried
     from identification.investigation.actions import Action
     from identification.investigation.equivalences import unasked
 

@@ -9,10 +9,9 @@ from daemon.errors import ConfigurationError
 from daemon.investigate.account import Account, Recorded
 from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
 from daemon.investigate.states import State
-from daemon.motion.tool import Tool
 from identification.recordings.reader import read_recording, recording_file
 
-__all__ = ["begun", "carried", "exit_code"]
+__all__ = ["begun", "exit_code"]
 
 
 def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) -> Account:
@@ -44,8 +43,3 @@ def exit_code(account: Account) -> int:
     if account.state in (State.INTERRUPTED, State.DROPPED):
         return account.exit_code
     return 0 if account.state in (State.SETTLED, State.PLANNED) else 1
-
-
-def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:
-    """What is on the flange for a preflight: the tool, with the known mass that is fastened to it now."""
-    return tool if added_mass is None else (tool or Tool()).with_mass(added_mass[0], added_mass[1:])

@@ -14,16 +14,16 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.errors import DaemonError, sentence_of
+from daemon.errors import exit_code_of, sentence_of
 from daemon.investigate.account import Account, Motion, read_account, save
-from daemon.investigate.begin import begun, carried, exit_code
+from daemon.investigate.begin import begun, exit_code
 from daemon.investigate.driver import ended_in, objection_to
 from daemon.investigate.loop import Drive, Investigation
 from daemon.investigate.motions import describe_motion
 from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
-from daemon.motion.tool import read_tool
+from daemon.motion.tool import carried, read_tool
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
 from identification.robots import Installation
@@ -126,8 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
             write_story(folder, account)
             answer = answer_of(folder, account)
         except Exception as error:
-            code = getattr(error, "exit_code", 74 if isinstance(error, OSError) else DaemonError.exit_code)
-            answer = StepAnswer(sentence=sentence_of(error), exit_code=int(code))
+            answer = StepAnswer(sentence=sentence_of(error), exit_code=exit_code_of(error))
         write_json(folder / ANSWER_NAME, answer)
     return answer.exit_code
 

@@ -23,7 +23,7 @@ import numpy as np
 from daemon.config import read_settings
 from daemon.errors import ConfigurationError
 
-__all__ = ["NO_TOOL", "Tool", "check_tool", "read_tool"]
+__all__ = ["FARTHEST_M", "HEAVIEST_KG", "NO_TOOL", "Tool", "carried", "check_tool", "read_tool"]
 
 NO_TOOL = "none"
 HEAVIEST_KG = 50.0
@@ -112,6 +112,14 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
         "none.",
         field="tool",
     )
+
+
+def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:
+    """What is on the flange for a preflight: the tool, with the known mass that is fastened to it now.
+
+    added_mass: kg, and m from the flange.
+    """
+    return tool if added_mass is None else (tool or Tool()).with_mass(added_mass[0], added_mass[1:])
 
 
 def check_tool(tool: Tool, file: str | None, place: str = "") -> Tool:

@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from daemon.api import Message
 from daemon.errors import DaemonError
+from daemon.motion.tool import FARTHEST_M, HEAVIEST_KG
 
 __all__ = [
     "API_VERSION",
@@ -67,6 +68,8 @@ JobPhase = Literal[
 
 _Name = Annotated[str, Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]
 _JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
+_Mass = Annotated[float, Meta(gt=0.0, le=HEAVIEST_KG)]
+_Place = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class _Request(Message, frozen=True, kw_only=True):
@@ -117,7 +120,7 @@ class SubmitInvestigation(_Request, frozen=True, kw_only=True, tag="investigate"
     recordings: Annotated[tuple[_JobId, ...], Meta(max_length=20)] = ()
     settle: Annotated[tuple[Literal["gain", "load"], ...], Meta(max_length=2)] = ()
     done: Literal["turn_tool", "warm_up", "level_base"] | None = None
-    added_mass: tuple[float, float, float, float] | None = None
+    added_mass: tuple[_Mass, _Place, _Place, _Place] | None = None
     after_drop: bool = False
     unasked: bool = False
 

@@ -18,7 +18,7 @@ import psutil
 
 from daemon.api import Message
 from daemon.children import child_environment
-from daemon.errors import DaemonError, sentence_of
+from daemon.errors import exit_code_of, sentence_of
 from daemon.json_files import read_json, write_json
 
 __all__ = ["ANSWER_NAME", "Order", "StepAnswer", "StepEnded", "start_step"]
@@ -89,8 +89,7 @@ def start_step(job_id: str, order: Order, post: Callable[[StepEnded], None]) -> 
             answer = _answer_to(order)
             post(StepEnded(job_id, answer, answer.sentence, answer.exit_code))
         except Exception as error:
-            code = getattr(error, "exit_code", 74 if isinstance(error, OSError) else DaemonError.exit_code)
-            post(StepEnded(job_id, None, sentence_of(error), int(code)))
+            post(StepEnded(job_id, None, sentence_of(error), exit_code_of(error)))
 
     threading.Thread(target=work, name="investigation", daemon=True).start()
 

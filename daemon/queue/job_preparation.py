@@ -121,15 +121,13 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
     """Load, tabulate and check a motion, in this process; never raises for a bad one."""
     try:
         from daemon.motion.preparation import LEAD_IN_S, prepare_motion, write_run_request
-        from daemon.motion.tool import NO_TOOL, Tool, read_tool
+        from daemon.motion.tool import NO_TOOL, carried, read_tool
         from identification.robots import Installation
 
         source = None if job.trajectory_file is None else Path(job.trajectory_file)
         settings = dict(job.settings)
         workspace = settings.pop("workspace_file", None)
-        tool = read_tool(settings.pop("tool", NO_TOOL), is_name=True)
-        if (added := settings.pop("added_mass", None)) is not None:
-            tool = (tool or Tool()).with_mass(added[0], tuple(added[1:]))
+        tool = carried(read_tool(settings.pop("tool", NO_TOOL), is_name=True), settings.pop("added_mass", None))
         motion = prepare_motion(
             source,
             robot=job.robot,

@@ -17,7 +17,7 @@ from typing import TypeAlias
 import psutil
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
-from daemon.errors import DaemonError, sentence_of
+from daemon.errors import exit_code_of, sentence_of
 from daemon.jobs.worker_start import JOB_NAME, launch, note_end
 from daemon.json_files import read_json
 from daemon.queue.investigation_step import StepEnded
@@ -160,8 +160,7 @@ def start_run(
             outcome = run_acquisition(request, observe=post, stop=stop, port_is_locked=True)
             post(RunEnded(job_id, outcome, " ".join(outcome.sentences), outcome.exit_code))
         except Exception as error:
-            text = sentence_of(error)
-            post(RunEnded(job_id, None, text, int(getattr(error, "exit_code", DaemonError.exit_code))))
+            post(RunEnded(job_id, None, sentence_of(error), exit_code_of(error)))
 
     # No daemon thread: an arm may be moving.
     thread = threading.Thread(target=work, name="run")
@@ -180,8 +179,7 @@ def start_fit(job: Job, post: Post) -> None:
                 post(FitStarted(job.job_id, pid))
             post(_wait_for_fit(job.job_id, Path(job.folder), pid))
         except Exception as error:
-            text = sentence_of(error)
-            post(FitEnded(job.job_id, text, int(getattr(error, "exit_code", DaemonError.exit_code))))
+            post(FitEnded(job.job_id, sentence_of(error), exit_code_of(error)))
 
     threading.Thread(target=work, name="fit", daemon=True).start()
 

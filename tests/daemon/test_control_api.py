@@ -95,6 +95,13 @@ def test_a_wrong_tag_field_or_value_is_refused(change: dict[str, Any]) -> None:
     assert refusal(json.dumps({**good, **change}).encode()).code == "bad_request"
 
 
+@pytest.mark.parametrize("mass", [[-2, 0, 0, 0.05], [0, 0, 0, 0.05], [2000, 0, 0, 0.05], [2, 0, 0, 50], [2, 0, 0]])
+def test_a_mass_that_nobody_fastens_to_a_flange_is_refused(mass: list[float]) -> None:
+    request = {"type": "investigate", "api": 1, "job_id": "a", "added_mass": [2, 0, 0, 0.05]}
+    decode_request(json.dumps(request).encode())
+    assert refusal(json.dumps({**request, "added_mass": mass}).encode()).code == "bad_request"
+
+
 @pytest.mark.parametrize("job_id", ["../../etc", "a/b", "", "x" * 65, "a b", "é", "a\n"])
 def test_a_job_number_is_never_a_path(job_id: str) -> None:
     assert refusal(json.dumps({"type": "cancel", "api": 1, "job_id": job_id}).encode()).code == "bad_request"
