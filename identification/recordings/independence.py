@@ -48,7 +48,8 @@ def refuse_repeated(recordings: Sequence[Recording]) -> None:
     names, prints = recording_names(recordings), _all_fingerprints(recordings)
     for later in range(1, len(recordings)):
         for first in range(later):
-            what = _shared(recordings[first], recordings[later], names[first], prints[first], prints[later])
+            own = recordings[first]
+            what = _shared(own, recordings[later], str(own.source.path), prints[first], prints[later])
             if what:
                 raise RecordingError(
                     f"{names[later]}: {what}; one measurement counts once. Give it once",
@@ -67,8 +68,9 @@ def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recordi
     names = recording_names([*fitted, *heldout])
     prints = _all_fingerprints([*fitted, *heldout])
     for other, other_name, other_prints in zip(heldout, names[len(fitted) :], prints[len(fitted) :], strict=True):
-        for own, name, own_prints in zip(fitted, names, prints, strict=False):
-            what = _shared(own, other, f"the fitted recording {name}", own_prints, other_prints)
+        for own, own_prints in zip(fitted, prints, strict=False):
+            known = f"the fitted recording {own.source.path}"
+            what = _shared(own, other, known, own_prints, other_prints)
             if what:
                 raise RecordingError(
                     f"{other_name}: {what}; a recording cannot confirm what was fitted to it. Hold out another run",

@@ -159,7 +159,7 @@ def test_a_file_that_is_no_recording_is_bad_data(tmp_path: Path) -> None:
 def test_no_recording_confirms_itself(logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--heldout", str(logs[0]), "--out", str(tmp_path / "out"))
     assert run("diagnose", str(logs[0]), *words) == 65
-    assert "fitted.npz: is the fitted recording fitted.npz itself" in capsys.readouterr().err
+    assert f"fitted.npz: is the fitted recording {logs[0]} itself" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     assert run("batch", "diagnose", str(logs[0]), *words, "--jobs", "1", "--json", str(tmp_path / "items.json")) == 1
     (item,) = json.loads((tmp_path / "items.json").read_text(encoding="utf-8"))
