@@ -28,6 +28,8 @@ MOST_POINTS = 600
 
 FEWEST_NUMBERS, MOST_NUMBERS = 3, 6
 """On an axis: two do not tell whether it is linear or logarithmic."""
+ALIKE = 1e-9
+"""Share of a number by which two of them may differ by rounding."""
 
 # Colours that stand for a variable of the page's style sheet; the values here are never seen.
 _INK, _FAINT = "#010101", "#020202"
@@ -95,10 +97,6 @@ def _new_axes(equal: bool) -> Axes:
     canvas = Canvas(figsize=(3.5, 3.0 if equal else 2.15))
     canvas.patch.set_visible(False)
     return canvas.add_axes((0.205, 0.15 if equal else 0.2, 0.765, 0.75 if equal else 0.67))
-
-
-ALIKE = 1e-9
-"""Share of a number by which two of them may differ by rounding."""
 
 
 def _is_logarithmic(panel: Panel) -> bool:

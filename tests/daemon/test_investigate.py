@@ -162,31 +162,27 @@ def test_it_goes_on_after_a_kill_in_any_state(tmp_path: Path, state: State, monk
     assert len(asked) == driver.driven == 2
 
 
-def test_a_recording_that_was_whole_when_the_kill_came_is_not_driven_again(tmp_path: Path) -> None:
-    driver = ScriptedDriver("kill")
+def killed_while_recording(folder: Path, left_behind: str) -> Investigation:
+    """What goes on after a kill that came when the run had already written a file of this name."""
     with pytest.raises(KeyboardInterrupt):
-        investigation(tmp_path, begun(tmp_path), driver).run()
-    left = read_account(tmp_path)
-    assert left is not None
-    folder = tmp_path / f"motion-{left.attempts:02d}"
-    folder.mkdir()
-    (folder / "recording.npz").write_bytes(b"")
-    again = investigation(tmp_path, left, ScriptedDriver())
+        investigation(folder, begun(folder), ScriptedDriver("kill")).run()
+    account = read_account(folder)
+    assert account is not None
+    run = folder / f"motion-{account.attempts:02d}"
+    run.mkdir()
+    (run / left_behind).write_bytes(b"")
+    return investigation(folder, account, ScriptedDriver())
+
+
+def test_a_recording_that_was_whole_when_the_kill_came_is_not_driven_again(tmp_path: Path) -> None:
+    again = killed_while_recording(tmp_path, "recording.npz")
     again.resume()
     assert again.account.state is State.DIAGNOSING
     assert len(again.account.recordings) == 3
 
 
 def test_a_drop_that_came_with_the_kill_is_latched_too(tmp_path: Path) -> None:
-    driver = ScriptedDriver("kill")
-    with pytest.raises(KeyboardInterrupt):
-        investigation(tmp_path, begun(tmp_path), driver).run()
-    left = read_account(tmp_path)
-    assert left is not None
-    folder = tmp_path / f"motion-{left.attempts:02d}"
-    folder.mkdir()
-    (folder / "dropped").write_bytes(b"")
-    again = investigation(tmp_path, left, ScriptedDriver())
+    again = killed_while_recording(tmp_path, "dropped")
     with pytest.raises(ConfigurationError, match="--after-drop"):
         again.resume()
     kept = read_account(tmp_path)

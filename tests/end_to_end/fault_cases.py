@@ -17,8 +17,6 @@ PROMPT = QUICK | {"lockstep_shortest_s": 0.1}
 """The client leaves some messages unanswered and then goes on: that answer must not come a cycle late."""
 PATIENT = {"lockstep_timeout_s": 20.0}
 """All that the robot sends is answered: a wait that ends before shifts the answer by a cycle that the arm stands."""
-LONG_SILENCE = {"receive_timeout_s": 10.0}
-"""A lockstep robot's wait for an answer that does not come is no silence."""
 
 
 def _what_the_robot_says() -> Iterator[FaultCase]:
@@ -138,9 +136,9 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
         session=PATIENT,
     )
     yield FaultCase("lose-burst", "10 messages lost in a row", "finished", "completed", 0, gap=10,
-                    faults=(fault("lose", cycles=10),), session=PATIENT, request=LONG_SILENCE)  # fmt: skip
+                    faults=(fault("lose", cycles=10),), session=PATIENT)  # fmt: skip
     yield FaultCase("silence", "silent for 10 cycles, the counter stands", "finished", "completed", 0,
-                    faults=(fault("silence", cycles=10),), session=PATIENT, request=LONG_SILENCE)  # fmt: skip
+                    faults=(fault("silence", cycles=10),), session=PATIENT)  # fmt: skip
     yield FaultCase("silence-on", "silent for good", "held", "dropped", 1, ("no usable message came for",),
                     faults=(fault("silence", cycles=3000),), session=QUICK)  # fmt: skip
     yield FaultCase("ignore-answers", "5 answers lost", "finished", "completed", 0,
@@ -183,13 +181,13 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
                     faults=(fault("foreign_sender", cycles=500),))  # fmt: skip
     yield FaultCase("counter-jump", "counter jumps by 100 ahead of time", "ramp", "dropped", 1,
                     ("sequence counter restarted at",), faults=(fault("counter_jump", value=100),),
-                    session=PROMPT, request=LONG_SILENCE, gap=100)  # fmt: skip
+                    session=PROMPT, gap=100)  # fmt: skip
     yield FaultCase("counter-jump-far", "counter jumps by 100 000", "ramp", "dropped", 1,
                     ("sequence counter restarted at 1",), faults=(fault("counter_jump", value=100_000),),
-                    session=PROMPT, request=LONG_SILENCE, gap=100_000)  # fmt: skip
+                    session=PROMPT, gap=100_000)  # fmt: skip
     yield FaultCase("counter-restart", "controller restarts its counter", "ramp", "dropped", 1,
                     ("sequence counter restarted at",), faults=(fault("restart_counters"),),
-                    session=PROMPT, request=LONG_SILENCE)  # fmt: skip
+                    session=PROMPT)  # fmt: skip
     yield FaultCase("stale", "a message of half a second ago comes again", "finished", "completed", 0,
                     faults=(fault("stale", value=500),))  # fmt: skip
     yield FaultCase("stray", "11 bytes from another port before the robot's first message", "finished", "completed", 0,

@@ -7,84 +7,30 @@ the file's own numbers. The model is fitted to the first half, the fault is put 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
 
 from identification.audit import Audit, audit, search
 from identification.audit.basis import Explanation
 from identification.audit.hypotheses import Hypothesis
 from identification.errors import EstimationError, ModelFileError, RecordingError
-from identification.model_file import Model, read_model, write_model
+from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
-from identification.robots import Installation, RobotModel, load_robot
+from identification.robots import Installation, load_robot
+from tests.identification.audit.halves import Bench, names, torque_of_lean, torque_of_load
 
 FloatArray = np.ndarray
 
 
-@dataclass(frozen=True)
-class Bench:
-    """A second half without a fault, and the model of the first."""
-
-    robot: RobotModel
-    model: Model
-    recording: Recording
-
-    def asked(self, recording: Recording) -> Audit:
-        return audit([recording], self.robot, self.model)
-
-    def with_torque(self, torque: FloatArray) -> Audit:
-        return self.asked(replace(self.recording, torque=torque))
-
-
 @pytest.fixture(scope="module")
-def bench(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Bench:
+def bench(shared_folder: Path) -> Bench:
     folder = shared_folder / "recordings"
-    recording = read_recording(folder / "ur10.npz", robot=folder / "ur10_mdh.csv")
-    robot = load_robot(folder / "ur10_mdh.csv")
-    middle = 0.5 * float(recording.time[-1])
-    first, second = recording.rows(recording.time < middle), recording.rows(recording.time >= middle)
-    result = fit_recordings([first], robot, FitSettings(physical=False))
-    file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
-    return Bench(robot, read_model(file), replace(second, time=second.time - second.time[0]))
-
-
-def torque_of_lean(bench: Bench, angle: float) -> FloatArray:
-    """(S, n) Nm by Pinocchio that the weight of the arm changes by where its base leans; links of 5 kg each."""
-    model = bench.robot.pinocchio_model.copy()
-    for joint in range(1, model.njoints):
-        model.inertias[joint] = pinocchio.Inertia(5.0, np.array([0.0, 0.0, 0.1]), 0.01 * np.eye(3))
-    data, both = model.createData(), []
-    for lean in (angle, 0.0):
-        model.gravity.linear = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
-        rows = [pinocchio.computeGeneralizedGravity(model, data, q).copy() for q in bench.recording.position]
-        both.append(np.array(rows))
-    return both[0] - both[1]
-
-
-def torque_of_load(
-    robot: RobotModel, recording: Recording, mass: float, center: FloatArray, link: int | None = None
-) -> FloatArray:
-    """(S, n) Nm by Pinocchio of a body on a link (default: the last) of an arm that weighs nothing else."""
-    model = robot.pinocchio_model.copy()
-    for joint in range(1, model.njoints):
-        model.inertias[joint] = pinocchio.Inertia.Zero()
-    inertia = 0.4 * mass * 0.05**2 * np.eye(3)
-    model.appendBodyToJoint(link or robot.n, pinocchio.Inertia(mass, center, inertia), pinocchio.SE3.Identity())
-    data = model.createData()
-    velocity = np.gradient(recording.position, recording.sampling_period_s, axis=0)
-    smooth = np.apply_along_axis(lambda values: np.convolve(values, np.ones(5) / 5.0, "same"), 0, velocity)
-    acceleration = np.gradient(smooth, recording.sampling_period_s, axis=0)
-    states = zip(recording.position, velocity, acceleration, strict=True)
-    return np.array([pinocchio.rnea(model, data, *state) for state in states])
-
-
-def names(found: Audit) -> list[tuple[str, int | None, int | None]]:
-    return [(item.effect, item.joint, item.link) for item in found.differences]
+    robot = folder / "ur10_mdh.csv"
+    return Bench.of_halves(read_recording(folder / "ur10.npz", robot=robot), load_robot(robot))
 
 
 def test_nothing_is_named_where_nothing_differs(bench: Bench) -> None:
@@ -203,9 +149,8 @@ def test_the_zero_of_a_joint_is_named_with_its_angle(bench: Bench) -> None:
 
 
 def test_a_late_torque_is_named_beyond_the_delay_of_the_models_own_recording(bench: Bench) -> None:
-    recording, late = bench.recording, 0.03
-    torque = np.column_stack([np.interp(recording.time - late, recording.time, each) for each in recording.torque.T])
-    found = bench.with_torque(torque)
+    late = 0.03
+    found = bench.with_torque(bench.late(late))
     assert names(found) == [("torque_delay", None, None)]
     low, high = found.differences[0].numbers[0].interval
     assert low < late < high
@@ -261,7 +206,7 @@ def small(bench: Bench, what: str) -> Recording:
             load = torque_of_load(bench.robot, recording, 0.1, np.array([0.0, 0.0, 0.05]), link=3)
             return replace(recording, torque=recording.torque + load)
         case "lean":
-            return replace(recording, torque=recording.torque + torque_of_lean(bench, np.radians(0.2)))
+            return replace(recording, torque=recording.torque + torque_of_lean(bench.robot, recording, np.radians(0.2)))
         case "offset":
             return replace(recording, torque=recording.torque + 0.2 * first)
         case "viscous friction":
@@ -277,8 +222,7 @@ def small(bench: Bench, what: str) -> Recording:
         case "zero":
             return replace(recording, position=recording.position - 0.002 * first)
         case "late torque":
-            torque = [np.interp(recording.time - 0.001, recording.time, each) for each in recording.torque.T]
-            return replace(recording, torque=np.column_stack(torque))
+            return replace(recording, torque=bench.late(0.001))
     return replace(
         recording, time=recording.time * 1.005, sampling_period_s=recording.sampling_period_s * 1.005, velocity=None
     )
@@ -334,9 +278,8 @@ def test_a_late_torque_counts_by_what_it_gains_where_the_data_are_read_as_late_a
 ) -> None:
     """From nought the torque is no line in a delay of 25 ms, and seemed not to gain enough."""
     for each in heavy:
-        late, time = 0.025, each.recording.time
-        torque = np.column_stack([np.interp(time - late, time, column) for column in each.recording.torque.T])
-        found = each.with_torque(torque)
+        late = 0.025
+        found = each.with_torque(each.late(late))
         assert names(found) == [("torque_delay", None, None)]
         low, high = found.differences[0].numbers[0].interval
         assert low < late < high
@@ -384,21 +327,15 @@ def test_the_search_ends_where_two_differences_make_each_other_needless(
 
 
 @pytest.fixture(scope="module")
-def panda(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Bench:
+def panda(shared_folder: Path) -> Bench:
     """An arm with joint torque sensors at 1 kHz: many quiet rows, which tell its delay to a tenth of a millisecond."""
-    recording = read_recording(shared_folder / "recordings" / "panda_excitation.npz")
-    robot = load_robot(shared_folder / "recordings" / "panda.urdf")
-    middle = 0.5 * float(recording.time[-1])
-    first, second = recording.rows(recording.time < middle), recording.rows(recording.time >= middle)
-    result = fit_recordings([first], robot, FitSettings(physical=False, check_torque_sign=False))
-    file = write_model(result.to_model_json(), tmp_path_factory.mktemp("model") / "earlier.json")
-    return Bench(robot, read_model(file), replace(second, time=second.time - second.time[0]))
+    folder = shared_folder / "recordings"
+    return Bench.of_halves(read_recording(folder / "panda_excitation.npz"), load_robot(folder / "panda.urdf"))
 
 
 def test_a_late_torque_is_not_taken_for_the_scatter_of_delays_from_run_to_run(panda: Bench) -> None:
-    late, time = 0.012, panda.recording.time
-    torque = np.column_stack([np.interp(time - late, time, each) for each in panda.recording.torque.T])
-    found = panda.with_torque(torque)
+    late = 0.012
+    found = panda.with_torque(panda.late(late))
     assert names(found) == [("torque_delay", None, None)]
     low, high = found.differences[0].numbers[0].interval
     assert low < late < high
@@ -406,6 +343,6 @@ def test_a_late_torque_is_not_taken_for_the_scatter_of_delays_from_run_to_run(pa
 
 
 def test_a_lean_is_not_taken_for_the_scatter_of_how_a_base_stands(panda: Bench) -> None:
-    found = panda.with_torque(panda.recording.torque + torque_of_lean(panda, np.radians(4.0)))
+    found = panda.with_torque(panda.recording.torque + torque_of_lean(panda.robot, panda.recording, np.radians(4.0)))
     assert names(found) == [("base_tilt", None, None)]
     assert found.differences[0].explained > 0.8

@@ -6,26 +6,22 @@ Of 3.7 s each: they tell a mass within a fifth, so what is asked is that the int
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from identification.audit.between import model_of
 from identification.recordings import read_recording
 from identification.robots import load_robot
-from tests.identification.audit.test_audit_on_a_real_arm import Bench, names, torque_of_load
+from tests.identification.audit.halves import Bench, names, torque_of_load
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "fixtures" / "recordings"
 
 
 @pytest.fixture(scope="module")
 def tx40() -> Bench:
-    recording = read_recording(RECORDINGS / "tx40_excitation.npz", robot=RECORDINGS / "tx40.urdf")
-    robot, middle = load_robot(RECORDINGS / "tx40.urdf"), 0.5 * float(recording.time[-1])
-    first, second = recording.rows(recording.time < middle), recording.rows(recording.time >= middle)
-    return Bench(robot, model_of(first, robot), replace(second, time=second.time - second.time[0]))
+    robot = RECORDINGS / "tx40.urdf"
+    return Bench.of_halves(read_recording(RECORDINGS / "tx40_excitation.npz", robot=robot), load_robot(robot))
 
 
 @pytest.mark.parametrize("mass", [2.0, -2.0])
