@@ -26,9 +26,11 @@ from daemon.doctor.host_checks import (
     check_load,
     check_memory_lock,
     check_realtime_limit,
+    check_wake_ups,
 )
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation, Mirror, observe_link
+from daemon.doctor.wake_ups import measured_wake_ups
 from daemon.host import host_report
 
 __all__ = ["DoctorCheck", "DoctorReport", "check_address", "check_interfaces", "examine", "port_holder"]
@@ -81,11 +83,13 @@ def examine(
     """
     checks = [check_interfaces(), check_address(bind_host)]
     observation: LinkObservation | None = None
-    try:
-        observation = observe_link(bind_host, bind_port, listen_s, mirror)
-        checks.append(DoctorCheck("port", "ok", f"UDP port {bind_port} on {bind_host} is free."))
-    except OSError as error:
-        checks.append(_port_refused(bind_host, bind_port, error))
+    with measured_wake_ups(listen_s) as woken:
+        try:
+            observation = observe_link(bind_host, bind_port, listen_s, mirror)
+            checks.append(DoctorCheck("port", "ok", f"UDP port {bind_port} on {bind_host} is free."))
+        except OSError as error:
+            checks.append(_port_refused(bind_host, bind_port, error))
+        held_up = check_wake_ups(woken(), at_robot=not bind_host.startswith("127."))
     heard = observation is not None and bool(observation.datagrams)
     if observation is not None:
         checks += check_link(observation, bind_host, bind_port)
@@ -99,6 +103,7 @@ def examine(
         check_kernel(),
         check_governor(),
         check_load(),
+        held_up,
         check_clock(
             None if observation is None else observation.clock_step_s,
             0.0 if observation is None else observation.duration_s,

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from daemon.doctor.wake_ups import WakeUps
 from daemon.host import host_report
+from fri_client.motion.re_entry import BRIDGED_S
 
 __all__ = [
     "DoctorCheck",
@@ -23,6 +25,7 @@ __all__ = [
     "check_load",
     "check_memory_lock",
     "check_realtime_limit",
+    "check_wake_ups",
     "measure_disk",
 ]
 
@@ -38,6 +41,8 @@ DISK_BLOCKS = 64
 SLOW_WRITE_S = 0.5
 """The ring between loop and recorder holds many times that, but a disk that needs it once will need more."""
 CLOCK_STEP_S = 0.01
+LATE_WAKE_UP_S = 0.001
+"""One command period: the answer comes a cycle late."""
 NEEDED_MEMLOCK = 256 * 1024 * 1024
 
 
@@ -174,6 +179,29 @@ def check_kernel() -> DoctorCheck:
         f"{report['platform']} is no real-time kernel: single answers can be late at 1 ms.",
         "install a PREEMPT_RT kernel for work on a real robot.",
     )
+
+
+def check_wake_ups(found: WakeUps | None, *, at_robot: bool) -> DoctorCheck:
+    """Whether this machine lets the loop run when a message comes.
+
+    at_robot: a command that leaves later than the robot bridges is a step for the arm, so no arm is driven from such a
+    machine; a fake robot may be.
+    """
+    name = "held up"
+    if found is None or not found.count:
+        return DoctorCheck(name, "warning", "How late this machine wakes a process could not be measured.")
+    kind = "real-time process" if found.real_time else "process without real-time priority"
+    sentence = (
+        f"A {kind} was woken at most {found.latest_s * 1e3:.2f} ms late, in {found.count} wake-ups "
+        "(a longer look finds rarer ones: --listen 60)."
+    )
+    remedy = (
+        "close other programs, and use a computer of its own with a real-time kernel, a core that nothing else uses "
+        "(loop_cpu) and real-time priority."
+    )
+    if found.latest_s > BRIDGED_S and at_robot:
+        return DoctorCheck(name, "failed", f"{sentence} A robot bridges {BRIDGED_S * 1e3:.0f} ms.", remedy)
+    return DoctorCheck(name, "warning" if found.latest_s > LATE_WAKE_UP_S else "ok", sentence, remedy)
 
 
 def check_governor() -> DoctorCheck:
