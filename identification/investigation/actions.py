@@ -75,22 +75,19 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Difference:
-    """Two recordings of one motion: rows (R, n) Nm of the second minus the first, and their deviation (R, n) Nm."""
+    """Two recordings of one motion: rows (R, n) Nm of the second minus the first, and their deviation (R, n) Nm.
+
+    own_noise: (R, n) Nm, the second one's share of the deviation; the first one's is in all that it is taken from.
+    """
 
     before: Evidence
     rows: FloatArray
     noise: FloatArray
+    own_noise: FloatArray
 
-    @classmethod
-    def of(cls, before: Evidence, after: Evidence) -> Difference:
-        """Raises RecordingError where the two motions are not one."""
-        if not is_same(before.motion, after.motion):
-            raise RecordingError(
-                f"{after.recording.source.path} is not the motion of {before.recording.source.path}: what was changed "
-                "between them shows only where the arm moves alike",
-                file=after.recording.source.path,
-            )
-        return cls(before, after.torque - before.torque, np.sqrt(after.noise**2 + before.noise**2))
+    def project(self, columns: FloatArray) -> FloatArray:
+        """Rows (R, …) of torque columns (S, …) along the motion."""
+        return self.before.project(columns)[: len(self.rows)]
 
     def fit(self, columns: FloatArray, joints: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (m,) of columns (S, len(joints), m) Nm and their covariance, noise as large as what they leave.
@@ -101,7 +98,7 @@ class Difference:
         for number, joint in enumerate(joints):
             drift = np.zeros((len(columns), len(joints)))
             drift[:, number] = 1.0
-            rows = self.before.project(np.concatenate([columns[:, number], drift], axis=1))
+            rows = self.project(np.concatenate([columns[:, number], drift], axis=1))
             blocks.append(rows / self.noise[:, joint, None])
             target.append(self.rows[:, joint] / self.noise[:, joint])
         matrix, measured = np.concatenate(blocks), np.concatenate(target)
@@ -112,6 +109,31 @@ class Difference:
         excess = max(1.0, float(left @ left) / max(1, measured.size - scale.size))
         own = columns.shape[2]
         return (values / scale)[:own], (excess * covariance / np.outer(scale, scale))[:own, :own]
+
+
+def differences(before: Evidence, *after: Evidence) -> tuple[Difference, ...]:
+    """What each recording of a motion has beyond the first one, up to the lowest frequency that one is compared to.
+
+    Raises RecordingError where the motions are not one.
+    """
+    for item in after:
+        if not is_same(before.motion, item.motion):
+            raise RecordingError(
+                f"{item.recording.source.path} is not the motion of {before.recording.source.path}: what was changed "
+                "between them shows only where the arm moves alike",
+                file=item.recording.source.path,
+            )
+    count = min(len(item.torque) for item in (before, *after))
+    shared = before.noise[:count]
+    return tuple(
+        Difference(
+            before,
+            item.torque[:count] - before.torque[:count],
+            np.sqrt(shared**2 + item.noise[:count] ** 2),
+            item.noise[:count],
+        )
+        for item in after
+    )
 
 
 def is_same(first: Motion, second: Motion) -> bool:
@@ -199,15 +221,15 @@ def levelled(difference: Difference) -> Outcome:
 
 
 def warmed_up(
-    differences: Sequence[Difference], joint: int, offset: tuple[float, float], coulomb: tuple[float, float]
+    warm: Sequence[Difference], joint: int, offset: tuple[float, float], coulomb: tuple[float, float]
 ) -> Outcome:
     """Whether an offset of a joint (from 0) is the sensor's, or Coulomb friction that differs between directions.
 
-    differences: of one cold recording and each of the warm ones, judged together: the noise of the cold one is in all
+    warm: each warm recording against one cold one, judged together: the noise of the cold one is in all
     of them. offset, coulomb: of the joint before, Nm, with deviations. With r the changes of the Coulomb friction over
     the friction, the changes of the offset are N(0, S) where it is the sensor's, and N(b r, …) where it is friction.
     """
-    change, covariance = _frictions(differences, joint)
+    change, covariance = _frictions(warm, joint)
     (size, size_std), (dry, dry_std) = offset, coulomb
     shift, ratio = change[:, 0], change[:, 1] / dry
     own, across, other = covariance[:, 0, :, 0], covariance[:, 0, :, 1] / dry, covariance[:, 1, :, 1] / dry**2
@@ -219,8 +241,8 @@ def warmed_up(
         f"Joint {joint + 1}: Coulomb friction changed by {100 * ratio[last]:+.0f} %, the offset of {size:+.3g} Nm by "
         f"{shift[last]:+.3g} ± {1.96 * math.sqrt(own[last, last]):.2g} Nm (95 %)"
     )
-    if len(differences) > 1:
-        text += f", {len(differences)} warm recordings judged together"
+    if len(warm) > 1:
+        text += f", {len(warm)} warm recordings judged together"
     again = "Warm the arm up more and record once more: all warm recordings are judged together."
     if float(ratio @ np.linalg.solve(other, ratio)) <= TOLD**2:
         return Outcome(Action.WARM_UP, "", False, f"{text}: friction did not change enough. {again}")
@@ -232,20 +254,20 @@ def warmed_up(
     return Outcome(Action.WARM_UP, "", False, f"{text}: that tells neither from the other. {again}")
 
 
-def _frictions(differences: Sequence[Difference], joint: int) -> tuple[FloatArray, FloatArray]:
+def _frictions(warm: Sequence[Difference], joint: int) -> tuple[FloatArray, FloatArray]:
     """(K, 3) change of the offset, Nm, of Coulomb, Nm, and of viscous friction, Nm s/rad, and covariance (K, 3, K, 3).
 
     Rows of K differences share the noise of the recording that they are taken from.
     """
-    before, count = differences[0].before, len(differences)
+    before, count = warm[0].before, len(warm)
     columns = friction_columns(before.motion.velocity, before.motion.coulomb_velocity, joint)
-    shared = before.noise[:, joint] ** 2
-    own = np.stack([item.noise[:, joint] ** 2 - shared for item in differences], axis=1)
+    own = np.stack([item.own_noise[:, joint] ** 2 for item in warm], axis=1)
+    shared = warm[0].noise[:, joint] ** 2 - own[:, 0]
     factor = np.linalg.cholesky(own[:, :, None] * np.eye(count) + shared[:, None, None])
     white = np.linalg.inv(factor)
-    rows = before.project(columns)
+    rows = warm[0].project(columns)
     matrix = (white[:, :, :, None] * rows[:, None, None, :]).reshape(-1, count * rows.shape[1])
-    measured = (white @ np.stack([item.rows[:, joint] for item in differences], axis=1)[..., None]).ravel()
+    measured = (white @ np.stack([item.rows[:, joint] for item in warm], axis=1)[..., None]).ravel()
     covariance = np.linalg.inv(matrix.T @ matrix)
     change = covariance @ (matrix.T @ measured)
     left = measured - matrix @ change

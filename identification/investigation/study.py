@@ -18,9 +18,9 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.investigation.actions import (
     Action,
-    Difference,
     Outcome,
     added_mass,
+    differences,
     levelled,
     turned_tool,
     warmed_up,
@@ -193,9 +193,8 @@ def what_it_told(
     mass: the known one, on the flange in the last. Raises RecordingError where the motions are not one.
     """
     regressor, values = found.chooser.regressor, found.chooser.values
-    first, *others = (build_evidence(item, robot, regressor)[0] for item in (before, *after))
-    differences = [Difference.of(first, item) for item in others]
-    difference = differences[-1]
+    found_after = differences(*(build_evidence(item, robot, regressor)[0] for item in (before, *after)))
+    difference = found_after[-1]
     if action is Action.ADD_MASS:
         return () if mass is None else (added_mass(difference, mass),)
     if action is Action.TURN_TOOL:
@@ -207,7 +206,7 @@ def what_it_told(
         if finding.effect == "torque_offset" and finding.place.joint is not None:
             joint = finding.place.joint - 1
             size = float(finding.coefficients[0]), math.sqrt(float(finding.covariance[0, 0]))
-            told.append(warmed_up(differences, joint, size, _coulomb(found, regressor, values, joint)))
+            told.append(warmed_up(found_after, joint, size, _coulomb(found, regressor, values, joint)))
     return tuple(told)
 
 

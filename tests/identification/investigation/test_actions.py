@@ -16,7 +16,7 @@ from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.excitation import default_trajectory, iiwa_limits, validation_trajectory
-from identification.investigation.actions import Difference, added_mass, levelled, turned_tool, warmed_up
+from identification.investigation.actions import added_mass, differences, levelled, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.day_terms import day_terms
 from identification.investigation.discrepancy import Discrepancies
@@ -55,6 +55,7 @@ class Recorded:
         other: bool = False,
         error: float = 0.3,
         gravity: FloatArray = GRAVITY,
+        noise: float = NOISE_NM,
     ) -> Evidence:
         motion = excitation_of("", (validation_trajectory() if other else default_trajectory()).table())
         torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration, gravity)
@@ -63,7 +64,7 @@ class Recorded:
         torque += error * np.cos(motion.position + 2.0 * np.roll(motion.position, 1, axis=1))
         torque *= 1.0 + gain
         torque[:, 3] += offset
-        noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * self._random.normal(size=(PERIODS * len(torque), 7))
+        noisy = np.tile(torque, (PERIODS, 1)) + noise * self._random.normal(size=(PERIODS * len(torque), 7))
         file = self._folder / f"{self._number}.npz"
         self._number += 1
         position = np.tile(motion.position, (PERIODS, 1))
@@ -89,7 +90,7 @@ def with_mass(arm: Arm) -> Arm:
 @pytest.mark.parametrize(("gain", "answer"), [(0.0, "no_common_gain"), (0.01, "common_gain")])
 def test_a_known_mass_tells_a_gain_of_all_sensors(recorded: Recorded, gain: float, answer: str) -> None:
     arm = recorded.arm
-    told = added_mass(Difference.of(recorded(arm, gain=gain), recorded(with_mass(arm), gain=gain)), MASS)
+    told = added_mass(differences(recorded(arm, gain=gain), recorded(with_mass(arm), gain=gain))[0], MASS)
     assert (told.answer, told.settled) == (answer, True)
     read = float(told.sentence.split("read ")[1].split(" ±")[0])
     assert read == pytest.approx(100.0 * (1.0 + gain), abs=0.2)
@@ -99,13 +100,13 @@ def test_a_mass_on_the_axis_of_the_last_joint_tells_by_the_others(recorded: Reco
     """The example of the manual: such a mass loads joint 7 with nothing."""
     mass, arm = AddedMass(2.0, (0.0, 0.0, 0.05)), recorded.arm
     loaded = arm.with_point_mass(2.0, np.array([0.0, 0.0, FLANGE_M + 0.05]))
-    told = added_mass(Difference.of(recorded(arm, gain=0.01), recorded(loaded, gain=0.01)), mass)
+    told = added_mass(differences(recorded(arm, gain=0.01), recorded(loaded, gain=0.01))[0], mass)
     assert (told.answer, told.settled) == ("common_gain", True)
     assert "read 101." in told.sentence
 
 
 def test_a_mass_that_nobody_fastened_settles_nothing(recorded: Recorded) -> None:
-    told = added_mass(Difference.of(recorded(recorded.arm), recorded(recorded.arm)), MASS)
+    told = added_mass(differences(recorded(recorded.arm), recorded(recorded.arm))[0], MASS)
     assert not told.settled
     assert "see that the mass is on the flange" in told.sentence
 
@@ -133,7 +134,7 @@ def test_a_load_that_turns_is_no_last_link(recorded: Recorded) -> None:
     """Truth: first moments of a point mass, 1.5 kg at (0.04, 0.01) m, that is turned by half a turn."""
     place = np.array([0.04, 0.01, 0.2])
     first, second = (recorded.arm.with_point_mass(1.5, place * np.array([side, side, 1.0])) for side in (1.0, -1.0))
-    told = turned_tool(Difference.of(recorded(first), recorded(second)))
+    told = turned_tool(differences(recorded(first), recorded(second))[0])
     assert told.answer == "load"
     moments = [float(part.split()[-1]) for part in told.sentence.split(" ±")[:2]]
     np.testing.assert_allclose(moments, [0.06, 0.015], atol=2e-3)
@@ -141,7 +142,7 @@ def test_a_load_that_turns_is_no_last_link(recorded: Recorded) -> None:
 
 def test_a_last_link_of_another_mass_stays_where_it_is(recorded: Recorded) -> None:
     arm = recorded.arm.with_point_mass(1.5, np.array([0.04, 0.01, 0.2]))
-    assert turned_tool(Difference.of(recorded(arm), recorded(arm))).answer == "last_link"
+    assert turned_tool(differences(recorded(arm), recorded(arm))[0]).answer == "last_link"
 
 
 @pytest.mark.parametrize(("lean_deg", "answer"), [(0.3, "base_tilt"), (0.0, "level")])
@@ -149,7 +150,7 @@ def test_a_base_that_is_levelled_tells_how_far_it_leaned(recorded: Recorded, lea
     """Truth: gravity as MuJoCo has it, turned about the base's x axis in the first of two recordings alone."""
     lean = np.radians(lean_deg)
     first = recorded(recorded.arm, gravity=9.81 * np.array([0.0, np.sin(lean), -np.cos(lean)]))
-    told = levelled(Difference.of(first, recorded(recorded.arm)))
+    told = levelled(differences(first, recorded(recorded.arm))[0])
     assert (told.answer, told.settled) == (answer, True)
     angle = float(told.sentence.split("by ")[1].split(" ±")[0])
     assert angle == pytest.approx(lean_deg, abs=0.03)
@@ -165,9 +166,27 @@ def test_a_warm_arm_tells_an_offset_from_friction(
     """Friction of a warm arm is less by a share, and so is the part of it that differs between directions."""
     after = recorded(recorded.arm, friction=friction, offset=offset)
     dry = float(recorded.arm.links.coulomb[3])
-    told = warmed_up([Difference.of(before, after)], 3, (OFFSET_NM, 0.005), (dry, 0.005))
+    told = warmed_up(differences(before, after), 3, (OFFSET_NM, 0.005), (dry, 0.005))
     assert told.answer == answer
     assert told.settled == bool(answer)
+
+
+def test_recordings_whose_torque_is_compared_up_to_different_frequencies_are_compared_up_to_the_lower(
+    recorded: Recorded, before: Evidence
+) -> None:
+    """How far it is compared follows from each recording's own noise. Truth: the offset and friction put in."""
+    cold = recorded(recorded.arm, offset=OFFSET_NM, noise=0.3)
+    assert len(cold.torque) < len(before.torque)
+    for first, second in ((before, cold), (cold, before)):
+        (difference,) = differences(first, second)
+        assert difference.rows.shape == cold.torque.shape
+        assert levelled(difference).answer == "level"
+    warm = (
+        recorded(recorded.arm, friction=share, offset=OFFSET_NM, noise=noise)
+        for share, noise in ((0.7, 0.3), (0.6, 0.05))
+    )
+    dry = float(recorded.arm.links.coulomb[3])
+    assert warmed_up(differences(before, *warm), 3, (OFFSET_NM, 0.005), (dry, 0.005)).answer == "sensor_offset"
 
 
 def warm_answers(random: np.random.Generator, count: int, *, falls: bool) -> tuple[str, str]:
@@ -180,14 +199,17 @@ def warm_answers(random: np.random.Generator, count: int, *, falls: bool) -> tup
     velocity = np.tile(np.sin(2.0 * np.pi * (2.0 * time + 0.1))[:, None], (1, 7))
     motion = SimpleNamespace(velocity=velocity, coulomb_velocity=0.0, position=np.zeros((rows, 7)))
 
-    def measured(share: float, noise: float) -> Any:
+    def measured(share: float, periods: int) -> Any:
         torque = dry * share * np.sign(velocity) + offset * (share if falls else 1.0)
-        level = np.full((rows, 7), noise)
-        torque = torque + noise * random.normal(size=torque.shape)
-        return SimpleNamespace(motion=motion, torque=torque, noise=level, project=lambda part: part)
+        level = np.full((rows, 7), 0.2 * np.sqrt(8.0 / periods))
+        torque = torque + level * random.normal(size=torque.shape)
+        return SimpleNamespace(
+            motion=motion, torque=torque, noise=level, noise_freedom=np.ones((rows, 7)), periods=periods,
+            project=lambda part: part,
+        )  # fmt: skip
 
-    cold = measured(1.0, 0.2)
-    warm = [Difference.of(cold, measured(float(random.uniform(0.5, 0.7)), 0.2 * np.sqrt(2.0))) for _ in range(count)]
+    cold = measured(1.0, 8)
+    warm = differences(cold, *(measured(float(random.uniform(0.5, 0.7)), 4) for _ in range(count)))
     of = (offset, 0.01), (dry, 0.02)
     return warmed_up(warm[-1:], 3, *of).answer, warmed_up(warm, 3, *of).answer
 
@@ -231,13 +253,13 @@ def test_nothing_changes_where_another_motion_is_all(recorded: Recorded) -> None
 
 def test_another_motion_is_refused(recorded: Recorded, before: Evidence) -> None:
     with pytest.raises(RecordingError, match="is not the motion of"):
-        Difference.of(before, recorded(recorded.arm, other=True))
+        differences(before, recorded(recorded.arm, other=True))
 
 
 def test_what_cancels_leaves_the_noise_of_both(recorded: Recorded, before: Evidence) -> None:
     """Truth: whitened rows of nothing but noise have mean square one."""
-    rows = Difference.of(before, recorded(recorded.arm, offset=OFFSET_NM))
+    rows = differences(before, recorded(recorded.arm, offset=OFFSET_NM))[0]
     whitened = (rows.rows / rows.noise)[200:]
     assert float(np.mean(whitened**2)) == pytest.approx(1.0, abs=0.1)
     shifted = replace(before, torque=before.torque)
-    assert np.all(Difference.of(before, shifted).rows == 0.0)
+    assert np.all(differences(before, shifted)[0].rows == 0.0)
