@@ -155,8 +155,9 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
     wanted = (question,) if question in INVISIBLE else ()
     start = Account(robot=ROBOT, seed=seed + index, budget_s=FURTHER_S, recordings=recordings, wanted=wanted)
     accounts, broken = {}, {}
-    # What no motion settles is no race of motions.
-    for arm in ("chosen",) if question else arms:
+    # What no motion settles is no race of motions. What an operator does to the arm stays done, and who chooses asks.
+    driven: list[Arm] = ["chosen"] if question else sorted(arms, key=lambda arm: arm == "chosen")
+    for arm in driven:
         before = driver.broken
         accounts[arm] = _ARMS[arm](start, driver, folder / arm, tell)
         broken[arm] = driver.broken - before
@@ -164,7 +165,9 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
     if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != begun["commitment"]:
         raise SealBrokenError(str(index))
     label = json.loads(seal["label"])
-    answers = tuple(answer_of(arm, account, account.steps[-1], label, broken[arm]) for arm, account in accounts.items())
+    answers = tuple(
+        answer_of(arm, accounts[arm], accounts[arm].steps[-1], label, broken[arm]) for arm in ARMS if arm in accounts
+    )
     chosen = accounts.get("chosen") or next(iter(accounts.values()))
     known_before = answer_of("chosen", start, chosen.steps[0], label, 0)
     forecasts = forecasts_of(chosen, label) if "chosen" in accounts else ()

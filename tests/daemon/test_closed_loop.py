@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
 from daemon.investigate.account import Account, Alive, Motion, Named, Recorded, Step, Told
-from daemon.proof.closed_loop import Answer, LoopCase, answer_of, forecasts_of, reliability
+from daemon.proof import closed_loop
+from daemon.proof.closed_loop import ARMS, Answer, LoopCase, answer_of, forecasts_of, reliability
 from daemon.proof.closed_loop_table import loop_rows, loop_summary, reliability_rows
 from identification.investigation.actions import Action
 
@@ -101,6 +105,37 @@ def test_what_an_action_told_is_judged_by_the_label(answer: str, named: bool, wr
     assert (found.named, found.wrong) == (named, wrong)
     silent = answer_of("chosen", ACCOUNT, step(Named(effect="torque_offset", joint=2)), label, 0)
     assert (silent.named, silent.wrong) == (False, ())
+
+
+def test_what_an_operator_did_for_one_arm_is_no_part_of_the_recordings_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arm that was warmed up stays warm, so that whoever asks for it comes last; answers keep their order."""
+    seal = {"salt": "s", "label": json.dumps(LABEL)}
+    commitment = hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest()
+    warm: list[bool] = []
+
+    class Robot:
+        """Plays the robot: notes whether it was warm in each recording that was asked for."""
+
+        acted = False
+
+        def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+            self.acted = self.acted or "act" in request
+            if "record" in request:
+                warm.append(self.acted)
+            return {"commitment": commitment, "question": "", "limits_broken": 0, **(seal if "open" in request else {})}
+
+    def arm(start: Account, driver: Any, folder: Path, _: Any) -> Account:
+        driver.record(closed_loop.default_trajectory("iiwa14"), 4, folder)
+        if folder.name == "chosen":
+            driver.act(Action.WARM_UP)
+        return msgspec.structs.replace(start, steps=(step(SPRING),))
+
+    monkeypatch.setattr(closed_loop, "_ARMS", dict.fromkeys(ARMS, arm))
+    case = closed_loop._one_case(Robot(), 1, 0, tmp_path / "case", ARMS, lambda _: None)  # type: ignore[arg-type]
+    assert warm == [False] * 5
+    assert [answer.arm for answer in case.answers] == list(ARMS)
 
 
 def test_reliability_and_rows_are_counted() -> None:
