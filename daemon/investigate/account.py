@@ -78,12 +78,13 @@ class Named(_Entry, frozen=True, kw_only=True):
 
 
 class Told(_Entry, frozen=True, kw_only=True):
-    """What an action of the operator told. answer: short, for programs."""
+    """What an action of the operator told. answer: short, for programs. recording: by the recording of that number."""
 
     action: Action
     answer: str
     settled: bool
     sentence: str
+    recording: int = 0
 
 
 class Step(_Entry, frozen=True, kw_only=True):

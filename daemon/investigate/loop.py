@@ -218,7 +218,13 @@ class Investigation:
         first, *after_it = inputs.recordings
         outcomes = what_it_told(last.action, first, after_it, found, inputs.robot, _mass(last.added_mass))
         told = tuple(
-            Told(action=item.action, answer=item.answer, settled=item.settled, sentence=item.sentence)
+            Told(
+                action=item.action,
+                answer=item.answer,
+                settled=item.settled,
+                sentence=item.sentence,
+                recording=len(self.account.recordings),
+            )
             for item in outcomes
         )
         for item in told:
@@ -258,7 +264,9 @@ class Investigation:
         no_time = left_s < PERIODS[0] * PERIOD_S
         confirming = self.account.confirming + 1 if useless else 0
         nameless = found.assessment.alive[0].effect is None
-        if useless and (no_time or (nameless and confirming > MOST_CONFIRMING)):
+        # A torque that has two names is open, however sure the hypotheses are.
+        names_open = any(item.alternatives for item in found.diagnosis.findings)
+        if useless and not names_open and (no_time or (nameless and confirming > MOST_CONFIRMING)):
             if found.diagnosis.classes:
                 self._keep(sentence=as_a_class(found))
                 return Event.KNOWN
@@ -268,7 +276,7 @@ class Investigation:
             self._keep(sentence=f"The time that is left is for what no motion settles. {found.answer}")
             return Event.NO_MOTION_TELLS
         if no_time:
-            return self._out_of_time(best)
+            return self._out_of_time(None if useless else best)
         self._keep(confirming=confirming)
         self._choices = tuple(chosen_motion(self.account, choice, found) for choice in design.choices)
         return Event.CHOSEN
@@ -346,14 +354,18 @@ class Investigation:
         return self._study
 
     def _out_of_time(self, best: Forecast | None = None) -> Event:
-        leader = self.account.steps[-1].alive[0] if self.account.steps else None
-        leads = "" if leader is None else f" What leads: {leader.name}, {100 * leader.probability:.0f} %."
-        if best is not None:
-            leads += f" {PERIODS[0] * PERIOD_S:.0f} s more would settle it with {100 * best.probability:.0f} %."
+        step = self.account.steps[-1] if self.account.steps else None
+        known = "" if step is None else f" So far: {step.answer}"
+        if best is not None and step is not None:
+            leader = step.alive[0]
+            known += (
+                f" What leads: {leader.name}, {100 * leader.probability:.0f} %. "
+                f"{PERIODS[0] * PERIOD_S:.0f} s more would settle it with {100 * best.probability:.0f} %."
+            )
         self._keep(
             sentence=f"Out of time: {self.account.used_s / 60.0:.1f} of {self.account.budget_s / 60.0:.1f} minutes of "
             "motion are used, and the rest is too short for a motion. Call again with a larger --budget to go on."
-            + leads
+            + known
         )
         return Event.NO_TIME
 

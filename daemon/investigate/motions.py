@@ -14,6 +14,7 @@ from identification.excitation import (
 )
 from identification.investigation.choice import ENOUGH, Choice
 from identification.investigation.experiments import PERIOD_S
+from identification.investigation.forecast import LEAST_GAIN
 from identification.investigation.study import Study
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.reader import read_recording
@@ -102,16 +103,24 @@ def same_motion(account: Account, folder: Path) -> Planned:
 def describe_motion(motion: Motion) -> str:
     """What a motion is for and what it will tell, in two sentences."""
     what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods, {motion.seconds:.0f} s."
-    return what if motion.tells is None else f"{what} {foretold(motion)}"
+    return what if motion.forecast is None else f"{what} {foretold(motion)}"
 
 
 def foretold(motion: Motion) -> str:
     """What a motion with a forecast will tell."""
-    truth, rival = motion.tells or ("", "")
+    if motion.tells is None:
+        return "Nothing that has a name is likely so far: it is to show whether there is something after all."
+    truth, rival = motion.tells
     now, then = motion.named_now or 0.0, motion.named or 0.0
     if now >= ENOUGH:
-        return f"{truth[:1].upper()}{truth[1:]} is told from all else already: the motion adds evidence for its name."
-    named = f"it has its name afterwards with {100 * then:.0f} % (without the motion {100 * now:.0f} %)"
+        return (
+            f"{truth[:1].upper()}{truth[1:]} leads all else by enough; the diagnosis asks for more before it gives a "
+            "name, and this motion adds to it."
+        )
+    pair = f"It is to tell {truth} from {rival}:"
+    if then < LEAST_GAIN:
+        return f"{pair} no motion tried gives a name at once, and this one tells most."
+    chances = f"has its name afterwards with {100 * then:.0f} % (without the motion {100 * now:.0f} %)"
     if motion.forms < ENOUGH:
-        named = f"if a form of the library is there, which has {100 * motion.forms:.0f} %, {named}"
-    return f"It is to tell {truth} from {rival}: {named}."
+        return f"{pair} if a form of the library is there, which has {100 * motion.forms:.0f} %, it {chances}."
+    return f"{pair} whichever is there {chances}."

@@ -9,11 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.investigate.account import Account, Recorded, Step, Told
+from daemon.investigate.account import Account, Alive, Named, Recorded, Step
 from daemon.investigate.motions import foretold
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
 from identification.investigation.equivalences import unasked
+from identification.investigation.hypotheses import NOTHING, describe
+from identification.mismatch.between_recordings import one_a_line
+from identification.mismatch.effects.base import Place
 from identification.report.document import (
     Block,
     Document,
@@ -44,8 +47,6 @@ TITLES: dict[State, str] = {
 }
 _SHOWN, _PANELS = 6, 3
 _BOX, _TICKED = "☐", "☑"
-_LIKELY = 0.01
-"""Probability that a hypothesis has to have had once to be drawn."""
 _AGREES = 1e-3
 """Chance from which on sizes of several recordings count as one, as in the diagnosis."""
 
@@ -101,33 +102,38 @@ def _unasked(account: Account) -> Section:
 def _course(account: Account) -> Figure:
     """Probability of each hypothesis that ever led or was named, over the recordings; 1 once it is named alone."""
     recordings = np.array([step.recordings for step in account.steps], dtype=np.float64)
-    best: dict[tuple[str | None, int | None], float] = {}
-    words: dict[tuple[str | None, int | None], str] = {}
-    for step in account.steps:
-        for item in step.alive:
-            key = (item.effect, item.joint)
-            best[key] = max(best.get(key, 0.0), item.probability)
-            words[key] = item.name
-    likely = [key for key, chance in best.items() if chance >= _LIKELY] or list(best)
-    shown = sorted(likely, key=lambda key: (key[0] is None, -best[key]))[:_PANELS]
+    courses = [_probabilities(step) for step in account.steps]
+    led = [_words(step.alive[0]) for step in account.steps]
+    named = [_words(item) for step in account.steps for item in step.findings]
+    # "Nothing more" is said beside whatever has a name: it is drawn where nothing ever had one.
+    every = dict.fromkeys([*named, *led])
+    words = [name for name in every if name != NOTHING.name] or list(every)
     panels = []
-    for key in shown:
-        course = np.array([_probability(step, key) for step in account.steps])
+    for name in sorted(words, key=lambda name: -max(course.get(name, 0.0) for course in courses))[:_PANELS]:
+        course = np.array([each.get(name, 0.0) for each in courses])
         text = ", ".join(f"{value:.2f} after {count:.0f}" for value, count in zip(course, recordings, strict=True))
         lines = tuple(Line("fitted", recordings, course, marks=marks) for marks in ("dots", "line"))
-        panels.append(
-            Panel(words[key].capitalize(), "recordings", "probability", lines, f"{words[key]}: {text}", chances=True)
-        )
+        panels.append(Panel(_sentence(name), "recordings", "probability", lines, f"{name}: {text}", chances=True))
     return Figure(
-        "How the hypotheses fared as recordings came in; a name that stands alone counts as one.", tuple(panels)
+        "How what led or has a name fared as recordings came in; a name that stands alone counts as one.", tuple(panels)
     )
 
 
-def _probability(step: Step, key: tuple[str | None, int | None]) -> float:
-    named = {(item.effect, item.joint) for item in step.findings if not item.alternatives}
-    if key in named:
-        return 1.0
-    return next((item.probability for item in step.alive if (item.effect, item.joint) == key), 0.0)
+def _probabilities(step: Step) -> dict[str, float]:
+    """Of each hypothesis by its words after a step."""
+    alive = {_words(item): item.probability for item in reversed(step.alive)}
+    return alive | {_words(item): 1.0 for item in step.findings if not item.alternatives}
+
+
+def _words(item: Alive | Named) -> str:
+    """An effect with its joint; without one, the name less the joints in brackets, which find no room over a panel."""
+    if isinstance(item, Alive) and item.effect is None:
+        return item.name.split(" (")[0]
+    return describe(item.effect, Place(item.joint))
+
+
+def _sentence(name: str) -> str:
+    return name[:1].upper() + name[1:]
 
 
 def _chapter(account: Account, number: int) -> Section:
@@ -135,19 +141,16 @@ def _chapter(account: Account, number: int) -> Section:
     recorded = account.recordings[number]
     step = next((item for item in account.steps if item.recordings == number + 1), None)
     blocks: list[Block] = [Paragraph(_why(recorded))]
-    if step is not None:
-        blocks += _known(step)
+    if recorded.action is not None:
+        # The diagnosis is of the arm as it was before, so that it says nothing new.
+        told = [item.sentence for item in account.told if item.recording == number + 1]
+        blocks += [Paragraph(text) for text in told]
+    elif step is not None:
+        blocks += _known(step, last=step is account.steps[-1])
     elif number == 0:
         blocks.append(Paragraph("A second motion is needed before a name can be checked.", "note"))
-    blocks += [Paragraph(item.sentence, "note") for item in _told(account, number)]
     title = "given" if recorded.motion is None else recorded.motion.purpose
     return Section(f"recording-{number + 1}", f"Recording {number + 1}: {title}", tuple(blocks))
-
-
-def _told(account: Account, number: int) -> list[Told]:
-    """What the recording of a number told of the action that it was made for."""
-    action = account.recordings[number].action
-    return [] if action is None else [item for item in account.told if item.action is action]
 
 
 def _why(recorded: Recorded) -> str:
@@ -155,21 +158,24 @@ def _why(recorded: Recorded) -> str:
     if motion is None:
         return f"Given: {recorded.file}."
     text = f"{motion.periods} periods, {motion.seconds:.0f} s of motion."
-    if motion.tells is not None:
-        text += f" Foretold: {foretold(motion)}"
+    if motion.forecast is not None:
+        text += f" {foretold(motion)}"
     return text
 
 
-def _known(step: Step) -> list[Block]:
+def _known(step: Step, *, last: bool) -> list[Block]:
+    first = step.alive[0].log_odds
     rows = tuple(
-        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{round(item.log_odds, 1) + 0.0:+.1f}")
+        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{round(first - item.log_odds, 1) + 0.0:.1f}")
         for item in step.alive[:_SHOWN]
     )
     blocks: list[Block] = [
         Paragraph(step.answer),
-        Table("Hypotheses alive beside what is settled", ("hypothesis", "probability", "nats against nothing"), rows),
+        Table("Hypotheses alive beside what is settled", ("hypothesis", "probability", "nats behind the first"), rows),
     ]
     blocks += [Paragraph(f"Open: {text}", "note") for text in step.questions]
+    if last and step.verdict != "explained":
+        blocks += [Paragraph(text, "note") for text in one_a_line(step.remaining)]
     blocks += [Paragraph(text, "note") for text in step.day_terms]
     blocks += [Paragraph(_agreement(name, chance), "note") for name, chance in step.agreements]
     return blocks

@@ -86,7 +86,9 @@ class Study:
             return " ".join(found)
         if self.diagnosis.classes:
             return " ".join(item.sentence for item in self.diagnosis.classes)
-        return "No effect of the library stands out from the nominal model and its noise."
+        if self.diagnosis.verdict == "no_mismatch":
+            return "No effect of the library stands out from the nominal model and its noise."
+        return "More is left than noise explains, and no effect of the library stands out from it."
 
 
 def study(
@@ -266,7 +268,7 @@ def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question
         if not found and forms and claim.joint not in settled:
             found.append(Question(f"{forms[0].capitalize()}, or a torque of joint {claim.joint} without such a form?"))
     if not found and diagnosis.verdict in ("partly_explained", "unexplained", "undecided"):
-        found.append(Question(f"Something without a name is left: {diagnosis.remaining}"))
+        found.append(Question("What is it that is left? It has no name."))
     return tuple(found)
 
 

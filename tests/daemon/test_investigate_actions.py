@@ -169,3 +169,51 @@ def test_a_class_that_no_motion_gives_a_name_is_settled_as_a_class(
     assert account.sentence.startswith("Settled as a class, without a name.")
     assert "No form of the library describes it better" in account.sentence
     assert driver.driven == (2 if left > 40.0 else 0)
+
+
+def test_a_torque_with_two_names_is_open_when_the_time_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever class it is of, and though the hypotheses are told apart: the diagnosis gave it no single name."""
+    found = experiment(np.random.default_rng(1), ROOM, "fourier", None)
+    told = Choice(found, 4, Forecast(0.99, 0.99, None, np.zeros((1, 1)), 1.0, 0.99, 0.99))
+    study = scripted_study(100)
+
+    def with_two_names(self: Investigation) -> Any:
+        found = study(self)
+        two = SimpleNamespace(
+            effect="torque_sensor_gain", place=Place(7), alternatives=(SimpleNamespace(effect="bending_crosstalk"),)
+        )
+        found.diagnosis = SimpleNamespace(
+            verdict="explained", findings=(two,), remaining="", classes=(SimpleNamespace(sentence="own torque"),)
+        )
+        found.chooser = SimpleNamespace(choose=lambda *_, **__: Design((told,), ()))
+        return found
+
+    monkeypatch.setattr(Investigation, "_studied", with_two_names)
+    account = investigation(tmp_path, begun(tmp_path, budget_s=50.0), ScriptedDriver()).run()
+    assert account.state is State.OUT_OF_BUDGET
+    assert "as a class" not in account.sentence
+    assert "So far: An answer." in account.sentence
+
+
+@pytest.mark.usefixtures("_told")
+def test_the_page_says_of_each_recording_after_an_action_what_that_one_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = iter(("The first time it told nothing.", "It was the sensor."))
+    monkeypatch.setattr(
+        loop_module, "what_it_told",
+        lambda action, *_: (Outcome(action, "", (sentence := next(told)).endswith("sensor."), sentence),),
+    )  # fmt: skip
+    monkeypatch.setattr(Investigation, "_studied", with_offset)
+    account = begun(tmp_path, budget_s=240.0, state=State.NEEDS_ACTION)
+    for _ in range(2):
+        again = investigation(tmp_path, account, ScriptedDriver())
+        again.resume(acted=Action.WARM_UP)
+        account = again.run()
+    assert account.state is State.SETTLED
+    page = write_story(tmp_path, account).read_text(encoding="utf-8")
+    chapters = page.split("Recording 3: ")[-1].split("Recording 4: ")
+    assert "The first time it told nothing." in chapters[0]
+    assert "It was the sensor." not in chapters[0]
+    assert "The first time it told nothing." not in chapters[1]
+    assert "Hypotheses alive" not in "".join(chapters)
