@@ -8,7 +8,7 @@ squares (weighted) → sign of the torque → programs with physical constraints
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.estimate import Estimate
 from identification.fitting.misfit import misfit_over_noise
 from identification.fitting.nominal_model import (
+    NominalModel,
     Progress,
     blocks_as,
     build_blocks,
@@ -78,47 +79,27 @@ def fit_recordings(
         settings = replace(settings, low_pass_hz=band.low_pass_hz)
     report("regressor", 0.3)
     model = choose_nominal_model(processed, robot, settings)
-    regressor, blocks = model.regressor, model.blocks
+    regressor = model.regressor
     report("least squares", 0.5)
     estimator, estimate = estimate_nominal(model, processed, settings)
-    delay = _delay(blocks, regressor, estimate, estimator)
+    delay = _delay(model.blocks, regressor, estimate, estimator)
     shift = delay.of(settings.delay_correction)
     if settings.delay_correction != "no":
-        processed = [
-            replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
-        ]
-        whole = model.largest[0]
-        largest = whole, build_blocks(processed, whole, settings)
-        blocks = blocks_as(largest[1], whole, regressor, processed, settings)
-        model = replace(model, blocks=blocks, largest=largest)
+        processed, model = _with_torque_earlier(processed, model, shift, settings)
         estimator, estimate = estimate_nominal(model, processed, settings)
-    least_squares = estimate.least_squares
+    blocks, least_squares = model.blocks, estimate.least_squares
     sign = _torque_sign(regressor, least_squares, blocks)
     if settings.check_torque_sign:
         _refuse_wrong_sign(sign, processed)
 
-    constrained: ConstrainedResult | None = None
-    consistent: SettledParameters | None = None
-    feasibility: FeasibilityAnswer | None = None
-    if settings.physical:
-        report("parameters of real bodies", 0.6)
-        rules = rules_for(robot).with_bounds(settings.bounds)
-        consistent = settle_open_directions(least_squares.values, least_squares.covariance, regressor)
-        report("feasible parameters (program 10)", 0.7)
-        constrained = solve_constrained(
-            least_squares.reduced,
-            regressor,
-            rules,
-            starts=settings.starts,
-            seed=settings.seed,
-            full_consistency=settings.full_consistency,
-        )
-        feasibility = _feasibility(blocks, regressor, least_squares)
+    real = (
+        _real_bodies(blocks, robot, regressor, least_squares, settings, report) if settings.physical else _RealBodies()
+    )
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
     sets = {"base": least_squares.values}
-    if constrained is not None:
-        sets["physical"] = constrained.base_values
+    if real.constrained is not None:
+        sets["physical"] = real.constrained.base_values
     result = FitResult(
         robot=robot,
         regressor=regressor,
@@ -128,9 +109,9 @@ def fit_recordings(
         equation_15_std=estimate.ordinary.std,
         torque_delay=delay,
         torque_shift=shift,
-        constrained=constrained,
-        consistent=consistent,
-        feasibility=feasibility,
+        constrained=real.constrained,
+        consistent=real.consistent,
+        feasibility=real.feasibility,
         rms=_rms_table(blocks, sets, noise_floor),
         noise_floor_nm=noise_floor,
         misfit=misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values),
@@ -150,6 +131,50 @@ def fit_recordings(
 
 def _silent(phase: str, share: float) -> None:
     """Progress that nobody watches."""
+
+
+def _with_torque_earlier(
+    processed: list[Processed], model: NominalModel, shift: FloatArray, settings: FitSettings
+) -> tuple[list[Processed], NominalModel]:
+    """The recordings with their torques (n,) s earlier, and the model's rows made of them anew."""
+    moved = [
+        replace(item, stretches=tuple(earlier(stretch, shift) for stretch in item.stretches)) for item in processed
+    ]
+    whole = model.largest[0]
+    largest = whole, build_blocks(moved, whole, settings)
+    blocks = blocks_as(largest[1], whole, model.regressor, moved, settings)
+    return moved, replace(model, blocks=blocks, largest=largest)
+
+
+@dataclass(frozen=True, slots=True)
+class _RealBodies:
+    """What is said of real bodies: the solution of program (10), a consistent set, whether any body can be so."""
+
+    constrained: ConstrainedResult | None = None
+    consistent: SettledParameters | None = None
+    feasibility: FeasibilityAnswer | None = None
+
+
+def _real_bodies(
+    blocks: list[Block],
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    estimate: LeastSquaresResult,
+    settings: FitSettings,
+    report: Progress,
+) -> _RealBodies:
+    report("parameters of real bodies", 0.6)
+    consistent = settle_open_directions(estimate.values, estimate.covariance, regressor)
+    report("feasible parameters (program 10)", 0.7)
+    constrained = solve_constrained(
+        estimate.reduced,
+        regressor,
+        rules_for(robot).with_bounds(settings.bounds),
+        starts=settings.starts,
+        seed=settings.seed,
+        full_consistency=settings.full_consistency,
+    )
+    return _RealBodies(constrained, consistent, _feasibility(blocks, regressor, estimate))
 
 
 def _delay(blocks: list[Block], regressor: BaseRegressor, estimate: Estimate, estimator: str) -> TorqueDelay:

@@ -77,78 +77,25 @@ class Push:
 
 def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
     """Force, point and window together, and the profile's bends if the shape has them, by Gauss and Newton."""
-    motion = ground.motion
-    upstream = motion.robot.kinematics.upstream(link - 1)
-    lower, upper = reach_of(motion, link)
-    around = {**shape, "start_s": shape["start_s"] - 0.5 * shape["duration_s"], "duration_s": 2.0 * shape["duration_s"]}
-    wide = course_of(ground, around)
-    unit = unit_torque(ground, link, wide)
-    near = np.flatnonzero((wide != 0.0).any(axis=0))
-    unit, samples = unit[near], len(unit)
-    target = ground.target(upstream)
-    bends = [name for name in shape if name.startswith("bend_")]
-    size = 10 + len(bends)
-
-    def shape_of(x: FloatArray) -> dict[str, float]:
-        duration = float(np.exp(x[7]))
-        window = {
-            "start_s": float(x[6]) - 0.5 * duration,
-            "duration_s": duration,
-            "sharpness": float(np.exp(x[8])),
-            "skew": float(np.exp(x[9])),
-        }
-        points = {name: float(x[3 + i]) for i, name in enumerate(POINT)}
-        return {**shape, **window, **points, **{name: float(x[10 + i]) for i, name in enumerate(bends)}}
-
-    def tangent_at(x: FloatArray) -> FloatArray:
-        """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
-        factors = course_of(ground, shape_of(x), near)
-        force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
-        by_force = (unit.reshape(-1, 4) @ arm).reshape(unit.shape[:3])
-        by_point = (unit.transpose(0, 1, 3, 2) @ force)[..., 1:]
-        torque = by_force @ force
-        values = np.empty((len(factors), near.size, len(upstream), size + 1))
-        values[..., :3] = factors[..., None, None] * by_force
-        values[..., 3:6] = factors[..., None, None] * by_point
-        for number in range(6, size):
-            step = np.zeros(size)
-            step[number] = SLOPE
-            above, below = (course_of(ground, shape_of(x + change), near) for change in (step, -step))
-            values[..., number] = ((above - below) / (2.0 * SLOPE))[..., None] * torque
-        values[..., size] = factors[..., None] * torque
-        result = np.zeros((len(factors), samples, len(upstream), size + 1))
-        result[:, near] = values
-        return result
-
+    sought = _Sought.on(ground, link, shape)
+    target = ground.target(sought.upstream)
     known: dict[bytes, FloatArray] = {}
 
     def rows_at(x: FloatArray) -> FloatArray:
         if x.tobytes() not in known:
             known.clear()
-            known[x.tobytes()] = ground.rows(tangent_at(x), upstream)
+            known[x.tobytes()] = ground.rows(sought.tangent_at(x), sought.upstream)
         return known[x.tobytes()]
 
-    first, low, high = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
-    first[3:6] = [shape[name] for name in POINT]
-    first[6] = shape["start_s"] + 0.5 * shape["duration_s"]
-    first[7:10] = np.log([shape[name] for name in WINDOW[1:]])
-    first[10:] = [shape[name] for name in bends]
-    low[3:6], high[3:6] = lower, upper
-    low[6], high[6] = first[6] - 0.4 * shape["duration_s"], first[6] + 0.4 * shape["duration_s"]
-    low[7:10], high[7:10] = np.log([SHORTEST_S, 0.05, 0.3]), np.log([longest_s(ground), 4.0, 3.0])
+    low, high = sought.bounds()
     inside = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
-    first = np.clip(first, low + inside, high - inside)
+    first = np.clip(sought.vector(), low + inside, high - inside)
     rows = rows_at(first)[:, :3]
     gram, right = rows.T @ rows, rows.T @ target
     usual = size_of_force(gram, right)
     first[:3] = np.linalg.solve(gram + np.eye(3) / usual**2, right)
-    # What is known before: sizes of force and bends, points within the link's reach.
-    centre, known_to = np.zeros(size), np.zeros(size)
-    centre[3:6], known_to[3:6] = 0.5 * (lower + upper), np.sqrt(12.0) / (upper - lower)
-    known_to[:3], known_to[10:] = 1.0 / usual, 1.0 / BENT_BY
-    if bends:
-        # The plain profile under the bends is as good as any near it.
-        centre[8:10], known_to[8:10] = first[8:10], 1.0 / UNBENT_BY
+    centre, known_to = sought.before_data(first, usual)
+    size = sought.size
 
     def residual(x: FloatArray) -> FloatArray:
         return np.concatenate([rows_at(x)[:, size] - target, known_to * (x - centre)])
@@ -170,23 +117,130 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
     # What the data leave open lies within its bounds.
     known_to[6:10] = np.maximum(known_to[6:10], np.sqrt(12.0) / (high - low)[6:10])
     covariance = np.asarray(np.linalg.inv(slopes.T @ slopes + np.diag(known_to**2)), dtype=np.float64)
-    deviation = np.sqrt(np.diag(covariance))
-    found = shape_of(x)
-    start = np.array([1.0, -0.5 * found["duration_s"]])
+    found = sought.shape_of(x)
     return Push(
         place=Place(link=link),
         shape=found,
-        joints=tuple(upstream),
+        joints=sought.upstream,
         gain=float(target @ target - left @ left),
         force=x[:3].copy(),
         covariance=covariance[:3, :3],
-        shape_std={
-            **{name: float(deviation[3 + i]) for i, name in enumerate(POINT)},
-            "start_s": float(np.sqrt(start @ covariance[6:8, 6:8] @ start)),
-            "duration_s": float(deviation[7] * found["duration_s"]),
-        },
-        tangent=tangent_at(x)[..., :size],
+        shape_std=_std_of_shape(covariance, found["duration_s"]),
+        tangent=sought.tangent_at(x)[..., :size],
     )
+
+
+def _std_of_shape(covariance: FloatArray, duration_s: float) -> dict[str, float]:
+    """σ of point and window, from the covariance of `_Sought`'s vector."""
+    deviation = np.sqrt(np.diag(covariance))
+    start = np.array([1.0, -0.5 * duration_s])
+    return {
+        **{name: float(deviation[3 + i]) for i, name in enumerate(POINT)},
+        "start_s": float(np.sqrt(start @ covariance[6:8, 6:8] @ start)),
+        "duration_s": float(deviation[7] * duration_s),
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sought:
+    """What is fitted, as one vector x: force (3,) N; point (3,) m; middle of the window, s; logarithms of its duration,
+    sharpness and skew; bends.
+
+    shape: where the search begins. upstream: joints from 0 that the push reaches. near: samples of the period in which
+    it may act. unit: (near, J, 3, 4) torque of unit forces there. reach: lowest and highest point of the link.
+    """
+
+    ground: Ground
+    shape: Mapping[str, float]
+    upstream: tuple[int, ...]
+    near: IntArray
+    unit: FloatArray
+    reach: tuple[FloatArray, FloatArray]
+
+    @classmethod
+    def on(cls, ground: Ground, link: int, shape: Mapping[str, float]) -> _Sought:
+        """A push on a link, from 1."""
+        start, duration = shape["start_s"], shape["duration_s"]
+        wide = course_of(ground, {**shape, "start_s": start - 0.5 * duration, "duration_s": 2.0 * duration})
+        near = np.flatnonzero((wide != 0.0).any(axis=0))
+        upstream = tuple(ground.motion.robot.kinematics.upstream(link - 1))
+        return cls(ground, shape, upstream, near, unit_torque(ground, link, wide)[near], reach_of(ground.motion, link))
+
+    @property
+    def bends(self) -> list[str]:
+        """Their names in the shape."""
+        return [name for name in self.shape if name.startswith("bend_")]
+
+    @property
+    def size(self) -> int:
+        """Of x."""
+        return 10 + len(self.bends)
+
+    def vector(self) -> FloatArray:
+        """(size,) where the search begins, without force."""
+        shape = self.shape
+        return np.array(
+            [
+                *(0.0, 0.0, 0.0),
+                *(shape[name] for name in POINT),
+                shape["start_s"] + 0.5 * shape["duration_s"],
+                *(np.log(shape[name]) for name in WINDOW[1:]),
+                *(shape[name] for name in self.bends),
+            ]
+        )
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """(size,) each: the point on the link, the window not far from where the search begins."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        low[3:6], high[3:6] = self.reach
+        middle, aside = self.vector()[6], 0.4 * self.shape["duration_s"]
+        low[6], high[6] = middle - aside, middle + aside
+        low[7:10], high[7:10] = np.log([SHORTEST_S, 0.05, 0.3]), np.log([longest_s(self.ground), 4.0, 3.0])
+        return low, high
+
+    def before_data(self, first: FloatArray, usual: float) -> tuple[FloatArray, FloatArray]:
+        """(size,) each: what is known before and 1/σ of it: sizes of force and bends, points on the link."""
+        lower, upper = self.reach
+        centre, known_to = np.zeros(self.size), np.zeros(self.size)
+        centre[3:6], known_to[3:6] = 0.5 * (lower + upper), np.sqrt(12.0) / (upper - lower)
+        known_to[:3], known_to[10:] = 1.0 / usual, 1.0 / BENT_BY
+        if self.bends:
+            # The plain profile under the bends is as good as any near it.
+            centre[8:10], known_to[8:10] = first[8:10], 1.0 / UNBENT_BY
+        return centre, known_to
+
+    def shape_of(self, x: FloatArray) -> dict[str, float]:
+        """Point, window and bends of a vector."""
+        duration = float(np.exp(x[7]))
+        return {
+            **self.shape,
+            "start_s": float(x[6]) - 0.5 * duration,
+            "duration_s": duration,
+            "sharpness": float(np.exp(x[8])),
+            "skew": float(np.exp(x[9])),
+            **{name: float(x[3 + i]) for i, name in enumerate(POINT)},
+            **{name: float(x[10 + i]) for i, name in enumerate(self.bends)},
+        }
+
+    def tangent_at(self, x: FloatArray) -> FloatArray:
+        """(P, S, J, size + 1): torque per unit of each variable, and the torque itself."""
+        factors = course_of(self.ground, self.shape_of(x), self.near)
+        force, arm = x[:3], np.concatenate([[1.0], x[3:6]])
+        by_force = (self.unit.reshape(-1, 4) @ arm).reshape(self.unit.shape[:3])
+        by_point = (self.unit.transpose(0, 1, 3, 2) @ force)[..., 1:]
+        torque = by_force @ force
+        values = np.empty((len(factors), self.near.size, len(self.upstream), self.size + 1))
+        values[..., :3] = factors[..., None, None] * by_force
+        values[..., 3:6] = factors[..., None, None] * by_point
+        for number in range(6, self.size):
+            step = np.zeros(self.size)
+            step[number] = SLOPE
+            above, below = (course_of(self.ground, self.shape_of(x + change), self.near) for change in (step, -step))
+            values[..., number] = ((above - below) / (2.0 * SLOPE))[..., None] * torque
+        values[..., self.size] = factors[..., None] * torque
+        result = np.zeros((len(factors), self.ground.motion.samples, *values.shape[2:]))
+        result[:, self.near] = values
+        return result
 
 
 def course_of(ground: Ground, shape: Mapping[str, float], near: IntArray | None = None) -> FloatArray:
