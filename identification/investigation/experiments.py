@@ -17,6 +17,7 @@ from identification.excitation.fourier import Trajectory, fourier_basis
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.trajectory_files import TableTrajectory
 from identification.investigation.columns import PLAN_RATE_HZ, states_of_table
+from identification.mismatch.settings import DiagnosisSettings
 
 FloatArray = npt.NDArray[np.float64]
 States = tuple[FloatArray, FloatArray, FloatArray]
@@ -30,7 +31,9 @@ _LARGEST_ACCELERATION, _LARGEST_JERK = 8.0, 80.0
 """rad/s² and rad/s³: nobody states them for the arm (docs/limits.md), so that motions keep to what its drives like."""
 _HARMONICS = 5
 _CORNER_S = 0.25
-"""Length over which a change of speed is spread: the arm's drives and the motion's bandwidth ask for that."""
+"""Length over which a change of speed is spread: the arm's drives ask for that."""
+_LAST_HARMONIC = int(DiagnosisSettings().motion_bandwidth_hz * PERIOD_S)
+"""Of a period, up to which a recorded motion is read: torque of acceleration beyond would be taken for a missing one."""
 _DITHER_RAD, _DITHER_TURNS = 0.06, (1, 2, 3)
 
 
@@ -93,8 +96,9 @@ def _sweep(random: np.random.Generator, room: Room, joint: int | None) -> FloatA
 
 def _two_speeds(random: np.random.Generator, room: Room, joint: int | None) -> FloatArray:
     """The same path forth and back, once slowly and several times fast."""
-    half_width, fast = random.uniform(0.05, 0.5), int(random.integers(2, 9))
-    slow_share = random.uniform(0.5, 0.75)
+    half_width, slow_share = random.uniform(0.05, 0.5), random.uniform(0.5, 0.75)
+    # Within a corner there is no way: a leg that is shorter would not reach the ends of the path.
+    fast = int(random.integers(2, min(8, int((1.0 - slow_share) * PERIOD_S / (2.0 * _CORNER_S))) + 1))
     path = _forth_and_back(half_width, [(slow_share, 1), (1.0 - slow_share, fast)])
     return _beside(random, room, joint, path)
 
@@ -218,12 +222,12 @@ def _forth_and_back(half_width: float | FloatArray, legs: Sequence[tuple[float, 
         phase = (np.arange(stop - start) + 0.5) / max(1, count) * turns
         velocity[start:stop] = np.where(phase % 1.0 < 0.5, 1.0, -1.0) * 4.0 * width * turns / (share * PERIOD_S)
         start = stop
-    # The corner may take a third of the shortest straight piece at most.
-    shortest = min(share * PERIOD_S / (2 * turns) for share, turns in legs)
-    width = max(4, round(min(_CORNER_S, shortest / 3.0) * PLAN_RATE_HZ))
+    width = round(_CORNER_S * PLAN_RATE_HZ)
     window = np.hanning(width + 2)[1:-1]
     kernel = np.zeros(_SAMPLES)
     kernel[:width] = window / window.sum()
-    smooth = np.fft.irfft(np.fft.rfft(velocity) * np.fft.rfft(np.roll(kernel, -(width // 2))), _SAMPLES)
+    spectrum = np.fft.rfft(velocity) * np.fft.rfft(np.roll(kernel, -(width // 2)))
+    spectrum[_LAST_HARMONIC + 1 :] = 0.0
+    smooth = np.fft.irfft(spectrum, _SAMPLES)
     position = np.cumsum(smooth - smooth.mean()) / PLAN_RATE_HZ
     return np.asarray(position - position.mean())

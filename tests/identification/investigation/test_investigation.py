@@ -20,6 +20,7 @@ from identification.investigation.forecast import APART, forecast, stands_out
 from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, agreement, separations
 from identification.mismatch.effects.base import Place
+from identification.mismatch.settings import DiagnosisSettings
 
 ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
 
@@ -123,6 +124,17 @@ def test_every_motion_keeps_to_the_limits_and_closes_its_period(kind: str) -> No
         assert len(table) == round(1000 * PERIOD_S)
         step = np.abs(np.diff(np.vstack([table, table[:1]]), axis=0)).max(axis=0)
         assert np.all(step <= 1e-3 * limits.velocity)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_no_motion_accelerates_beyond_the_band_in_which_a_recorded_motion_is_read(kind: str) -> None:
+    """Truth: lines of the acceleration; a thousandth of 1 rad/s² is a few mNm at the heaviest joint."""
+    random, band_hz = np.random.default_rng(8), DiagnosisSettings().motion_bandwidth_hz
+    for number in range(30):
+        acceleration = experiment(random, ROOM, kind, None if kind == "fourier" else number % 7).states[2]
+        lines = np.fft.rfft(acceleration, axis=0) / len(acceleration)
+        beyond = lines[int(band_hz * PERIOD_S) + 1 :]
+        assert np.sqrt(2.0 * (np.abs(beyond) ** 2).sum(axis=0)).max() < 1e-3
 
 
 @pytest.mark.parametrize("kind", sorted(set(KINDS) - {"fourier"}))
