@@ -5,6 +5,7 @@ Truth: the table below, written from the operator's side. The mathematics is rep
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -172,6 +173,62 @@ def killed_while_recording(folder: Path, left_behind: str) -> Investigation:
     run.mkdir()
     (run / left_behind).write_bytes(b"")
     return investigation(folder, account, ScriptedDriver())
+
+
+METHODS = {"diagnosing": "_diagnose", "choosing": "_choose", "checking": "_check", "asking": "_question"}
+
+
+@pytest.mark.parametrize("state", METHODS)
+def test_ctrl_c_in_any_state_keeps_what_is_known_and_the_same_command_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], state: str
+) -> None:
+    """While the arm moves, Ctrl-C is the run's own: it ends as stopped, below."""
+    driver = ScriptedDriver()
+    monkeypatch.setattr("daemon.cli.investigate._driver", lambda *_, **__: driver)
+    words = ("investigate", "--out", str(tmp_path / "question"))
+
+    def interrupt(self: Investigation) -> Event:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Investigation, METHODS[state], interrupt)
+        assert run(*words, "--budget", "10", "--yes") == 130
+    assert "Traceback" not in capsys.readouterr().err
+    left = read_account(tmp_path / "question")
+    assert left is not None
+    assert (left.state.value, left.recordings, driver.driven) == (state, (), 0)
+    assert run(*words, "--yes") == 0
+    done = read_account(tmp_path / "question")
+    assert done is not None
+    assert (done.state, len(done.recordings), driver.driven) == (State.SETTLED, 4, 4)
+
+
+@pytest.mark.parametrize("motion", range(4))
+@pytest.mark.parametrize("trouble", ["stopped", "dropped", "kill"])
+def test_a_motion_that_was_broken_off_is_asked_for_again_whichever_it_was(
+    tmp_path: Path, trouble: str, motion: int
+) -> None:
+    """Ctrl-C, a drop or a kill in the first, the second and the chosen motions; what was recorded before is kept."""
+    account = begun(tmp_path, recordings=(), budget_s=600.0)
+    driver = ScriptedDriver(*["recorded"] * motion, trouble)
+    with contextlib.suppress(KeyboardInterrupt):
+        investigation(tmp_path, account, driver).run()
+    left = read_account(tmp_path)
+    assert left is not None
+    states = {"stopped": State.INTERRUPTED, "dropped": State.DROPPED, "kill": State.RECORDING}
+    assert (left.state, len(left.recordings), driver.driven) == (states[trouble], motion, motion + 1)
+    asked: list[Motion] = []
+    later = ScriptedDriver()
+    again = investigation(tmp_path, left, later, ask=lambda motion: asked.append(motion) or True)
+    if trouble == "dropped":
+        with pytest.raises(ConfigurationError, match="--after-drop"):
+            again.resume()
+    again.resume(after_drop=trouble == "dropped")
+    assert (again.account.state, later.driven) == (State.ASKING, 0)
+    done = again.run()
+    assert done.state is State.SETTLED
+    assert (len(done.recordings), len(asked), later.driven) == (4, 4 - motion, 4 - motion)
+    assert asked[0] == left.pending
 
 
 def test_a_recording_that_was_whole_when_the_kill_came_is_not_driven_again(tmp_path: Path) -> None:
