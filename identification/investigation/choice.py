@@ -26,7 +26,7 @@ from identification.mismatch.evidence import Evidence
 
 FloatArray = npt.NDArray[np.float64]
 
-TRIALS, IMPROVEMENTS = 48, 24
+TRIALS, IMPROVEMENTS = 48, 96
 KEPT = 4
 """Best trials that are improved."""
 HANDED_ON, ALIKE = 8, 2
