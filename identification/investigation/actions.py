@@ -225,16 +225,19 @@ def warmed_up(
 ) -> Outcome:
     """Whether an offset of a joint (from 0) is the sensor's, or Coulomb friction that differs between directions.
 
-    warm: each warm recording against one cold one, judged together: the noise of the cold one is in all
-    of them. offset, coulomb: of the joint before, Nm, with deviations. With r the changes of the Coulomb friction over
-    the friction, the changes of the offset are N(0, S) where it is the sensor's, and N(b r, …) where it is friction.
+    warm: each warm recording against one cold one, judged together: the noise of the cold one is in all of them.
+    offset, coulomb: of the joint before, Nm, with deviations. With r the changes of the Coulomb friction over the
+    friction, the changes of the offset are N(0, S) where it is the sensor's, and N(b r, …) where it is friction. The
+    cold recording's noise is in b and, with the other sign, in the changes.
     """
-    change, covariance = _frictions(warm, joint)
+    change, covariance, cold = _frictions(warm, joint)
     (size, size_std), (dry, dry_std) = offset, coulomb
     shift, ratio = change[:, 0], change[:, 1] / dry
     own, across, other = covariance[:, 0, :, 0], covariance[:, 0, :, 1] / dry, covariance[:, 1, :, 1] / dry**2
     other = other + np.outer(ratio, ratio) * (dry_std / dry) ** 2
     spread = own - size * (across + across.T) + size**2 * other + np.outer(ratio, ratio) * size_std**2
+    # An estimate from more than the cold recording shares with it no more than its own variance.
+    spread += min(size_std**2, cold) * (ratio[:, None] + ratio)
     odds = _log_normal(shift - size * ratio, spread) - _log_normal(shift, own)
     last = -1
     text = (
@@ -254,8 +257,9 @@ def warmed_up(
     return Outcome(Action.WARM_UP, "", False, f"{text}: that tells neither from the other. {again}")
 
 
-def _frictions(warm: Sequence[Difference], joint: int) -> tuple[FloatArray, FloatArray]:
-    """(K, 3) change of the offset, Nm, of Coulomb, Nm, and of viscous friction, Nm s/rad, and covariance (K, 3, K, 3).
+def _frictions(warm: Sequence[Difference], joint: int) -> tuple[FloatArray, FloatArray, float]:
+    """(K, 3) change of the offset, Nm, of Coulomb, Nm, and of viscous friction, Nm s/rad, and covariance (K, 3, K, 3);
+    variance of the offset in the cold recording, Nm².
 
     Rows of K differences share the noise of the recording that they are taken from.
     """
@@ -273,7 +277,8 @@ def _frictions(warm: Sequence[Difference], joint: int) -> tuple[FloatArray, Floa
     left = measured - matrix @ change
     covariance = covariance * max(1.0, float(left @ left) / (measured.size - change.size))
     shape = count, rows.shape[1]
-    return change.reshape(shape), np.asarray(covariance.reshape(*shape, *shape), dtype=np.float64)
+    of_cold = np.linalg.inv((rows / shared[:, None]).T @ rows)
+    return change.reshape(shape), np.asarray(covariance.reshape(*shape, *shape)), float(of_cold[0, 0])
 
 
 def friction_columns(velocity: FloatArray, coulomb_velocity: float, joint: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,13 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.stats import norm
 
 from fixtures.cases.arm import GRAVITY, Arm, random_links, sign
 from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.excitation import default_trajectory, iiwa_limits, validation_trajectory
-from identification.investigation.actions import added_mass, differences, levelled, turned_tool, warmed_up
+from identification.investigation.actions import TOLD, added_mass, differences, levelled, turned_tool, warmed_up
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.day_terms import day_terms
 from identification.investigation.discrepancy import Discrepancies
@@ -189,29 +191,50 @@ def test_recordings_whose_torque_is_compared_up_to_different_frequencies_are_com
     assert warmed_up(differences(before, *warm), 3, (OFFSET_NM, 0.005), (dry, 0.005)).answer == "sensor_offset"
 
 
+OFFSET, DRY = 0.17, 5.0
+"""Nm: a small offset, and Coulomb friction, of the drawn worlds."""
+
+
+def drawn(random: np.random.Generator, share: float, periods: int, *, falls: bool) -> Any:
+    """Rows of a joint whose friction is a share of the cold one, and the offset with it where it falls."""
+    rows = 200
+    velocity = np.tile(np.sin(2.0 * np.pi * (2.0 * np.arange(rows) / rows + 0.1))[:, None], (1, 7))
+    motion = SimpleNamespace(velocity=velocity, coulomb_velocity=0.0, position=np.zeros((rows, 7)))
+    torque = DRY * share * np.sign(velocity) + OFFSET * (share if falls else 1.0)
+    noise = np.full((rows, 7), 0.2 * np.sqrt(8.0 / periods))
+    torque = torque + noise * random.normal(size=torque.shape)
+    return SimpleNamespace(motion=motion, torque=torque, noise=noise, project=lambda part: part)
+
+
 def warm_answers(random: np.random.Generator, count: int, *, falls: bool) -> tuple[str, str]:
     """What the last of some warm recordings tells alone, and what all of them do, of a small offset.
 
     Truth: drawn rows of a cold recording with eight periods and warm ones with four; friction falls by 30 % or more.
     """
-    rows, offset, dry = 200, 0.17, 5.0
-    time = np.arange(rows) / rows
-    velocity = np.tile(np.sin(2.0 * np.pi * (2.0 * time + 0.1))[:, None], (1, 7))
-    motion = SimpleNamespace(velocity=velocity, coulomb_velocity=0.0, position=np.zeros((rows, 7)))
-
-    def measured(share: float, periods: int) -> Any:
-        torque = dry * share * np.sign(velocity) + offset * (share if falls else 1.0)
-        level = np.full((rows, 7), 0.2 * np.sqrt(8.0 / periods))
-        torque = torque + level * random.normal(size=torque.shape)
-        return SimpleNamespace(
-            motion=motion, torque=torque, noise=level, noise_freedom=np.ones((rows, 7)), periods=periods,
-            project=lambda part: part,
-        )  # fmt: skip
-
-    cold = measured(1.0, 8)
-    warm = differences(cold, *(measured(float(random.uniform(0.5, 0.7)), 4) for _ in range(count)))
-    of = (offset, 0.01), (dry, 0.02)
+    cold = drawn(random, 1.0, 8, falls=falls)
+    warm = differences(cold, *(drawn(random, float(random.uniform(0.5, 0.7)), 4, falls=falls) for _ in range(count)))
+    of = (OFFSET, 0.01), (DRY, 0.02)
     return warmed_up(warm[-1:], 3, *of).answer, warmed_up(warm, 3, *of).answer
+
+
+@pytest.mark.parametrize("falls", [True, False])
+def test_a_warm_recording_says_as_much_as_the_likelihood_of_what_was_recorded(falls: bool) -> None:
+    """Truth: of two means c and w with the share s left of the friction, w - c is noise, or w - s c is."""
+    random = np.random.default_rng(4)
+    asked = 0
+    for _ in range(300):
+        share = float(random.uniform(0.55, 0.8))
+        cold, warm = (drawn(random, part, periods, falls=falls) for part, periods in ((1.0, 8), (share, 4)))
+        c, w = (float(item.torque[:, 3].mean()) for item in (cold, warm))
+        of_c, of_w = (float(item.noise[0, 3]) ** 2 / len(item.torque) for item in (cold, warm))
+        odds = norm.logpdf(w, share * c, math.sqrt(of_w + share**2 * of_c)) - norm.logpdf(w, c, math.sqrt(of_w + of_c))
+        told = warmed_up(differences(cold, warm), 3, (c, math.sqrt(of_c)), (DRY, 0.01)).answer
+        # What stands out from the model makes the noise larger than it is by up to a fifth.
+        if abs(odds) > 1.3 * TOLD or abs(odds) < TOLD / 1.3:
+            asked += 1
+            of_odds = "asymmetric_coulomb_friction" if odds > 0.0 else "sensor_offset"
+            assert told == (of_odds if abs(odds) > TOLD else ""), (odds, told)
+    assert asked > 200
 
 
 @pytest.mark.parametrize(("falls", "truth"), [(True, "asymmetric_coulomb_friction"), (False, "sensor_offset")])
