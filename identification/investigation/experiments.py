@@ -33,7 +33,7 @@ _HARMONICS = 5
 _CORNER_S = 0.25
 """Length over which a change of speed is spread: the arm's drives ask for that."""
 _LAST_HARMONIC = int(DiagnosisSettings().motion_bandwidth_hz * PERIOD_S)
-"""Of a period, up to which a recorded motion is read: torque of acceleration beyond would be taken for a missing one."""
+"""Of a period, up to which a recorded motion is read: acceleration beyond it leaves torque that nothing explains."""
 _DITHER_RAD, _DITHER_TURNS = 0.06, (1, 2, 3)
 
 
