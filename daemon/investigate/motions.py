@@ -119,7 +119,7 @@ def foretold(motion: Motion) -> str:
         )
     pair = f"It is to tell {truth} from {rival}:"
     if then < LEAST_GAIN:
-        return f"{pair} no motion tried gives a name at once, and this one tells most."
+        return f"{pair} none of the motions tried is likely to give a name at once, and this one tells most."
     chances = f"has its name afterwards with {100 * then:.0f} % (without the motion {100 * now:.0f} %)"
     if motion.forms < ENOUGH:
         return f"{pair} if a form of the library is there, which has {100 * motion.forms:.0f} %, it {chances}."

@@ -115,7 +115,8 @@ def _course(account: Account) -> Figure:
         lines = tuple(Line("fitted", recordings, course, marks=marks) for marks in ("dots", "line"))
         panels.append(Panel(_sentence(name), "recordings", "probability", lines, f"{name}: {text}", chances=True))
     return Figure(
-        "How what led or has a name fared as recordings came in; a name that stands alone counts as one.", tuple(panels)
+        "Probability of whatever led or was named, after each recording; a name that stands alone counts as one.",
+        tuple(panels),
     )
 
 
