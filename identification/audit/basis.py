@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from identification.audit.columns import INERTIAL, PARAMETERS, Geometry, SetUp
-from identification.audit.comparison import ALL, REPORT, USED, Comparison, Noise, compare, noise_of
+from identification.audit.comparison import ALL, REPORT, USED, Comparison, Noise, compare, noise_of, stretches_of
 from identification.audit.evidence import Estimate, log_evidence, marginal, posterior
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout
@@ -74,6 +74,12 @@ class Explanation:
         as_before = all(np.array_equal(getattr(old, name), getattr(set_up, name)) for name in _BENDS_SLOPES)
         slopes = self.comparison.slopes if as_before else None
         return replace(self, comparison=compare(self.comparison.geometry, set_up, self.model, slopes))
+
+    def in_stretches(self) -> Explanation:
+        """With parts that are stretches of time in place of blocks in turns."""
+        now = self.comparison
+        part = stretches_of(now.geometry.rows)
+        return replace(self, comparison=compare(now.geometry, now.set_up, self.model, now.slopes, part))
 
     def noise_with(self, item: Hypothesis | None = None) -> Noise:
         """The noise of the set-up as it is read now, where the scales of one hypothesis are free besides."""

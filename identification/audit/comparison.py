@@ -14,10 +14,23 @@ from identification.audit.columns import GRAVITY, Geometry, SetUp, across
 from identification.audit.evidence import Products, posterior, products_of, repeated_rows
 from identification.audit.given import GivenModel, Sizes, wide_open
 from identification.audit.hypotheses import Layout
+from identification.audit.rows import Rows
 
-__all__ = ["ALL", "PARTS", "REPORT", "USED", "Comparison", "Noise", "compare", "noise_of", "torque_as_read"]
+__all__ = [
+    "ALL",
+    "PARTS",
+    "REPORT",
+    "USED",
+    "Comparison",
+    "Noise",
+    "compare",
+    "noise_of",
+    "stretches_of",
+    "torque_as_read",
+]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 PARTS = 8
 USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))
@@ -64,8 +77,23 @@ def torque_as_read(geometry: Geometry, set_up: SetUp) -> FloatArray:
     return np.asarray(set_up.signs * geometry.rows.torque_after(set_up.delay_s)[0])
 
 
-def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatArray | None = None) -> Comparison:
-    """The products of every column with the difference. slopes: (R, n, n) of the zeros, computed where not given."""
+def stretches_of(rows: Rows) -> IntArray:
+    """(R,) which of PARTS stretches of time, one behind the other, a row is in."""
+    order = np.unique(rows.block, return_inverse=True)[1]
+    return np.asarray(order * PARTS // (order.max() + 1))
+
+
+def compare(
+    geometry: Geometry,
+    set_up: SetUp,
+    model: GivenModel,
+    slopes: FloatArray | None = None,
+    part: IntArray | None = None,
+) -> Comparison:
+    """The products of every column with the difference. slopes: (R, n, n) of the zeros, computed where not given.
+
+    part: (R,) which of PARTS parts a row is in; default: blocks in turns.
+    """
     geometry = geometry.at(set_up.zeros)
     rows, layout = geometry.rows, Layout(geometry.robot.n)
     n, count = layout.n, len(rows.block)
@@ -87,7 +115,8 @@ def compare(geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatA
         slopes = geometry.by_zero(model.values, set_up.gravity, set_up.ratio)
     columns[..., layout.zero :] = slopes
     target = set_up.signs * torque - expected
-    parts = [rows.block % PARTS == part for part in ALL]
+    part = rows.block % PARTS if part is None else part
+    parts = [part == each for each in ALL]
     return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target, slopes)
 
 

@@ -1,7 +1,7 @@
 """The numbers of a difference, with intervals that hold between runs too.
 
 Three things make an interval: what the rows leave open, times what the model leaves on rows that were not used; how far
-the number moves when a part of the recording is left out, since misfit is not noise and another run is another part;
+the number moves when a stretch of the recording is left out, since misfit is not noise and another run is another part;
 and how well the scale of the torque is known, which goes straight into kilograms. Pure.
 """
 
@@ -44,8 +44,9 @@ def found_numbers(now: Explanation) -> list[Found]:
     products, noise = now.comparison.products, now.noise
     expected = float((products.counts(REPORT) / noise.repeated).sum())
     misfit = max(1.0, float(noise.weight @ now.reported()) / max(expected, 1.0))
-    values, covariance = _all_terms(now, misfit)
-    scale = _scale_scatter(now, misfit)
+    stretches = now.in_stretches()
+    values, covariance = _all_terms(stretches, misfit)
+    scale = _scale_scatter(stretches, misfit)
     result, place = [], len(values) - sum(len(step.columns) for step in now.steps)
     for step in now.steps:
         own = slice(place, place + len(step.columns))
@@ -54,28 +55,29 @@ def found_numbers(now: Explanation) -> list[Found]:
     return result
 
 
-def _all_terms(now: Explanation, misfit: float) -> tuple[FloatArray, FloatArray]:
-    """Values (k,) of all that is free, and covariance (k, k): what the rows leave open, and what their parts differ by.
+def _all_terms(stretches: Explanation, misfit: float) -> tuple[FloatArray, FloatArray]:
+    """Values (k,) of all that is free, and covariance (k, k): what the rows leave open, and what stretches of time
+    differ by: what a model leaves goes on for seconds, and blocks in turns have all had the same of it.
 
     misfit: what is left on rows that were not used, in units of the noise.
     """
-    estimate = now.fitted(ALL)
-    without = np.array([now.fitted([p for p in ALL if p != part]).values for part in ALL])
+    estimate = stretches.fitted(ALL)
+    without = np.array([stretches.fitted([p for p in ALL if p != part]).values for part in ALL])
     return estimate.values, misfit * estimate.covariance + between_parts(without)
 
 
-def _scale_scatter(now: Explanation, misfit: float) -> float:
+def _scale_scatter(stretches: Explanation, misfit: float) -> float:
     """Relative: root of the mean square of the joints' scales, free beside what was found, less their own variance.
 
     The variance has all terms: parts of a recording in which a joint carries next to nothing differ in its scale.
     """
-    layout = now.layout
-    taken = np.concatenate([[-1], *(step.columns for step in now.steps)])
+    layout = stretches.layout
+    taken = np.concatenate([[-1], *(step.columns for step in stretches.steps)])
     free = np.setdiff1d(np.arange(layout.gain, layout.gain + layout.n), taken)
     if not free.size:
         return 0.0
     scales = Hypothesis("torque_sensor_gain", free, np.full(free.size, SCALE_WIDTH), 0.0)
-    values, covariance = _all_terms(now.plus(scales, now.day), misfit)
+    values, covariance = _all_terms(stretches.plus(scales, stretches.day), misfit)
     variance = np.diag(covariance)[-free.size :]
     # Joints that carry no weight know nothing of their scale: each square counts by how well it is known itself.
     known = 1.0 / (variance + LEAST_SCALE**2) ** 2
