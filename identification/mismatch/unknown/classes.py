@@ -46,7 +46,8 @@ class DependenceClass:
     groups: functions of a joint (from 0), each group with a variance of its own. coordinate: the input over which the
     class has a curve, "" where it has none. shared: the functions are the same for all joints. background: stands for
     whatever is smooth; it is part of the model and the rival of every particular class, and nothing is said of it.
-    described: names that describe the class completely.
+    described: names that describe the class completely. within: class whose functions hold these; where both stand on a
+    joint they are one.
     """
 
     name: str
@@ -56,11 +57,12 @@ class DependenceClass:
     shared: bool = False
     background: bool = False
     described: tuple[str, ...] = ()
+    within: str = ""
 
 
 def _constant(inputs: Inputs, joint: int) -> Part:
     del joint
-    ones = np.ones(inputs.motion.samples)
+    ones = np.ones(len(inputs.position))
     return ones[:, None], ones
 
 
@@ -211,7 +213,10 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
 
 
 CLASSES: tuple[DependenceClass, ...] = (
-    DependenceClass("constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift")),
+    DependenceClass(
+        "constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift"),
+        within="own_position",
+    ),
     DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",

@@ -35,8 +35,6 @@ FloatArray = npt.NDArray[np.float64]
 
 FORMS_NAMED, LEAST_SHARE = 3, 0.1
 CURVE_POINTS = 61
-SAME_AS = {"constant": "own_position"}
-"""Classes without a name of their own in the contract: a constant is a function of the position too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +92,8 @@ def judge(
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        gain = left(shortened(alone, item.joint, item.number))[1] - after[1] if rows.heldout else np.zeros(0)
+        family = alone.families(item.joint, state)[item.number]
+        gain = left(shortened(alone, item.joint, family))[1] - after[1] if rows.heldout else np.zeros(0)
         if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
             # Rows whose noise is not known are no proof for each other: there a class has to predict.
             continue
@@ -147,7 +146,8 @@ def _claim(
 ) -> ClassClaim:
     joint, kind = item.joint, CLASSES[item.number]
     now = alone.posterior(joint, state)
-    places = alone.classes(joint, state)[item.number]
+    held = alone.classes(joint, state)
+    places = sorted(place for number in alone.families(joint, state)[item.number] for place in held[number])
     within = np.flatnonzero(np.isin(state.gram.group, places))
     weights, covariance = now.weights[within], now.covariance[within[:, None], within]
     here = rows.part < rows.folds
@@ -158,14 +158,9 @@ def _claim(
     forms = _nearest_forms(problem, candidates, joint, torque)
     if kind.name == "constant":
         forms = (NearestForm("torque_offset", 1.0),)
-    alternatives = tuple(
-        dict.fromkeys(
-            CLASSES[other].name
-            for other in item.alternatives
-            if CLASSES[other].name not in (*SAME_AS, SAME_AS.get(kind.name, kind.name))
-        )
-    )
-    name = SAME_AS.get(kind.name, kind.name)
+    name = kind.within or kind.name
+    others = (CLASSES[other] for other in item.alternatives)
+    alternatives = tuple(dict.fromkeys(other.name for other in others if not other.within and other.name != name))
     curve = _curve(rows, item, state, places, weights, covariance)
     sentence = _sentence(kind.words, item, rms, interval, alternatives, forms, gain)
     return ClassClaim(name, joint + 1, rms, interval, item.loss, gain, alternatives, forms, sentence, curve)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,9 +64,9 @@ class Left:
         return left[:, ~there], left[:, there]
 
 
-def shortened(selection: Selection, joint: int, number: int) -> Selection:
-    """A selection without one class of one joint (from 0), that joint estimated anew."""
-    shorter = selection.without(joint, selection.states[joint], [number])
+def shortened(selection: Selection, joint: int, numbers: Sequence[int]) -> Selection:
+    """A selection without some classes of one joint (from 0), that joint estimated anew."""
+    shorter = selection.without(joint, selection.states[joint], numbers)
     return selection.with_state(joint, selection.settled(joint, shorter, FULL_ROUNDS))
 
 

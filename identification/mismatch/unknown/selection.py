@@ -179,6 +179,15 @@ class Selection:
             found.setdefault(self.rows.joints[joint].bases[group].number, []).append(position)
         return found
 
+    def families(self, joint: int, state: JointState) -> dict[int, list[int]]:
+        """Number of each class that a state holds, with those that are part of it there (`DependenceClass.within`)."""
+        present = self.classes(joint, state)
+        number_of = {CLASSES[number].name: number for number in present}
+        found: dict[int, list[int]] = {}
+        for number in present:
+            found.setdefault(number_of.get(CLASSES[number].within, number), []).append(number)
+        return found
+
     def columns(self, joint: int, state: JointState, places: Sequence[int] | None = None) -> IntArray:
         """Columns of B in the order of a state's weights, of all its groups or of those at some places."""
         chosen = state.groups if places is None else [state.groups[place] for place in places]
@@ -329,10 +338,10 @@ class Selection:
                 found: list[Held] = []
                 better: JointState | None = None
                 best = score + WEAK
-                for number in self.classes(joint, state):
+                for number, family in self.families(joint, state).items():
+                    shorter = self.settled(joint, self.without(joint, state, family), FULL_ROUNDS)
+                    loss = score + self.settings.prior_cost * len(family) - self.score(joint, shorter)
                     rest = self.without(joint, state, [number])
-                    shorter = self.settled(joint, rest, FULL_ROUNDS)
-                    loss = score + self.settings.prior_cost - self.score(joint, shorter)
                     as_good = []
                     gains = self.gains(joint, rest)
                     least = gains[number] - self.settings.alternative - self.settings.prior_cost
