@@ -10,11 +10,10 @@ DEMO_OUT ?= demo-output
 demo: $(VENV)/.installed
 	$(BIN)/iiwa-ident demo --out $(DEMO_OUT)
 
-# One process more than the two cores that this is made for: every sixth second a test waits for something.
 test: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -3,7 +3,8 @@
 Run: python -m benchmarks.faults [--out docs/faults.md] [--wire] [--only NAME ...]
 --wire: loss, delay, jitter, duplicates, reordering and garbage at 1 %, 5 % and 20 % instead (by the clock: a machine
 that does something else beside it adds losses of its own).
-The rows are those of tests/end_to_end/fault_cases.py, where each is a test. Exit status 1 if one is not as it says.
+The rows are those of tests/end_to_end/fault_cases.py, where each is a test but for those at a robot by the clock, which
+would grade the machine. Exit status 1 if one is not as it says.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ HEAD = """\
 # What happens when something goes wrong
 
 {count} faults were injected into real runs: fake robot, loop, recorder and supervisor as processes of their own,
-commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault_cases.py`); this page is the output of
+commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault_cases.py`), but for those "robot by the
+clock"; this page is the output of
 
     python -m benchmarks.faults --out docs/faults.md
 
