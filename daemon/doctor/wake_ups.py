@@ -23,7 +23,7 @@ __all__ = ["WakeUps", "measured_wake_ups", "wake_ups"]
 
 PERIOD_NS = 1_000_000
 PATIENCE_S = 60.0
-"""For a process to start and to end on a busy machine, beside the time that it measures; one that hangs takes it all."""
+"""For a process to start and to end on a busy machine, beside the time it measures; one that hangs takes it all."""
 
 
 @dataclass(frozen=True, slots=True)
