@@ -356,8 +356,8 @@ def test_without_the_keeper_of_the_labels_there_is_no_proof(tmp_path: Path, monk
 
 def test_strong_effects_are_named_and_negatives_are_left_alone() -> None:
     """End to end with the real diagnosis, on cases that nobody should get wrong: strong ones, and nothing hidden."""
-    indices = [_strong("drift"), _strong("offset"), _strong("poslow")]
-    indices += proof.select_cases(proof.Source(TUNING_SEED), 2, "negative")
+    indices = [_strong("drift"), _strong("poslow")]
+    indices += proof.select_cases(proof.Source(TUNING_SEED), 1, "negative")
     proven = proof.prove(proof.Source(TUNING_SEED), indices, jobs=1, publish=unheard)
     for case in proven:
         assert case.error is None

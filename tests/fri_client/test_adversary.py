@@ -177,7 +177,7 @@ def test_a_stop_after_the_robot_has_held(lost: int, how: str, period: int, multi
 
 
 @settings(
-    max_examples=300,
+    max_examples=120,  # ten thousand: `python -m benchmarks.adversary`
     deadline=None,
     derandomize=True,
     database=None,
