@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 SMOOTH, FINE = (0.5, 9), (0.125, 27)
 """Length of a function of position, in half ranges, and how many functions of that length there are."""
 SPEED, LOAD = (0.3, 11), (0.5, 7)
-STOP_WIDTHS = np.geomspace(0.003, 0.3, 5)
+STOP_WIDTHS = np.geomspace(0.001, 0.3, 8)
 """Widths of stop operators of position, in half ranges."""
 LOAD_STOP_WIDTHS = np.geomspace(0.01, 0.3, 4)
 LAGS_S = np.geomspace(0.002, 0.2, 5)

@@ -97,7 +97,10 @@ def judge(
         if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
             # Rows whose noise is not known are no proof for each other: there a class has to predict.
             continue
-        claims.append(_claim(rows, alone, item, state, gain, problem, candidates))
+        claim = _claim(rows, alone, item, state, gain, problem, candidates)
+        if claim.interval_nm[0] > 0.0:
+            # What may as well be nothing on the fitted rows is no finding.
+            claims.append(claim)
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
         chance = names.trial.power.probability.min(axis=1)

@@ -83,6 +83,21 @@ def test_the_page_says_the_class_and_draws_its_curve_with_a_band(humped: Diagnos
     assert figures[0].panels[0].lines[0].band is not None
 
 
+def test_what_only_the_held_out_recording_shows_is_no_class_of_the_arm(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """It was: "a torque that follows its own acceleration, 0.00001 Nm (0 to 0.00027)", at 39 nats."""
+
+    def nothing(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return np.zeros_like(hump(q, dq, torque))
+
+    fitted = record(iiwa14, table3, nothing, motion=9)
+    unseen = record(iiwa14, table3, hump, periods=4, motion=3, seed=2)
+    diagnosis = diagnose([fitted], iiwa14, heldout=[unseen])
+    assert diagnosis.classes == ()
+    assert "Something differs between the fitted recordings" in diagnosis.remaining
+
+
 def test_of_noise_nothing_is_said(clean_diagnosis: Diagnosis) -> None:
     assert clean_diagnosis.classes == ()
     assert class_section(clean_diagnosis) is None
