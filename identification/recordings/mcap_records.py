@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import itertools
 import struct
+from collections import deque
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
@@ -33,6 +35,8 @@ _HEAD = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seque
 """What stands before the bytes of a message in a chunk."""
 _LOOKED_AT = 24
 """Records of a chunk that are walked one by one before a repetition is looked for."""
+_AHEAD = 8
+"""Records, and unpacked chunks, that are made ready while those before them are taken apart."""
 
 
 class MessageSink(Protocol):
@@ -49,12 +53,29 @@ def records_of(file: Path, allowance: Allowance, topics: Mapping[int, MessageSin
     """
     with file.open("rb") as stream:
         # A record cannot be longer than the file; a length that says so must not be believed by an allocation.
-        for record in _WithoutIndexes(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records:
-            if isinstance(record, Chunk):
-                data = allowance.unpack(record.data, record.compression, record.uncompressed_size)
-                yield from _in_chunk(data, topics)
+        records = _WithoutIndexes(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records
+        for record in _ahead(_unpacked(records, allowance)):
+            if isinstance(record, bytes):
+                yield from _in_chunk(record, topics)
             else:
                 yield record
+
+
+def _unpacked(records: Iterator[McapRecord], allowance: Allowance) -> Iterator[McapRecord | bytes]:
+    for record in records:
+        if isinstance(record, Chunk):
+            yield allowance.unpack(record.data, record.compression, record.uncompressed_size)
+        else:
+            yield record
+
+
+def _ahead(records: Iterator[McapRecord | bytes]) -> Iterator[McapRecord | bytes]:
+    """The records in their order, made by a thread: unpacking needs no interpreter. An error comes in its place."""
+    with ThreadPoolExecutor(1) as thread:
+        waiting = deque(thread.submit(next, records, None) for _ in range(_AHEAD))
+        while (record := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, records, None))
+            yield record
 
 
 class _WithoutIndexes(StreamReader):

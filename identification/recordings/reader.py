@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -114,7 +115,9 @@ def read_recording(
     if not path.exists():
         raise RecordingNotFoundError(f"{path}: there is no such recording", file=path)
     file = recording_file(path)
-    found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
+    with ThreadPoolExecutor(1) as beside:  # a digest needs no interpreter
+        digest = beside.submit(_digest, file)
+        found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
     if isinstance(found, Recording):
         arm, notes = _arm(found, robot, installation, model_robot)
         recording = found if arm is None else for_robot(found, arm, joints)
@@ -123,7 +126,7 @@ def read_recording(
         table, arm, notes = _chosen(found, robot, installation, joints, model_robot, topic)
         table = in_si(table, arm, units)
         stated = table.units
-        recording = build_recording(table, sha256=_digest(file))
+        recording = build_recording(table, sha256=digest.result())
         recording = recording if arm is None or not arm.mimics else for_robot(recording, arm)
         if stated:
             metadata = {**recording.source.metadata, "units_stated": " ".join(stated)}

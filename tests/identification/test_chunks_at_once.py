@@ -6,6 +6,7 @@ Truth: `breakup_chunk` of the mcap library, which walks record by record.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from mcap.stream_reader import breakup_chunk
 
 from identification.recordings.bag import JOINT_STATE, Topic
 from identification.recordings.fixed_columns import FixedColumns
-from identification.recordings.mcap_records import _in_chunk
+from identification.recordings.mcap_records import _ahead, _in_chunk
 
 CHANNELS = (1, 2, 3)
 
@@ -70,6 +71,19 @@ def test_of_a_chunk_that_ends_within_a_record_the_whole_ones_are_kept(missing: i
     else:
         list(_in_chunk(cut, dict(topics)))
     assert sum(len(topic) for topic in topics.values()) == len(cut) // length
+
+
+@given(st.integers(0, 30))
+def test_records_made_ready_ahead_come_in_their_order_and_an_error_in_its_place(count: int) -> None:
+    def records() -> Iterator[bytes]:
+        for number in range(count):
+            yield bytes([number])
+        raise EndOfFile
+
+    ahead = _ahead(records())
+    assert [next(ahead) for _ in range(count)] == [bytes([number]) for number in range(count)]
+    with pytest.raises(EndOfFile):
+        next(ahead)
 
 
 def test_fixed_fields_are_those_of_each_message_and_a_short_message_is_refused() -> None:
