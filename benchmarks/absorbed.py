@@ -18,12 +18,12 @@ import numpy.typing as npt
 
 from fixtures.physics.links import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
 from identification.excitation import Trajectory, default_trajectory, limits_of_robot
 from identification.excitation.reference import reference_trajectory
 from identification.mismatch.detectability import Candidate, candidates, confusable, planned_rows
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.motion import Motion
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
 
 NOISE_NM = np.array([0.17, 0.17, 0.12, 0.12, 0.08, 0.05, 0.04])

@@ -15,9 +15,9 @@ import numpy as np
 import pinocchio
 
 from identification.errors import IdentificationError
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation import FourierTrajectory, default_trajectory
 from identification.fitting.choices import Pipeline
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import load_robot

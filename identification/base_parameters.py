@@ -32,7 +32,7 @@ from identification.regressor import (
 from identification.robots.model import RobotModel
 
 if TYPE_CHECKING:
-    from identification.estimators.physical import PhysicalParameters
+    from identification.physical_parameters import PhysicalParameters
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -16,14 +16,14 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, ModelFileNotFoundError, reason_of
-from identification.estimators.physical import PhysicalParameters
-from identification.fitting.result import MODEL_FORMAT
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
 __all__ = ["MODEL_FORMAT", "Model", "read_model", "write_model"]
 
 FloatArray = npt.NDArray[np.float64]
 
+MODEL_FORMAT = "iiwa-ident/model/1"
 _SMALLEST_RELATIVE_STD = 1e-9
 
 

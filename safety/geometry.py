@@ -21,6 +21,12 @@ from safety.limits import FloatArray
 FLANGE_M = 0.126
 """Distance of the flange from the origin of the last link, along its axis."""
 
+SELF_COLLISION_MARGIN_M = 0.02
+"""Distance that links keep from each other. The capsules already enclose the housings."""
+
+WORKSPACE_MARGIN_M = 0.02
+"""Distance that links keep from floor, walls and boxes."""
+
 TOOL = "tool"
 
 

@@ -17,12 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from safety.braking import stopping_travel
 from safety.collision import Clearance, Workspace
 from safety.errors import TrajectoryShapeError
-from safety.geometry import RobotGeometry
+from safety.geometry import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, RobotGeometry
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import FloatArray, JointLimits
 from safety.preflight_distance import (
-    SELF_COLLISION_MARGIN_M,
-    WORKSPACE_MARGIN_M,
     Distances,
     SampledPath,
     sample,

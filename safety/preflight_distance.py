@@ -13,16 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from safety.collision import Clearance, Workspace, self_clearances, self_collision_pairs, workspace_clearances
-from safety.geometry import RobotGeometry
+from safety.geometry import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, RobotGeometry
 from safety.limits import FloatArray, JointLimits
 from safety.preflight_report import Check
 from safety.ramps import Ramp
-
-SELF_COLLISION_MARGIN_M = 0.02
-"""Distance that links keep from each other. The capsules already enclose the housings."""
-
-WORKSPACE_MARGIN_M = 0.02
-"""Distance that links keep from floor, walls and boxes."""
 
 STOP_ROWS = 50
 """Stops are looked at from every so many rows at least."""

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from identification.estimators.physical import PhysicalParameters
     from identification.excitation import FourierTrajectory, Trajectory
     from identification.excitation.design import DesignProgress
     from identification.excitation.effect_report import ShownEffect
     from identification.excitation.payload_term import PayloadDeviations
     from identification.excitation.prediction import NoiseColour, PredictedDeviations
+    from identification.physical_parameters import PhysicalParameters
     from identification.robots import RobotModel
 
     FloatArray = npt.NDArray[np.float64]

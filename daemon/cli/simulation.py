@@ -16,7 +16,7 @@ from daemon.cli.protection import is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
 if TYPE_CHECKING:
-    from identification.export import ExportResult
+    from identification.export.write import ExportResult
     from identification.model_file import Model
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
@@ -53,7 +53,7 @@ def export(
 
     Example: iiwa-ident export model.json --format mjcf --out arm.xml
     """
-    from identification.export import export_model
+    from identification.export.write import export_model
     from identification.model_file import read_model
     from identification.robots.joint_units import in_units
 
@@ -89,7 +89,7 @@ def export(
 
 def motor_prior(model: Model, parameters: str) -> np.ndarray:
     """(n,) kg m² that the prior of motor inertias adds to a model's parameter set; where they are from is said."""
-    from identification.export import parameters_of
+    from identification.export.parameters import parameters_of
     from identification.simulation.motor_inertia import motor_inertia_of
 
     identified = parameters_of(model, parameters)
@@ -135,7 +135,7 @@ def simulate(
 
     Example: iiwa-ident simulate model.json runs/first/recording.mcap --figure torques.svg --json -
     """
-    from identification.export import parameters_of
+    from identification.export.parameters import parameters_of
     from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
     from identification.simulation import SimulationSettings, controller_named, motor_inertia_of

@@ -32,8 +32,8 @@ def twin(
     Each file is read back by every simulator that is installed.
     Example: iiwa-ident twin --out twin
     """
-    from identification.export import export_model
     from identification.export.twin import twin_of_table_three
+    from identification.export.write import export_model
     from identification.model_file import read_model, write_model
     from identification.robots.joint_units import in_units
 

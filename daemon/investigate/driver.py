@@ -17,7 +17,7 @@ from daemon.investigate.loop import Drive
 from daemon.json_files import read_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
 from daemon.motion.tool import Tool
-from daemon.run.commissioning import RUNGS
+from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
 from identification.robots import Installation
 

@@ -19,7 +19,8 @@ from daemon.api import RunRequest
 from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.motion.tool import Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
-from daemon.motion.workspace import Surroundings, WorkspaceFile, load_surroundings
+from daemon.motion.workspace import Surroundings, load_surroundings
+from daemon.motion.workspace_file import WorkspaceFile
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR

@@ -19,9 +19,9 @@ from daemon.motion.tool import Tool
 from daemon.motion.workspace import load_surroundings
 from identification.base_parameters import BaseRegressor
 from identification.errors import IdentificationError, ModelFileError
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation.nominal import nominal_parameters
 from identification.model_file import read_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M

@@ -19,7 +19,7 @@ from daemon.config import DaemonConfig
 from daemon.queue.control_api import JobPhase, RefusedRequestError, SubmitInvestigation
 from daemon.queue.investigation_step import Order, StepEnded
 from daemon.queue.job_store import ENDED, MAXIMUM_WAITING, Job, JobStore
-from daemon.run.commissioning import RUNGS
+from daemon.run.ladder import RUNGS
 from daemon.times import new_job_id, now_text
 
 __all__ = ["Investigations"]

@@ -17,8 +17,8 @@ from daemon.host import software_versions
 from daemon.json_files import read_json
 from daemon.log.parts import RECORDING_NAME, recover
 from daemon.log.recover import RecoverReport
-from daemon.run.commissioning import tags
 from daemon.run.judgement import judged
+from daemon.run.ladder import tags
 from daemon.run.outcome import digests_of, lost_between, outcome_sentences, tidy
 from daemon.run.spare_folder import write_run_file
 from daemon.times import now_text

@@ -22,22 +22,17 @@ from daemon.api import RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
 from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.motion.workspace import load_surroundings
+from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.times import now_text
 
 __all__ = [
-    "RUNGS",
     "Rung",
     "admit",
-    "highest_allowed",
     "is_first_rung",
     "ladder_file",
-    "needs_ladder",
     "remember",
     "rung_of",
-    "tags",
 ]
-
-RUNGS = (0.1, 0.25, 0.5, 1.0)
 
 
 class Rung(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,11 +54,6 @@ class Rung(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def needs_ladder(request: RunRequest) -> bool:
-    """Whether a real arm may move in this run; where not, only a robot that says it is the fake one is moved."""
-    return not (request.simulation or request.monitor_only)
-
-
 def rung_of(request: RunRequest) -> Rung:
     """The rung a request stands on. Raises MissingInputError, ConfigurationError for its files."""
     file = Path(request.trajectory_file)
@@ -80,11 +70,6 @@ def rung_of(request: RunRequest) -> Rung:
         workspace_sha256=load_surroundings(request.robot, request.workspace_file).digest,
         amplitude=request.amplitude,
     )
-
-
-def highest_allowed(done: float) -> float:
-    """The largest amplitude that may follow `done` (0: none yet): the next rung above it."""
-    return next((rung for rung in RUNGS if rung > done + 1e-9), RUNGS[-1])
 
 
 def is_first_rung(request: RunRequest) -> bool:
@@ -157,14 +142,6 @@ def ladder_file(request: RunRequest) -> Path:
         return Path(request.ladder_file)
     state = os.environ.get("XDG_STATE_HOME")
     return (Path(state) if state else Path.home() / ".local" / "state") / "iiwa-ident" / "ladder.jsonl"
-
-
-def tags(request: RunRequest) -> dict[str, str]:
-    """What a log and run.json say: the amplitude, and whether the ladder was kept."""
-    ladder = "skipped" if request.skip_ladder else "kept"
-    if not needs_ladder(request):
-        ladder = f"not needed: {'nothing is commanded' if request.monitor_only else 'fake robot'}"
-    return {"commissioning": f"{request.amplitude:g}", "commissioning_ladder": ladder}
 
 
 def _address(request: RunRequest) -> str:

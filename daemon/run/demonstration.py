@@ -26,7 +26,7 @@ from daemon.errors import ChildProcessFailedError, SealBrokenError
 from daemon.motion.preparation import PreparedMotion, write_run_request
 from daemon.run.service import run_acquisition
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 
 ROBOT = "iiwa14"

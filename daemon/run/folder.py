@@ -18,7 +18,7 @@ from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.run.log_inputs import DESCRIPTION_NAME
 from daemon.run.loop_process import bind
 from fri_client.loop.channel import UdpChannel
-from identification.export import kinematic_urdf
+from identification.export.kinematic_urdf import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 
 __all__ = ["make_room", "nothing_moved", "prepare_folder"]

@@ -14,8 +14,8 @@ from daemon.config import read_settings
 from daemon.host import host_report
 from daemon.log.writer import Attachment
 from daemon.motion.tool import Tool
-from daemon.motion.workspace import WorkspaceFile
-from daemon.run.commissioning import tags
+from daemon.motion.workspace_file import WorkspaceFile
+from daemon.run.ladder import tags
 from daemon.run.spare_folder import find_run_file
 from daemon.times import now_text
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from daemon.api import RunOutcome, WorkerStatus
-from daemon.run.commissioning import highest_allowed, needs_ladder
+from daemon.run.ladder import highest_allowed, needs_ladder
 
 __all__ = ["next_step"]
 

@@ -49,10 +49,11 @@ from daemon.host import software_versions
 from daemon.jobs.worker_start import start_worker
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import join_parts, part_path
-from daemon.run.commissioning import admit, is_first_rung, remember, tags
+from daemon.run.commissioning import admit, is_first_rung, remember
 from daemon.run.control import ControlInbox
 from daemon.run.folder import make_room, prepare_folder
 from daemon.run.judgement import judged
+from daemon.run.ladder import tags
 from daemon.run.narrator import Observer, RunNarrator, unfailing
 from daemon.run.outcome import (
     digests_of,

@@ -35,6 +35,8 @@ LEAST_SIGMAS = 5.0
 TELLS = np.radians(10.0)
 """Half of a 95 % interval: wider, a recording does not tell how the base stands."""
 _TURNS = 2
+_SAME_DIRECTION = np.radians(0.5)
+"""What is left under two directions so near is the same, and so would be the next direction."""
 _REPEATED = 4.0
 """Neighbouring rows that count as one."""
 
@@ -157,18 +159,26 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
     weight = 1.0 / (_REPEATED * std**2)
     for _ in range(_TURNS):
         # Weighted by what is left, the next direction may be another one.
-        std = np.maximum(everything.left(gravity, 1.0 / std**2, factor), 1e-4 * sizes.torque)
+        before = gravity
+        std = np.maximum(everything.left(before, 1.0 / std**2, factor), 1e-4 * sizes.torque)
         weight = 1.0 / (_REPEATED * std**2)
         gravity, _ = everything.best(weight, mean, factor, GRAVITY)
+        if _angle(gravity, before) < _SAME_DIRECTION:
+            break
     gain = everything.evidence(gravity, weight, mean, factor) - everything.evidence(stated, weight, mean, factor)
     if gain < least_gain:
         return None
-    size = GRAVITY * max(float(np.linalg.norm(stated)), 1e-9)
-    angle = float(np.arccos(np.clip(gravity @ stated / size, -1.0, 1.0)))
+    angle = _angle(gravity, stated)
     rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
     mirrored = everything.evidence(gravity, weight, mean, factor) - everything.evidence(-gravity, weight, mean, factor)
     spread = Directions.of(geometry, rows.torque, PARTS).spread(gravity, weight, mean, factor)
     return Mounting(gravity, stated, angle, spread, gain, mirrored, rms[0], rms[1])
+
+
+def _angle(first: FloatArray, second: FloatArray) -> float:
+    """The angle between two directions in rad; a right angle where one has no length."""
+    size = max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-9)
+    return float(np.arccos(np.clip(first @ second / size, -1.0, 1.0)))
 
 
 def _excerpt(recording: Recording) -> Recording:

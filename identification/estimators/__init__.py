@@ -23,7 +23,6 @@ from identification.estimators.observation import (
     compress,
     merge,
 )
-from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import (
     BodyPrior,
     SettledParameters,
@@ -43,7 +42,6 @@ __all__ = [
     "ImpossibleParameter",
     "LeastSquaresResult",
     "Observation",
-    "PhysicalParameters",
     "ReducedProblem",
     "SemidefiniteResult",
     "SettledParameters",

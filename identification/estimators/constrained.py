@@ -24,10 +24,10 @@ from identification.estimators.feasibility import (
 )
 from identification.estimators.interior_point import InteriorPointResult
 from identification.estimators.observation import ReducedProblem
-from identification.estimators.physical import (
+from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
+from identification.physical_parameters import (
     PhysicalParameters,
 )
-from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from identification.errors import SolverError
 from identification.estimators.feasibility import FeasibilityRules, linear_inequalities
 from identification.estimators.interior_point import InteriorPointResult, minimise_inside
 from identification.estimators.observation import ReducedProblem
-from identification.estimators.physical import (
+from identification.physical_parameters import (
     INERTIAL_COUNT,
     PhysicalParameters,
     symmetric,

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.errors import EstimationError
-from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters
+from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters
 from identification.robots.model import RobotModel
 
 FloatArray = npt.NDArray[np.float64]

@@ -18,8 +18,8 @@ from identification.errors import EstimationError
 from identification.estimators.feasibility import FeasibilityRules, rules_of_matter
 from identification.estimators.least_squares import solve_least_squares
 from identification.estimators.observation import Observation
-from identification.estimators.physical import INERTIAL_COUNT, pseudo_inertia
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
+from identification.physical_parameters import INERTIAL_COUNT, pseudo_inertia
 
 FloatArray = npt.NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]

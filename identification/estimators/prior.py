@@ -28,7 +28,7 @@ import scipy.sparse
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, SolverError
-from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia
+from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia
 from identification.robots.model import Kinematics
 
 __all__ = ["BodyPrior", "SettledParameters", "prior_of_bodies", "settle_open_directions", "uniform_bodies"]

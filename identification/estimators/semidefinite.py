@@ -21,7 +21,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.feasibility import FeasibilityRules, linear_inequalities, rules_for
 from identification.estimators.observation import ReducedProblem
-from identification.estimators.physical import INERTIAL_COUNT, PhysicalParameters
+from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters
 
 FloatArray = npt.NDArray[np.float64]
 

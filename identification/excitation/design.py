@@ -21,7 +21,6 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation.constraints import verify
 from identification.excitation.detectability_term import WORST_CONDITION, DetectabilityTerm
 from identification.excitation.fourier import FourierTrajectory
@@ -39,6 +38,7 @@ from identification.excitation.objective import (
 from identification.excitation.payload_term import PayloadTerm
 from identification.excitation.prediction import torque_noise
 from identification.excitation.search_processes import Outcome, Task, workers
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
 

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation.effect_columns import PLAUSIBLE_SIZES
 from identification.excitation.fourier import Trajectory
 from identification.excitation.prediction import NoiseColour
@@ -21,6 +20,7 @@ from identification.mismatch.detectability import ORACLE_STRENGTH, candidates, c
 from identification.mismatch.effects import effect_named
 from identification.mismatch.motion import Motion
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 
 FloatArray = npt.NDArray[np.float64]
 

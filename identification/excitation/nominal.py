@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation.objective import Samples
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,9 +15,9 @@ import pinocchio
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import InconsistentParametersError, ModelFileError
-from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
 from identification.model_file import Model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import build_pinocchio_model
 

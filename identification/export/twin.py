@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor
 from identification.estimators.nearest import nearest_physical
-from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import SettledParameters, prior_of_bodies, settle_open_directions
 from identification.excitation import default_trajectory
 from identification.model_file import MODEL_FORMAT
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 
 __all__ = ["ROBOT", "Twin", "table_three", "twin_of_table_three"]

@@ -12,7 +12,6 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.constrained import ConstrainedResult
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer
-from identification.estimators.physical import PhysicalParameters
 from identification.estimators.prior import SettledParameters
 from identification.fitting.delay import TorqueDelay
 from identification.fitting.misfit import Misfit
@@ -20,12 +19,12 @@ from identification.fitting.rms import RmsTable
 from identification.fitting.settings import FitSettings
 from identification.fitting.torque_sign import TorqueSign
 from identification.json_values import json_list
+from identification.model_file import MODEL_FORMAT
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
 FloatArray = npt.NDArray[np.float64]
-
-MODEL_FORMAT = "iiwa-ident/model/1"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,12 +20,12 @@ from identification.mismatch.effects.base import Parameter, Place
 from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
+from identification.model_file import MODEL_FORMAT
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
-MODEL_FORMAT = "iiwa-ident/model/1"
 
 Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained", "undecided"]
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.errors import SimulationError
-from identification.estimators.physical import PhysicalParameters
 from identification.export.parameters import ModelParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
 from identification.simulation.controllers import Controller, SetPoint, State

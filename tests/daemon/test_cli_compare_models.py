@@ -16,8 +16,8 @@ from daemon.jobs.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
 from identification.audit.difference import Difference, Number
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.export.write import export_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
 from identification.robots.flange import IIWA_FLANGE

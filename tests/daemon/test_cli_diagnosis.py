@@ -23,11 +23,11 @@ from daemon.jobs.batch import BatchItem, executor_of, folder_names, run_batch
 from daemon.jobs.batch_summary import write_summary
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects.base import Parameter
 from identification.mismatch.prediction import torque_along, validate_with_effects
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import read_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
 

@@ -15,7 +15,7 @@ import pytest
 
 from daemon.cli.app import main
 from fixtures.physics import iiwa14_table_three
-from identification.estimators.physical import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 

@@ -16,8 +16,8 @@ import pytest
 
 from daemon.cli.app import main
 from fixtures.physics import iiwa14_table_three
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.set_up import set_up_checks
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from daemon.cli import main
-from identification.estimators import PhysicalParameters
 from identification.excitation import default_trajectory
+from identification.physical_parameters import PhysicalParameters
 from tests.identification.exported import model_of, random_bodies
 
 

@@ -74,10 +74,14 @@ def test_the_fake_robot_is_one_of_the_family_and_its_help_loads_no_simulator() -
             "daemon.motion.preparation, daemon.run.service",
             "scipy.optimize scipy.stats scipy.signal matplotlib mujoco jinja2",
         ),
+        ("daemon.run.service", "scipy"),
+        ("daemon.run.recorder", "scipy coal pinocchio"),
+        ("daemon.run.loop_process", "scipy coal pinocchio zmq mcap"),
+        ("fixtures.fake_robot.plant", "glfw"),
         ("identification.recording_fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
     ],
 )
-def test_a_run_and_a_fit_load_nothing_they_do_without(modules: str, unneeded: str) -> None:
+def test_processes_load_nothing_they_do_without(modules: str, unneeded: str) -> None:
     code = f"import {modules}, sys; print(*(set({unneeded.split()}) & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert done.stdout.split() == []

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from daemon.api import RunOutcome, RunRequest
 from daemon.errors import LadderError, TooFastForT1Error
-from daemon.run.commissioning import RUNGS, admit, highest_allowed, is_first_rung, ladder_file, remember, tags
+from daemon.run.commissioning import admit, is_first_rung, ladder_file, remember
+from daemon.run.ladder import RUNGS, highest_allowed, tags
 
 from .producer import make_request
 

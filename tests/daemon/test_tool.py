@@ -18,8 +18,9 @@ from daemon.errors import ConfigurationError, MissingInputError
 from daemon.motion.preparation import prepare_motion, write_run_request
 from daemon.motion.tool import Tool, read_tool
 from daemon.motion.torque_foresight import torque_foresight
-from daemon.motion.workspace import WorkspaceFile, load_surroundings
-from identification.export import kinematic_urdf
+from daemon.motion.workspace import load_surroundings
+from daemon.motion.workspace_file import WorkspaceFile
+from identification.export.kinematic_urdf import kinematic_urdf
 from identification.robots import load_robot
 
 WHOLE = """

@@ -24,7 +24,7 @@ from daemon.jobs.worker import StatusFile, main, run_job
 from daemon.jobs.worker_start import JOB_NAME, launch
 from daemon.json_files import read_json, write_json
 from fixtures.physics import iiwa14_table_three
-from identification.estimators.physical import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.mismatch.plant import record
 

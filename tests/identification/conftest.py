@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
 
 FloatArray = npt.NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
 from identification.model_file import Model, read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import Installation, load_robot
 
 

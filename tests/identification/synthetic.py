@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from identification.estimators.physical import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import RobotModel
 

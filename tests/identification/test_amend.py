@@ -18,10 +18,10 @@ import pytest
 from identification.audit.difference import Difference, Number
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
-from identification.estimators import PhysicalParameters
 from identification.export.amend import amend
 from identification.export.amended_files import Changes, write_sdf_changes
 from identification.export.write import export_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of

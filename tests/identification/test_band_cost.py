@@ -12,8 +12,8 @@ import numpy as np
 
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.excitation.reference import default_trajectory
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
 from identification.signals import process_periodic

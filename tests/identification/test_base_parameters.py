@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from identification.base_parameters import BaseRegressor, RegressorOptions, independent_columns
-from identification.estimators import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.regressor import torque_regressor
 from identification.robots import RobotModel, load_robot, robot_from_arrays, robot_from_urdf
 

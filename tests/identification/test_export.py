@@ -22,10 +22,12 @@ from hypothesis import strategies as st
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, InconsistentParametersError, ModelFileError
-from identification.estimators import PhysicalParameters
 from identification.estimators.observation import ReducedProblem
 from identification.estimators.semidefinite import solve_semidefinite
-from identification.export import check_export, export_model, parameters_of, principal_slack, refuse_inconsistent
+from identification.export.check import check_export
+from identification.export.parameters import parameters_of, principal_slack, refuse_inconsistent
+from identification.export.write import export_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
 from tests.identification.synthetic import inverse_dynamics

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.export import export_model
+from identification.export.write import export_model
 from identification.robots import Installation, load_robot
 from tests.identification.exported import model_of, random_bodies
 from tests.identification.test_installation import ARM

@@ -14,7 +14,7 @@ import pytest
 from scipy.linalg import expm
 
 from identification.errors import RobotError
-from identification.export import kinematic_urdf
+from identification.export.kinematic_urdf import kinematic_urdf
 from identification.robots import load_robot, robot_from_urdf
 
 AXES = ((0, 0, 1), (0, 1, 0), (0, 0, 1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1))

@@ -18,7 +18,6 @@ from identification.estimators import (
     FeasibilityRules,
     LeastSquaresResult,
     Observation,
-    PhysicalParameters,
     rules_for,
     solve_constrained,
     solve_least_squares,
@@ -28,6 +27,7 @@ from identification.estimators import (
 from identification.estimators.constrained_program import ConstrainedProgram
 from identification.estimators.interior_point import minimise_inside
 from identification.estimators.semidefinite import relax_constrained_program
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, robot_from_arrays
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]

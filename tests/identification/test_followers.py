@@ -16,10 +16,10 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RobotError
-from identification.estimators.physical import PhysicalParameters
 from identification.export.write import export_model
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import read_inputs

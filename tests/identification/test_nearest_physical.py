@@ -21,7 +21,6 @@ from identification.errors import EstimationError
 from identification.estimators import (
     FeasibilityRules,
     Observation,
-    PhysicalParameters,
     impossible_parameters,
     nearest_physical,
     rules_for,
@@ -30,6 +29,7 @@ from identification.estimators import (
     violations,
 )
 from identification.excitation import default_trajectory
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, robot_from_arrays
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]

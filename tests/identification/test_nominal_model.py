@@ -15,8 +15,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.observation import ReducedProblem
-from identification.estimators.physical import PhysicalParameters
 from identification.fitting.choice import Rival, with_choice
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of

@@ -15,14 +15,13 @@ import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError
-from identification.estimators import PhysicalParameters
-from identification.estimators.physical import pseudo_inertia
 from identification.estimators.prior import BodyPrior, prior_of_bodies, settle_open_directions, uniform_bodies
 from identification.excitation import default_trajectory
-from identification.export import export_model
 from identification.export.given_bodies import given_bodies
 from identification.export.parameters import Origins
+from identification.export.write import export_model
 from identification.model_file import read_model
+from identification.physical_parameters import PhysicalParameters, pseudo_inertia
 from identification.robots import RobotModel, load_robot
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
 from tests.identification.synthetic import inverse_dynamics

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from identification.estimators.physical import PhysicalParameters
 from identification.fitting.rms import RmsRow, RmsTable
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Finding, ImportReport, RecordingSource
 from identification.report import build_document, write_report

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from identification.estimators.physical import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.report.document import Figure

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.estimators.physical import PhysicalParameters
-from identification.export import export_model
+from identification.export.write import export_model
 from identification.model_file import Model, read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot

@@ -14,9 +14,10 @@ import pytest
 from scipy.special import ellipk
 
 from identification.errors import SimulationError
-from identification.estimators import PhysicalParameters
 from identification.excitation import default_trajectory
-from identification.export import ModelParameters, export_model
+from identification.export.parameters import ModelParameters
+from identification.export.write import export_model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot, robot_from_urdf
 from identification.simulation import (
     ComputedTorque,

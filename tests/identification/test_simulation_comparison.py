@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from identification.estimators import PhysicalParameters
 from identification.excitation import default_trajectory
-from identification.export import ModelParameters
+from identification.export.parameters import ModelParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import load_robot
 from identification.simulation import (

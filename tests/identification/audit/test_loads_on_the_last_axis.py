@@ -12,8 +12,8 @@ import pytest
 
 from fixtures.physics import iiwa14_table_three
 from identification.audit import audit
-from identification.estimators.physical import PhysicalParameters
 from identification.model_file import Model, read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import load_robot

@@ -15,7 +15,7 @@ import pytest
 
 from identification.audit.payload import Body, weigh
 from identification.errors import EstimationError, RecordingError
-from identification.estimators import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of

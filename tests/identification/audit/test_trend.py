@@ -13,7 +13,7 @@ import pytest
 
 from identification.audit.trend import change_point, date_of, hours_of, trend_of, with_hours
 from identification.errors import RecordingError
-from identification.estimators import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.report.document import Figure
 from identification.report.trend_page import trend_document

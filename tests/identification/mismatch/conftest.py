@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.reduction import build_evidence
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

@@ -10,7 +10,6 @@ import pytest
 from fixtures.cases.draw import draw_case
 from fixtures.cases.files import write_recordings
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
@@ -18,6 +17,7 @@ from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, estimate_of
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record

@@ -9,7 +9,6 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.estimators.physical import PhysicalParameters
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import (
     build_aperiodic_evidence,
@@ -20,6 +19,7 @@ from identification.mismatch.aperiodic_evidence import (
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import fit_parameters, rows_to_time
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import no_effect, on_joint, record

@@ -11,11 +11,11 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
-from identification.estimators.physical import PhysicalParameters
-from identification.export import export_model
+from identification.export.write import export_model
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import Model
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of

@@ -14,7 +14,6 @@ import pytest
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.changes import between_periods
 from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.effects.external_contact import ExternalContact
@@ -23,6 +22,7 @@ from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.reduction import build_evidence
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of

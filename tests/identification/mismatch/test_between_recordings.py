@@ -14,10 +14,10 @@ import pytest
 
 from daemon.cli.diagnosis import NOT_MEASURED, verdict_lines
 from identification.audit import Audit, Difference
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch import diagnosis as diagnosis_module
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.report.diagnosis_sections import tone_of, verdict_sentence
 from identification.robots import RobotModel

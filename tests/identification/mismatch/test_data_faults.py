@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from fixtures.cases.draw import draw_case
 from fixtures.cases.files import write_recording
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.data_faults.faults import find_data_faults
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of

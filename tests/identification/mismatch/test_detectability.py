@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
 from identification.mismatch.detectability import (
     ORACLE_STRENGTH,
     Candidate,
@@ -20,6 +19,7 @@ from identification.mismatch.detectability import (
 )
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.equivalence import relation
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.effects.motions import motion_of, shipped_motion
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis, Finding
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

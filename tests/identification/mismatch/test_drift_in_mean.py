@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.effects.torque_offset import TorqueOffset
@@ -20,6 +19,7 @@ from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.search import search
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 

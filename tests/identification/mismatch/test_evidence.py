@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.evidence import (
     Evidence,
     fit_parameters,
@@ -18,6 +17,7 @@ from identification.mismatch.evidence import (
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.extension import extend
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.signals.periodic import to_lines
 from identification.signals.standstill import STANDSTILL_VELOCITY

@@ -13,7 +13,6 @@ import numpy.typing as npt
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import fit_parameters, with_parameters
@@ -24,6 +23,7 @@ from identification.mismatch.search.refinement import Member, estimate_of, gram_
 from identification.mismatch.search.screening import group_gain
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import no_effect, on_joint, record
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from identification.errors import UndeterminedParametersError
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.nominal import after_findings
 from identification.model_file import read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot

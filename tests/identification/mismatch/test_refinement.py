@@ -7,13 +7,13 @@ import pinocchio
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, estimate_of, refine, score_of
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

@@ -10,7 +10,6 @@ import pinocchio
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.changes.repeated_contact import (
     excess_per_row,
@@ -25,6 +24,7 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, Hidden, no_effect, on_joint, record
 

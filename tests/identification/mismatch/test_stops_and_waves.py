@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

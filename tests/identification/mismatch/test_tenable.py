@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.changes.between_periods import Change, beside_flagged_rows, find_between_periods
 from identification.mismatch.changes.contrasts import Contrasts
 from identification.mismatch.changes.lasting import LONGEST_TIME, find_thermal
@@ -28,6 +27,7 @@ from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Finding
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, on_joint, record

@@ -16,9 +16,9 @@ from fixtures.cases.draw import draw_case
 from fixtures.cases.files import write_recordings
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.data_faults.faults import find_data_faults
 from identification.mismatch.diagnosis import diagnose
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot

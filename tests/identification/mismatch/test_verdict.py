@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.names.verdict import alternatives
@@ -16,6 +15,7 @@ from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record

@@ -7,9 +7,9 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
 from identification.excitation import Trajectory, default_trajectory
 from identification.mismatch.motion import Motion
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, robot_from_urdf
 
 FloatArray = npt.NDArray[np.float64]

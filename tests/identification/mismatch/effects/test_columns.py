@@ -12,11 +12,11 @@ import pinocchio
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators import PhysicalParameters
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.effects.motions import (
     motion_of,

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.estimators import PhysicalParameters
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.distal_rotor_reaction import DistalRotorReaction
 from identification.mismatch.effects.dynamics import across, rigid_torque, tilt_torques, torque_derivatives
 from identification.mismatch.motion import Motion
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.effects.motions import (
     motion_of,

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from identification.errors import ModelFileError
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extended_model import extended_model
@@ -18,6 +17,7 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import read_model, write_model
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.report.class_section import class_section

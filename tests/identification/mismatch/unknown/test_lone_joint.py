@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import find_dependence
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.diagnosis import with_changes
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.over_time import Refused, earned_over_time
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 

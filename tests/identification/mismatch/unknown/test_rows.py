@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.estimators.physical import PhysicalParameters
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES, STATE_ORDER
 from identification.mismatch.unknown.functions import smooth_table, tabulated
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 
