@@ -8,7 +8,9 @@ Not here: least squares, and the check of the rules themselves (`feasibility`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from itertools import count, islice
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +27,7 @@ from identification.estimators.feasibility import (
 from identification.estimators.interior_point import InteriorPointResult
 from identification.estimators.observation import ReducedProblem
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
-from identification.physical_parameters import (
-    PhysicalParameters,
-)
+from identification.physical_parameters import PhysicalParameters
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def solve_constrained(
 ) -> ConstrainedResult:
     """Solve (10a)–(10d), corrected. problem: the reduced least-squares problem; its weights are the program's.
 
-    starts: how many at most; the first from the convex relaxation, the second from the pseudo-inertia program, the
+    starts: how many at most; the first from the pseudo-inertia program, the second from the convex relaxation, the
     others random inside the rules (seed). There are local minima, up to a few per cent apart where no feasible robot
     fits the data well; a random start then reaches the best of them about three times in ten, hence 16. Where the first
     four, of three kinds, all converge to one cost, there is one minimum to speak of and no more are asked; nor where
@@ -138,26 +138,10 @@ def solve_constrained(
     program = ConstrainedProgram(problem, base, chosen)
     relaxation = relax_constrained_program(problem, base, chosen, full_consistency=full_consistency)
     consistent = solve_semidefinite(problem, base, chosen)
-    generator = np.random.default_rng(seed)
     typical = program.variables_of(consistent.full)
-    origins: list[tuple[str, FloatArray, float]] = [
-        ("convex relaxation", program.inside(relaxation.start), _CENTRAL_BARRIER),
-        ("pseudo-inertia program", program.inside(typical), LOCAL_BARRIER),
-    ]
-    ends: list[tuple[str, InteriorPointResult]] = []
-    for number in range(max(starts, 1)):
-        if number >= len(origins):
-            point = program.random_point(generator, typical)
-            origins.append((f"random {number - 1}, seed {seed}", point, LOCAL_BARRIER))
-        origin, point, barrier = origins[number]
-        ends.append((origin, program.solve_from(point, barrier)))
-        if number + 1 == _AGREEING_STARTS and _agree([end for _, end in ends]):
-            break
-        gap = (program.cost(ends[-1][1].point) - relaxation.lower_bound) / program.scale
-        # With full consistency the bound is that of another program, whose cuts want several minima to begin from.
-        if not full_consistency and ends[-1][1].converged and gap <= _NOTHING_TO_GAIN:
-            break
-    ends.sort(key=lambda end: end[1].value)
+    begins = islice(_begins(program, typical, relaxation.start, seed), max(starts, 1))
+    # With full consistency the bound is that of another program, whose cuts want several minima to begin from.
+    ends = _ends(program, begins, None if full_consistency else relaxation.lower_bound)
     best = ends[0][1]
     if full_consistency:
         best = _made_consistent(program, [end.point for _, end in ends[:_STARTS_WITH_CUTS]])
@@ -195,6 +179,37 @@ def solve_constrained(
         certificate=certificate,
         rules=chosen,
     )
+
+
+def _begins(
+    program: ConstrainedProgram, typical: FloatArray, relaxed: FloatArray, seed: int
+) -> Iterator[tuple[str, FloatArray, float]]:
+    """Starts without end: what each is called, its point inside the rules, its first barrier parameter."""
+    yield "pseudo-inertia program", program.inside(typical), _CENTRAL_BARRIER
+    yield "convex relaxation", program.inside(relaxed), LOCAL_BARRIER
+    generator = np.random.default_rng(seed)
+    for number in count(1):
+        yield f"random {number}, seed {seed}", program.random_point(generator, typical), LOCAL_BARRIER
+
+
+def _ends(
+    program: ConstrainedProgram, begins: Iterable[tuple[str, FloatArray, float]], lower_bound: float | None
+) -> list[tuple[str, InteriorPointResult]]:
+    """Where the starts end, best first: all, or as many as it takes to know that no more are needed.
+
+    begins: as of `_begins`. lower_bound: of the cost, None if unknown.
+    """
+    ends: list[tuple[str, InteriorPointResult]] = []
+    for origin, point, barrier in begins:
+        end = program.solve_from(point, barrier)
+        ends.append((origin, end))
+        if len(ends) == _AGREEING_STARTS and _agree([each for _, each in ends]):
+            break
+        if lower_bound is None or not end.converged:
+            continue
+        if (program.cost(end.point) - lower_bound) / program.scale <= _NOTHING_TO_GAIN:
+            break
+    return sorted(ends, key=lambda each: each[1].value)
 
 
 def _agree(ends: list[InteriorPointResult]) -> bool:

@@ -22,7 +22,7 @@ from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
-from identification.mismatch.baseline import baseline_values, compare_model
+from identification.mismatch.baseline import ModelComparison, baseline_values, compare_model
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.changes.repeated_contact import (
     beside,
@@ -33,7 +33,7 @@ from identification.mismatch.changes.repeated_contact import (
 )
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
-from identification.mismatch.findings import Baseline, Diagnosis, Verdict
+from identification.mismatch.findings import Baseline, DataFault, Diagnosis, Verdict
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.nominal import (
     Nominal,
@@ -56,7 +56,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.dependence import find_dependence
-from identification.mismatch.unknown.judgement import judge
+from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import Refused, earned_over_time
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.model_file import Model
@@ -83,6 +83,22 @@ class Explained:
     library: Library
     problem: Problem
     result: SearchResult
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examined:
+    """The recordings once their data were looked at.
+
+    fitted, unseen: put right where that could be done; of those held out only the ones that physics can be asked of.
+    fit: of the fitted ones, None where there is none. faults: of all recordings. faults_stop_physics: those of the
+    fitted ones do.
+    """
+
+    fitted: Sequence[Recording]
+    unseen: Sequence[Recording]
+    fit: FitResult | None
+    faults: tuple[DataFault, ...]
+    faults_stop_physics: bool
 
 
 Unseen = Callable[[BaseRegressor, Problem, Trial], Prepared | None]
@@ -118,88 +134,106 @@ def diagnose(
     report("the given model", 0.01)
     audited = None if model is None else _audited(recordings, robot, model)
     report("nominal model", 0.02)
-    fit = nominal_fit(recordings, robot, settings)
-    report("data", 0.05)
-    faults = find_data_faults([*recordings, *heldout], BaseRegressor(robot) if fit is None else fit.regressor)
-    turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
-    count = len(recordings)
-    to_fit, physics = turned[:count], not any(map(stops_physics, faults[:count]))
-    physics = physics and not (audited is not None and audited.makes_names_worthless)
-    to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
-    if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
-        fit = nominal_fit(to_fit, robot, settings)
-    settings = settings_of_fit(settings, fit, heldout)
-    regressor = BaseRegressor(robot) if fit is None else fit.regressor
+    rows = _examined(recordings, heldout, robot, settings, report)
+    settings = settings_of_fit(settings, rows.fit, heldout)
+    regressor = BaseRegressor(robot) if rows.fit is None else rows.fit.regressor
     given = None if model is None else baseline_values(model, regressor)
     report("evidence", 0.1)
 
     def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
         """What was not fitted, its effects acting on the torque of a trial's base parameters."""
-        others = to_check if split is None else to_fit
+        others = rows.unseen if split is None else rows.fitted
         if not others:
             return None
         values = extend(problem, trial.members).base[: regressor.size]
         return prepare(others, robot, regressor, settings, split, values)
 
-    fitted, refused = earned_over_time(prepare(to_fit, robot, regressor, settings, split))
-    nominal = nominal_of(fit, regressor, fitted.evidences)
+    fitted, refused = earned_over_time(prepare(rows.fitted, robot, regressor, settings, split))
+    nominal = nominal_of(rows.fit, regressor, fitted.evidences)
     report("search", 0.3)
     now = _explained(regressor, fitted, settings)
     inactive = now.library.candidates()[1]
     now = _with_push(now, unseen_by, settings)
     now = _with_drift(now, {item.joint for item in refused}, settings)
-    regressor, fitted, problem, result = now.regressor, now.fitted, now.problem, now.result
+    problem, result = now.problem, now.result
     report("held-out check", 0.8)
-    unseen = unseen_by(regressor, problem, result.trial)
-    dependence = find_dependence(fitted, unseen) if physics else None
-    claims = build_findings(problem, result.library, result, fitted, unseen, settings, dependence)
+    unseen = unseen_by(now.regressor, problem, result.trial)
+    physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
+    dependence = find_dependence(now.fitted, unseen) if physics else None
+    claims = build_findings(problem, result.library, result, now.fitted, unseen, settings, dependence)
     report("findings", 0.9)
-    plain = residuals_of(nominal, fitted.evidences, now.library)
+    plain = residuals_of(nominal, now.fitted.evidences, now.library)
     chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
     found = chance < settings.consistency_probability
-    baseline = _baseline(nominal, plain, found, claims, problem.noise_is_measured)
     diagnosis = summarise(
         problem,
         result.library,
         result,
         inactive,
         claims,
-        baseline,
-        fitted,
+        _baseline(nominal, plain, found, claims, problem.noise_is_measured),
+        now.fitted,
         unseen,
-        tuple(chain(*faults)),
+        rows.faults,
         nominal,
         after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm,
         settings,
     )
     if given is not None:
         compared = compare_model(
-            *given, fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, regressor
+            *given, now.fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
-        if audited is not None and audited.settles:
-            compared = replace(compared, set_up=audited.sentence)
-        diagnosis = replace(
-            diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes), audit=audited
-        )
+        diagnosis = _with_model(diagnosis, compared, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if dependence is not None:
-        judgement = judge(dependence, fitted, unseen, claims, problem, result.candidates)
-        diagnosis = replace(
-            diagnosis,
-            classes=judgement.claims,
-            class_model=judgement.model,
-            offer=judgement.offer,
-            notes=(*diagnosis.notes, *judgement.notes),
-        )
-        diagnosis = with_changes(diagnosis, refused)
-    if audited is None and fit is not None and diagnosis.heldout is not None:
-        diagnosis = settled(replace(diagnosis, audit=_other_set_up(diagnosis, fit, to_fit, to_check, robot)))
+        judgement = judge(dependence, now.fitted, unseen, claims, problem, result.candidates)
+        diagnosis = with_changes(_with_classes(diagnosis, judgement), refused)
+    if audited is None and rows.fit is not None and diagnosis.heldout is not None:
+        other = _other_set_up(diagnosis, rows.fit, rows.fitted, rows.unseen, robot)
+        diagnosis = settled(replace(diagnosis, audit=other))
     encoders = compare_encoders(recordings, heldout)
-    if encoders:
-        sentences = tuple(item.sentence for item in encoders)
-        diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *sentences))
+    diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *(item.sentence for item in encoders)))
     report("done", 1.0)
     return in_units_of_joints(diagnosis, robot)
+
+
+def _examined(
+    recordings: Sequence[Recording],
+    heldout: Sequence[Recording],
+    robot: RobotModel,
+    settings: DiagnosisSettings,
+    report: Progress,
+) -> Examined:
+    """The recordings with the faults of their data found and, where that can be done, put right; fitted after that."""
+    fit = nominal_fit(recordings, robot, settings)
+    report("data", 0.05)
+    faults = find_data_faults([*recordings, *heldout], BaseRegressor(robot) if fit is None else fit.regressor)
+    turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
+    count = len(recordings)
+    to_fit = turned[:count]
+    to_check = [item for item, own in zip(turned[count:], faults[count:], strict=True) if not stops_physics(own)]
+    if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
+        fit = nominal_fit(to_fit, robot, settings)
+    return Examined(to_fit, to_check, fit, tuple(chain(*faults)), any(map(stops_physics, faults[:count])))
+
+
+def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit | None) -> Diagnosis:
+    """With what of the given model is wrong: its parameters, and the set-up where that settles it."""
+    if audited is not None and audited.settles:
+        compared = replace(compared, set_up=audited.sentence)
+    notes = (compared.sentence, *diagnosis.notes)
+    return replace(diagnosis, model_comparison=compared, notes=notes, audit=audited)
+
+
+def _with_classes(diagnosis: Diagnosis, judgement: Judgement) -> Diagnosis:
+    """With the classes of what no name explains, their model, and whether it is offered."""
+    return replace(
+        diagnosis,
+        classes=judgement.claims,
+        class_model=judgement.model,
+        offer=judgement.offer,
+        notes=(*diagnosis.notes, *judgement.notes),
+    )
 
 
 def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit | None:

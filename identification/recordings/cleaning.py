@@ -47,40 +47,9 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     when more than a fifth of the rows is unusable, when time does not advance, or when less than half a second is left.
     """
     rows_read = table.time.shape[0]
-    number = np.arange(1, rows_read + 1, dtype=np.int64)
     findings = list(table.findings)
-    keep = np.ones(rows_read, dtype=np.bool_)
-
-    finite = np.isfinite(table.time) & np.isfinite(table.position).all(axis=1) & np.isfinite(table.torque).all(axis=1)
-    _note_runs(
-        findings,
-        "garbled_rows",
-        number[~finite],
-        "holds a value in t, q or tau that is not finite; it was left out",
-    )
-    keep &= finite
-    _refuse_too_many(table, keep, "hold values that are not finite")
-
-    keep[keep] = _advancing_time(table, table.time[keep], number[keep], findings)
-    spikes = _spikes(_kept(table.position, keep)) | _spikes(_kept(table.torque, keep))
-    _note_runs(
-        findings,
-        "garbled_rows",
-        number[keep][spikes],
-        "stands alone far away from its neighbours in q or tau; the row was left out",
-    )
-    keep[keep] = ~spikes
-    held = _held_rows(_kept(table.position, keep), _kept(table.torque, keep))
-    _note_runs(
-        findings,
-        "repeated_rows",
-        number[keep][held],
-        "repeats q and tau of the row before in the middle of a motion (a held sample); the row was left out",
-    )
-    if held.mean() < LARGEST_SHARE_OF_BAD_ROWS:
-        keep[keep] = ~held
-    _refuse_too_many(table, keep, "are garbled or repeated")
-
+    number = np.arange(1, rows_read + 1, dtype=np.int64)
+    keep = _usable(table, number, findings)
     time = table.time[keep]
     if time.size < MINIMUM_SAMPLES or time[-1] - time[0] < MINIMUM_DURATION_S:
         duration = float(time[-1] - time[0]) if time.size else 0.0
@@ -119,6 +88,44 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
         torque_unit=table.torque_unit,
         **arrays,
     )
+
+
+def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> BoolArray:
+    """(R,) rows that hold: finite, in the order of time, no spike, no sample held. Why others do not joins `findings`.
+
+    number: of each row, from 1. Raises RecordingError where too many do not.
+    """
+    keep = np.ones(number.size, dtype=np.bool_)
+    finite = np.isfinite(table.time) & np.isfinite(table.position).all(axis=1) & np.isfinite(table.torque).all(axis=1)
+    _note_runs(
+        findings,
+        "garbled_rows",
+        number[~finite],
+        "holds a value in t, q or tau that is not finite; it was left out",
+    )
+    keep &= finite
+    _refuse_too_many(table, keep, "hold values that are not finite")
+
+    keep[keep] = _advancing_time(table, table.time[keep], number[keep], findings)
+    spikes = _spikes(_kept(table.position, keep)) | _spikes(_kept(table.torque, keep))
+    _note_runs(
+        findings,
+        "garbled_rows",
+        number[keep][spikes],
+        "stands alone far away from its neighbours in q or tau; the row was left out",
+    )
+    keep[keep] = ~spikes
+    held = _held_rows(_kept(table.position, keep), _kept(table.torque, keep))
+    _note_runs(
+        findings,
+        "repeated_rows",
+        number[keep][held],
+        "repeats q and tau of the row before in the middle of a motion (a held sample); the row was left out",
+    )
+    if held.mean() < LARGEST_SHARE_OF_BAD_ROWS:
+        keep[keep] = ~held
+    _refuse_too_many(table, keep, "are garbled or repeated")
+    return keep
 
 
 def _kept(values: FloatArray, keep: BoolArray) -> FloatArray:
