@@ -7,6 +7,8 @@ loaded when one of its commands is called: the list of commands stands in `catal
 
 from __future__ import annotations
 
+import atexit
+import gc
 import importlib
 import sys
 from typing import Annotated, Any
@@ -20,6 +22,7 @@ from daemon.cli.output import complaint, data, prepare_streams, set_verbosity
 from daemon.errors import EXIT_INTERNAL, exit_code_of, sentence_of
 
 EXIT_INTERRUPTED = 130
+_OBJECTS_BEFORE_A_LOOK = 50_000
 
 
 class CatalogueGroup(TyperGroup):
@@ -85,6 +88,9 @@ def _flags_first(arguments: list[str]) -> list[str]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with the contract's exit code; a traceback is printed only with -vv."""
+    # What a command makes it keeps until it ends: looking for circles among it costs a fit 0.15 s and finds none.
+    gc.set_threshold(_OBJECTS_BEFORE_A_LOOK)
+    atexit.register(gc.freeze)
     prepare_streams()
     words = _flags_first(sys.argv[1:] if arguments is None else arguments)
     try:
