@@ -14,6 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,8 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         if case.wire is not None:
             port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
+        if robot is not None and ("start_timeout_s" in case.request or "receive_timeout_s" not in _patience(case)):
+            _await_start(robot, folder)  # how long it takes to start is not what the case is about
         transcript, exit_code, left = _run(case, folder, robot)
         summary = _end_robot(robot, folder, _braking_s(case)) if robot is not None else {}
     outcome = outcome_of(folder)
@@ -152,6 +155,12 @@ def _start_robot(case: FaultCase, folder: Path, port: int) -> subprocess.Popen[b
         [sys.executable, "-m", "fixtures.fake_robot", *options],
         cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=(folder / "robot.log").open("wb"),
     )  # fmt: skip
+
+
+def _await_start(robot: subprocess.Popen[bytes], folder: Path) -> None:
+    """Until it says that it sends, or ends without a word."""
+    while robot.poll() is None and b"fake robot:" not in (folder / "robot.log").read_bytes():
+        time.sleep(0.01)
 
 
 @contextlib.contextmanager
