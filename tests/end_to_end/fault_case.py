@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["IN_MOTION", "PACED", "QUICK", "FaultCase", "Step", "fault"]
+__all__ = ["IN_MOTION", "PACED", "FaultCase", "Step", "fault"]
 
 IN_MOTION = 1500
 """Messages after COMMANDING_ACTIVE: about half way through the period."""
-QUICK = {"lockstep_timeout_s": 0.3}
-"""Where messages or answers are lost on purpose, a lockstep robot waits for nothing: let it wait shortly."""
 PACED: dict[str, Any] = {
     "session": {
         "quality_window_s": 1.0,

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tests.end_to_end.fault_case import IN_MOTION, PACED, QUICK, FaultCase, fault
+from tests.end_to_end.fault_case import IN_MOTION, PACED, FaultCase, fault
 from tests.end_to_end.fault_cases_of_host import HOST_CASES
 
 __all__ = ["FAULT_CASES", "ROBOT_CASES"]
 
-PROMPT = QUICK | {"lockstep_shortest_s": 0.1}
-"""The client leaves some messages unanswered and then goes on: that answer must not come a cycle late."""
+PROMPT = {"lockstep_timeout_s": 0.3, "lockstep_shortest_s": 0.1}
+"""The client leaves some messages unanswered, waits for fresh ones and then goes on: that answer must not come a cycle
+late."""
 PATIENT = {"lockstep_timeout_s": 20.0}
 """All that the robot sends is answered: a wait that ends before shifts the answer by a cycle that the arm stands."""
 
@@ -75,7 +76,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         yield FaultCase(kind.replace("_", "-"), f"the {kind.replace('_', ' ')} changes", "ramp", "dropped", 1, (words,),
                         faults=(fault(kind, cycles=3000, level=level),))  # fmt: skip
     yield FaultCase("nan-position", "measured position of joint 3 is NaN, once", "finished", "completed", 0,
-                    faults=(fault("nan_position", joint=3),), session=QUICK)  # fmt: skip
+                    faults=(fault("nan_position", joint=3),))  # fmt: skip
     yield FaultCase(
         "nan-position-on",
         "measured position of joint 3 is NaN from now on",
@@ -84,10 +85,9 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         1,
         ("no usable message",),
         faults=(fault("nan_position", cycles=3000, joint=3),),
-        session=QUICK,
     )
     yield FaultCase("huge-position", "measured position of joint 3 is 1e308 rad, once", "finished", "completed", 0,
-                    faults=(fault("huge_position", joint=3),), session=QUICK)  # fmt: skip
+                    faults=(fault("huge_position", joint=3),))  # fmt: skip
     yield FaultCase("nan-torque", "measured torque of joint 2 is NaN, once", "finished", "completed", 0,
                     faults=(fault("nan_torque", joint=2),))  # fmt: skip
     yield FaultCase("nan-torque-on", "measured torque of joint 2 is NaN for 200 messages", "finished", "completed", 0,
@@ -109,7 +109,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         faults=(fault("position_jump", cycles=20, joint=5, value=0.5),),
     )
     yield FaultCase("fewer-joints", "positions of three joints only, once", "finished", "completed", 0,
-                    faults=(fault("fewer_joints"),), session=QUICK, gap=1)  # fmt: skip
+                    faults=(fault("fewer_joints"),), gap=1)  # fmt: skip
     yield FaultCase(
         "fewer-joints-on",
         "positions of three joints only from now on",
@@ -118,7 +118,6 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         1,
         ("no usable message",),
         faults=(fault("fewer_joints", cycles=3000),),
-        session=QUICK,
     )
 
 
@@ -140,7 +139,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
     yield FaultCase("silence", "silent for 10 cycles, the counter stands", "finished", "completed", 0,
                     faults=(fault("silence", cycles=10),), session=PATIENT)  # fmt: skip
     yield FaultCase("silence-on", "silent for good", "held", "dropped", 1, ("no usable message came for",),
-                    faults=(fault("silence", cycles=3000),), session=QUICK)  # fmt: skip
+                    faults=(fault("silence", cycles=3000),))  # fmt: skip
     yield FaultCase("ignore-answers", "5 answers lost", "finished", "completed", 0,
                     faults=(fault("ignore_answers", cycles=5),), session=PATIENT)  # fmt: skip
     yield FaultCase(
@@ -162,7 +161,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
         "completed",
         0,
         faults=tuple(fault("reorder", IN_MOTION + 5 * k) for k in range(3)),
-        session=QUICK,
+        session=PATIENT,
     )
     for kind, words in (("garbage", "random bytes"), ("truncate", "half a datagram"), ("wrong_version", "FRI 2.7")):
         yield FaultCase(
@@ -172,11 +171,10 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
             "completed",
             0,
             faults=tuple(fault(kind, IN_MOTION + 5 * k) for k in range(3)),
-            session=QUICK,
             gap=3,
         )
     yield FaultCase("wrong-version-on", "FRI 2.7 from now on", "held", "dropped", 1, ("no usable message",),
-                    faults=(fault("wrong_version", cycles=3000),), session=QUICK)  # fmt: skip
+                    faults=(fault("wrong_version", cycles=3000),))  # fmt: skip
     yield FaultCase("foreign", "500 messages from another port as well", "finished", "completed", 0,
                     faults=(fault("foreign_sender", cycles=500),))  # fmt: skip
     yield FaultCase("counter-jump", "counter jumps by 100 ahead of time", "ramp", "dropped", 1,

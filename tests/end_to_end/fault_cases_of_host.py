@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from signal import SIGCONT, SIGINT, SIGKILL, SIGSTOP, SIGTERM
 from typing import Any
 
-from tests.end_to_end.fault_case import PACED, QUICK, FaultCase, Step
+from tests.end_to_end.fault_case import PACED, FaultCase, Step
 
 __all__ = ["HOST_CASES"]
 
@@ -89,7 +89,7 @@ def _who_stops() -> Iterator[FaultCase]:
         )
     for where, when, more in (("start ramp", ramp_up, slow), ("excitation", EXCITATION, {})):
         yield FaultCase(f"kill-loop-{where.replace(' ', '-')}", f"kill -9 of the loop in the {where}", "held", "fault",
-                        70, ("killed by signal 9", "brakes by itself"), unsaved=1, session=QUICK,
+                        70, ("killed by signal 9", "brakes by itself"), unsaved=1,
                         steps=(Step(when, ("loop",), SIGKILL),), **more)  # fmt: skip
     yield FaultCase(
         "kill-recorder-supervisor",
@@ -100,8 +100,8 @@ def _who_stops() -> Iterator[FaultCase]:
         steps=(Step(EXCITATION, ("recorder", "supervisor"), SIGKILL),),
     )
     yield FaultCase("kill-loop-recorder", "kill -9 of loop and recorder together", "held", "fault", 70,
-                    ("killed by signal 9",), steps=(Step(EXCITATION, ("loop", "recorder"), SIGKILL),), unsaved=1,
-                    session=QUICK)  # fmt: skip
+                    ("killed by signal 9",), unsaved=1,
+                    steps=(Step(EXCITATION, ("loop", "recorder"), SIGKILL),))  # fmt: skip
     yield FaultCase(
         "kill-all",
         "kill -9 of all three at once",
@@ -109,7 +109,6 @@ def _who_stops() -> Iterator[FaultCase]:
         None,
         -9,
         unsaved=500,
-        session=QUICK,
         steps=(Step(EXCITATION, ("loop", "recorder", "supervisor"), SIGKILL),),
     )
     yield FaultCase("kill-worker", "kill -9 of the fit", "finished", "completed", 0,
@@ -132,7 +131,7 @@ def _who_stops() -> Iterator[FaultCase]:
                     request={"periods": 1}, **PACED,
                     steps=(Step(EXCITATION, ("loop",), SIGSTOP, 0.012),))  # fmt: skip
     yield FaultCase("pause-loop-long", "the loop is paused until the robot has given it up", "held",
-                    "dropped", 1, ("Session dropped",), session=QUICK,
+                    "dropped", 1, ("Session dropped",),
                     steps=(Step(EXCITATION, ("loop",), SIGSTOP, resume_after_robot=True),))  # fmt: skip
     yield FaultCase("pause-supervisor", "the supervisor is paused for 3 s", "ramp", "stopped", 1,
                     ("gave no sign of life",), request={"supervisor_timeout_s": 1.0},
