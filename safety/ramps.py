@@ -186,24 +186,7 @@ def plan_start_ramp(
     failure: tuple[str, int, float, float] | None = None
     planner_error: RampError | None = None
     for fraction in START_FRACTIONS:
-        jerk = fraction * limits.jerk
-        needed_velocity = np.maximum(np.abs(dq) + ddq**2 / (2.0 * jerk), np.abs(dq_end) + ddq_end**2 / (2.0 * jerk))
-        request = _request(
-            q,
-            dq,
-            ddq,
-            np.minimum(
-                np.maximum(fraction * limits.velocity, needed_velocity), limits.velocity * (1.0 + RELATIVE_TOLERANCE)
-            ),
-            np.maximum(fraction * limits.acceleration, np.maximum(np.abs(ddq), np.abs(ddq_end))),
-            jerk,
-        )
-        request.control_interface = ruckig.ControlInterface.Position
-        request.synchronization = ruckig.Synchronization.Time
-        request.duration_discretization = ruckig.DurationDiscretization.Discrete
-        request.target_position = q_end.tolist()
-        request.target_velocity = dq_end.tolist()
-        request.target_acceleration = ddq_end.tolist()
+        request = _start_request((q, dq, ddq), (q_end, dq_end, ddq_end), limits, fraction)
         try:
             trajectory = _calculate(ruckig.Ruckig(n, command_period_s), request)
         except RampError as error:
@@ -241,6 +224,34 @@ def _state(name: str, given: Sequence[float] | FloatArray, limits: JointLimits) 
                 value=value,
             )
     return array
+
+
+def _start_request(
+    start: tuple[FloatArray, FloatArray, FloatArray],
+    end: tuple[FloatArray, FloatArray, FloatArray],
+    limits: JointLimits,
+    fraction: float,
+) -> ruckig.InputParameter:
+    """From one state (position, velocity, acceleration) to another on this share of the limits, or what these need."""
+    (q, dq, ddq), (q_end, dq_end, ddq_end) = start, end
+    jerk = fraction * limits.jerk
+    needed_velocity = np.maximum(np.abs(dq) + ddq**2 / (2.0 * jerk), np.abs(dq_end) + ddq_end**2 / (2.0 * jerk))
+    velocity = np.maximum(fraction * limits.velocity, needed_velocity)
+    request = _request(
+        q,
+        dq,
+        ddq,
+        np.minimum(velocity, limits.velocity * (1.0 + RELATIVE_TOLERANCE)),
+        np.maximum(fraction * limits.acceleration, np.maximum(np.abs(ddq), np.abs(ddq_end))),
+        jerk,
+    )
+    request.control_interface = ruckig.ControlInterface.Position
+    request.synchronization = ruckig.Synchronization.Time
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    request.target_position = q_end.tolist()
+    request.target_velocity = dq_end.tolist()
+    request.target_acceleration = ddq_end.tolist()
+    return request
 
 
 def _request(

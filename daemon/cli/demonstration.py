@@ -103,25 +103,24 @@ def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[s
     if status.phase != "done" or status.diagnosis_error is not None:
         raise typer.Exit(status.exit_code or 1)
 
+    return _outcome_told(out, commitments[-1], seed)
+
+
+def _outcome_told(out: Path, commitment: str, seed: int) -> dict[str, Any]:
+    """What was found beside what was hidden, on stdout and as plain JSON types."""
+    from daemon.run import demonstration
+
     folder = out / "excitation"
     document, extended, diagnosis = (
         json.loads((folder / name).read_text(encoding="utf-8"))
         for name in ("model.json", "diagnosis/model.json", "diagnosis/diagnosis.json")
     )
-    label = demonstration.opened_effect(folder / "fake_robot.json", commitments[-1])
+    label = demonstration.opened_effect(folder / "fake_robot.json", commitment)
     truth = demonstration.true_base_parameters(folder / "fake_robot.json", demonstration.demo_regressor())
     tables = rms_tables(out, {"fitted motion": "excitation", "unused motion": "unused"})
     files = sorted(str(path) for path in out.rglob("*") if path.is_file() and not path.name.startswith("."))
     if is_verbose():
-        data("4. Base parameters beside the fake robot's true ones: fitted together with the effects, and without them")
-        show_comparison(extended["base_parameters"], document["base_parameters"], truth)
-        data("5. How well the models fit, base and feasible parameters")
-        for what, table in tables.items():
-            show_rms(table, f"{what[:1].upper()}{what[1:]}: RMS of measured minus modelled torque", percent=False)
-        show_certificate(document["certificate"])
-        data("6. Files")
-        for file in files:
-            data(f"   {file}")
+        _show_tables(document, extended, truth, tables, files)
     data("")
     data("What was found in the recordings:")
     show_verdict(diagnosis)
@@ -137,11 +136,29 @@ def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[s
         "verdict": diagnosis["verdict"],
         "findings": diagnosis["findings"],
         "hidden": label,
-        "commitment": commitments[-1],
+        "commitment": commitment,
         "right": is_right(diagnosis, label),
         "files": files,
         "seed": seed,
     }
+
+
+def _show_tables(
+    document: dict[str, Any],
+    extended: dict[str, Any],
+    truth: np.ndarray[Any, Any],
+    tables: dict[str, RmsTable],
+    files: list[str],
+) -> None:
+    data("4. Base parameters beside the fake robot's true ones: fitted together with the effects, and without them")
+    show_comparison(extended["base_parameters"], document["base_parameters"], truth)
+    data("5. How well the models fit, base and feasible parameters")
+    for what, table in tables.items():
+        show_rms(table, f"{what[:1].upper()}{what[1:]}: RMS of measured minus modelled torque", percent=False)
+    show_certificate(document["certificate"])
+    data("6. Files")
+    for file in files:
+        data(f"   {file}")
 
 
 def show_verdict(diagnosis: dict[str, Any]) -> None:

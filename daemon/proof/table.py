@@ -1,6 +1,6 @@
 """Sums up the scores of concealed cases: rates with bounds, λ at which names come right, confusion, targets met or not.
 
-Pure: scores in, tables out. What a score means is in ``prove_score``.
+Pure: scores in, tables out. What a score means is in `score`.
 """
 
 from __future__ import annotations
@@ -201,69 +201,88 @@ def _mean(values: Sequence[float]) -> float:
 
 def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
     """Every figure of the proof that is not per family."""
-    singles = [effect for _, effect in _singles(scores)]
-    strong = [effect for effect in singles if effect.visibility >= STRONG]
-    errors = [e.amplitude_error for e in singles if e.amplitude_error is not None and e.visibility >= VERY_STRONG]
-    covered = [e.covered for e in singles if e.covered is not None and e.visibility >= VERY_STRONG]
-    removed = [s.removed for s, e in _singles(scores) if s.removed is not None and e.visibility >= STRONG]
-    background = [effect for _, effect in _singles(scores, "single_background")]
-    outside = [score for score in scores if score.group == "outside"]
-    plain = [score for score in scores if score.group in ("negative", "decoy") and score.kind != "common_lag"]
     seconds = [score.seconds for score in scores if score.failed is None]
     return {
         "cases": len(scores),
-        "singles_named_at_any_visibility": rate(effect.named for effect in singles),
         "failed": sum(score.failed is not None for score in scores),
-        "singles_named": rate(e.named for e in strong),
-        "singles_in_set": rate(e.in_set for e in strong),
-        "singles_joint": rate(
-            e.placed or e.in_set for s, e in _singles(scores) if e.visibility >= STRONG and (s.claimed or s.failed)
-        ),
-        "perturbed_named": rate(e.named for e in strong if e.form not in LIBRARY_FORMS),
-        "one_joint_motion_in_set": rate(
-            s.effects[0].in_set
-            for s in scores
-            if s.group == "single" and s.excitation in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
-        ),
-        **_curve(_singles(scores)),
-        "false_names": rate(_is_wrongly_named(score) for score in plain),
-        "false_names_background": rate(_is_wrongly_named(score) for score in scores if score.group == "background"),
-        "misfit_seen_where_nothing_is_hidden": rate(score.detected for score in plain),
+        **_single_effects(scores),
+        **_sizes_and_gains(scores),
+        **_nothing_or_several(scores),
+        **_beside_background(scores),
         "names_left_open_a_finding": _mean([size for score in scores for size in score.set_sizes]),
-        "common_lag_right": rate(bool(s.right) for s in scores if s.kind == "common_lag"),
-        "background_named_share_above_60": rate(e.named for e in background if (e.share or 0.0) > 0.6),
-        "background_named_share_30_60": rate(e.named for e in background if 0.3 <= (e.share or 0.0) <= 0.6),
-        "background_named_share_below_30": rate(e.named for e in background if (e.share or 0.0) < 0.3),
-        "outside_wrongly_named": rate(_is_wrongly_named(score) for score in outside),
-        "outside_detected": rate(score.detected for score in outside if score.effects[0].visibility >= ORACLE_VISIBLE),
-        "pairs_both": _both(scores, "pair"),
-        "triples_all": _both(scores, "triple"),
-        "singles_name_or_class": rate(
-            s.effects[0].named or bool(s.class_right)
-            for s in scores
-            if s.group == "single" and s.excitation not in NARROW_MOTIONS and s.effects[0].visibility >= STRONG
-        ),
-        "background_name_or_class_share_above_50": rate(
-            s.effects[0].named or bool(s.class_right)
-            for s in scores
-            if s.group == "single_background" and (s.effects[0].share or 0.0) >= 0.5
-        ),
-        "false_classes": rate(bool(s.classes) for s in plain if s.class_right is not None),
-        "false_classes_background": rate(
-            bool(s.classes) for s in scores if s.group == "background" and s.class_right is not None
-        ),
         "extras": rate(score.extras > score.misnamed or score.failed is not None for score in scores),
-        "structural": rate(bool(score.right) for score in scores if score.group == "structural"),
+        "seconds_median": _percentile(seconds, 50),
+        "seconds_largest": max(seconds, default=math.nan),
+    }
+
+
+def _single_effects(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    singles = _singles(scores)
+    strong = [(score, effect) for score, effect in singles if effect.visibility >= STRONG]
+    narrow = [score.effects[0] for score in scores if score.group == "single" and score.excitation in NARROW_MOTIONS]
+    return {
+        "singles_named_at_any_visibility": rate(effect.named for _, effect in singles),
+        "singles_named": rate(effect.named for _, effect in strong),
+        "singles_in_set": rate(effect.in_set for _, effect in strong),
+        "singles_joint": rate(
+            effect.placed or effect.in_set for score, effect in strong if score.claimed or score.failed
+        ),
+        "singles_name_or_class": rate(effect.named or bool(score.class_right) for score, effect in strong),
+        "perturbed_named": rate(effect.named for _, effect in strong if effect.form not in LIBRARY_FORMS),
+        "one_joint_motion_in_set": rate(effect.in_set for effect in narrow if effect.visibility >= STRONG),
+        **_curve(singles),
+    }
+
+
+def _sizes_and_gains(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    singles = _singles(scores)
+    plain = [effect for _, effect in singles if effect.visibility >= VERY_STRONG]
+    errors = [effect.amplitude_error for effect in plain if effect.amplitude_error is not None]
+    removed = [s.removed for s, effect in singles if s.removed is not None and effect.visibility >= STRONG]
+    return {
         "amplitude_cases": len(errors),
         "amplitude_median": _percentile(errors, 50),
         "amplitude_p90": _percentile(errors, 90),
         "amplitude_within_4_percent": rate(error <= 0.04 for error in errors),
-        "covered": rate(covered),
+        "covered": rate(effect.covered for effect in plain if effect.covered is not None),
         "removed_cases": len(removed),
         "removed_median": _percentile(removed, 50),
         "removed_p10": _percentile(removed, 10),
-        "seconds_median": _percentile(seconds, 50),
-        "seconds_largest": max(seconds, default=math.nan),
+    }
+
+
+def _nothing_or_several(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    plain = [score for score in scores if score.group in ("negative", "decoy") and score.kind != "common_lag"]
+    outside = [score for score in scores if score.group == "outside"]
+    seen = [score for score in outside if score.effects[0].visibility >= ORACLE_VISIBLE]
+    return {
+        "false_names": rate(_is_wrongly_named(score) for score in plain),
+        "false_classes": rate(bool(score.classes) for score in plain if score.class_right is not None),
+        "misfit_seen_where_nothing_is_hidden": rate(score.detected for score in plain),
+        "common_lag_right": rate(bool(score.right) for score in scores if score.kind == "common_lag"),
+        "outside_wrongly_named": rate(_is_wrongly_named(score) for score in outside),
+        "outside_detected": rate(score.detected for score in seen),
+        "pairs_both": _both(scores, "pair"),
+        "triples_all": _both(scores, "triple"),
+        "structural": rate(bool(score.right) for score in scores if score.group == "structural"),
+    }
+
+
+def _beside_background(scores: Sequence[CaseScore]) -> dict[str, Any]:
+    alone = [score for score in scores if score.group == "background"]
+    shares = [(effect.share or 0.0, effect) for _, effect in _singles(scores, "single_background")]
+    every = [score for score in scores if score.group == "single_background"]
+    return {
+        "false_names_background": rate(_is_wrongly_named(score) for score in alone),
+        "false_classes_background": rate(bool(score.classes) for score in alone if score.class_right is not None),
+        "background_named_share_above_60": rate(effect.named for share, effect in shares if share > 0.6),
+        "background_named_share_30_60": rate(effect.named for share, effect in shares if 0.3 <= share <= 0.6),
+        "background_named_share_below_30": rate(effect.named for share, effect in shares if share < 0.3),
+        "background_name_or_class_share_above_50": rate(
+            score.effects[0].named or bool(score.class_right)
+            for score in every
+            if (score.effects[0].share or 0.0) >= 0.5
+        ),
     }
 
 
@@ -295,63 +314,52 @@ def wrong_answers(cases: Sequence[tuple[int, CaseScore]]) -> list[str]:
 
 def targets(figures: Mapping[str, Any]) -> list[Target]:
     """What was to be reached, and whether this run did."""
-
-    def at_least(text: str, name: str, least: float) -> Target:
-        value: Rate = figures[name]
-        met = value.share >= least if value.count else None
-        return Target(text, f"≥ {100 * least:g} %", str(value), met)
-
-    def at_most(text: str, name: str, most: float) -> Target:
-        value: Rate = figures[name]
-        met = value.share <= most if value.count else None
-        reached = f"{value}, bound {100 * value.upper_bound:.1f} %" if value.count else "-"
-        return Target(text, f"≤ {100 * most:g} %", reached, met)
-
-    def number(text: str, wanted: str, value: float | None, met: bool, unit: str = "") -> Target:
-        known = value is not None and math.isfinite(value)
-        return Target(text, wanted, f"{value:.3g}{unit}" if known else "-", met if known else None)
-
-    def percent(name: str) -> float:
-        return 100.0 * float(figures[name])
-
+    error, removed = (100.0 * float(figures[name]) for name in ("amplitude_median", "removed_median"))
+    seconds = figures["seconds_largest"]
     covered: Rate = figures["covered"]
-    every: Rate = figures["singles_named_at_any_visibility"]
-    enough = every.count >= SINGLES_FOR_A_CURVE
-    lambda90 = figures["lambda90"] if enough else None
-    # Enough cases and no such λ: 90 % are never named, which is not the same as having nothing to judge by.
-    never = enough and lambda90 is None and every.share < 0.9
+    inside = 0.90 <= covered.share <= 0.98 if covered.count else None
     return [
-        at_least("singles, λ ≥ 100: family and joint right", "singles_named", 0.98),
-        at_least("singles, λ ≥ 100: joint right where anything is named", "singles_joint", 1.0),
-        at_least("singles of perturbed form, λ ≥ 100: named", "perturbed_named", 0.95),
-        Target("λ at which 90 % are named", "≤ 55", "never", False)
-        if never
-        else number("λ at which 90 % are named", "≤ 55", lambda90, lambda90 is not None and lambda90 <= 55.0),
-        at_most("false names, clean and decoys", "false_names", 0.01),
-        at_most("false names, with background", "false_names_background", 0.03),
-        at_most("effects outside the library wrongly named", "outside_wrongly_named", 0.05),
-        at_least("pairs, both visible: both named", "pairs_both", 0.90),
-        at_most("cases with a spurious extra", "extras", 0.05),
-        at_least("structural cases answered as a set", "structural", 1.0),
-        number(
-            "amplitude at λ ≥ 1000, median error",
-            "≤ 1 %",
-            percent("amplitude_median"),
-            percent("amplitude_median") <= 1.0,
-            " %",
-        ),
-        at_least("amplitude at λ ≥ 1000 within 4 %", "amplitude_within_4_percent", 0.90),
-        Target(
-            "95 % intervals cover", "90 to 98 %", str(covered), 0.90 <= covered.share <= 0.98 if covered.count else None
-        ),
-        number(
-            "held-out excess energy removed, median",
-            "≥ 95 %",
-            percent("removed_median"),
-            percent("removed_median") >= 95.0,
-            " %",
-        ),
-        number(
-            "CPU time a case, largest", "≤ 10 s", figures["seconds_largest"], figures["seconds_largest"] <= 10.0, " s"
-        ),
+        _at_least(figures, "singles, λ ≥ 100: family and joint right", "singles_named", 0.98),
+        _at_least(figures, "singles, λ ≥ 100: joint right where anything is named", "singles_joint", 1.0),
+        _at_least(figures, "singles of perturbed form, λ ≥ 100: named", "perturbed_named", 0.95),
+        _named_from(figures, 55.0),
+        _at_most(figures, "false names, clean and decoys", "false_names", 0.01),
+        _at_most(figures, "false names, with background", "false_names_background", 0.03),
+        _at_most(figures, "effects outside the library wrongly named", "outside_wrongly_named", 0.05),
+        _at_least(figures, "pairs, both visible: both named", "pairs_both", 0.90),
+        _at_most(figures, "cases with a spurious extra", "extras", 0.05),
+        _at_least(figures, "structural cases answered as a set", "structural", 1.0),
+        _number("amplitude at λ ≥ 1000, median error", "≤ 1 %", error, error <= 1.0, " %"),
+        _at_least(figures, "amplitude at λ ≥ 1000 within 4 %", "amplitude_within_4_percent", 0.90),
+        Target("95 % intervals cover", "90 to 98 %", str(covered), inside),
+        _number("held-out excess energy removed, median", "≥ 95 %", removed, removed >= 95.0, " %"),
+        _number("CPU time a case, largest", "≤ 10 s", seconds, seconds <= 10.0, " s"),
     ]
+
+
+def _at_least(figures: Mapping[str, Any], text: str, name: str, least: float) -> Target:
+    value: Rate = figures[name]
+    return Target(text, f"≥ {100 * least:g} %", str(value), value.share >= least if value.count else None)
+
+
+def _at_most(figures: Mapping[str, Any], text: str, name: str, most: float) -> Target:
+    value: Rate = figures[name]
+    reached = f"{value}, bound {100 * value.upper_bound:.1f} %" if value.count else "-"
+    return Target(text, f"≤ {100 * most:g} %", reached, value.share <= most if value.count else None)
+
+
+def _number(text: str, wanted: str, value: float | None, met: bool, unit: str = "") -> Target:
+    known = value is not None and math.isfinite(value)
+    return Target(text, wanted, f"{value:.3g}{unit}" if known else "-", met if known else None)
+
+
+def _named_from(figures: Mapping[str, Any], most: float) -> Target:
+    text, wanted = "λ at which 90 % are named", f"≤ {most:g}"
+    every: Rate = figures["singles_named_at_any_visibility"]
+    if every.count < SINGLES_FOR_A_CURVE:
+        return _number(text, wanted, None, met=False)
+    found = figures["lambda90"]
+    if found is None and every.share < 0.9:
+        # Enough cases and no such λ: 90 % are never named, which is not the same as having nothing to judge by.
+        return Target(text, wanted, "never", False)
+    return _number(text, wanted, found, found is not None and found <= most)

@@ -135,6 +135,10 @@ class NotIdentifiable:
     place: Place
     reason: str
 
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types; joint from 1."""
+        return {"effect": self.effect, "joint": self.place.joint, "reason": self.reason}
+
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
@@ -145,6 +149,16 @@ class Detectable:
     size: float
     unit: str
     absorbed_fraction: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types; joint from 1."""
+        return {
+            "effect": self.effect,
+            "joint": self.place.joint,
+            "size": number(self.size),
+            "unit": self.unit,
+            "absorbed_fraction": number(self.absorbed_fraction),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,6 +178,17 @@ class Baseline:
     detected: BoolArray
     noise_is_measured: bool = True
 
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types, one entry per joint."""
+        return {
+            "rms_nm": json_list(self.rms_nm),
+            "noise_floor_nm": json_list(self.noise_floor_nm),
+            "excess_nm": json_list(self.excess_nm),
+            "excess_ci95_nm": json_list(np.column_stack([self.excess_low_nm, self.excess_high_nm])),
+            "detected": [bool(value) for value in self.detected],
+            "noise_is_measured": self.noise_is_measured,
+        }
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
@@ -180,6 +205,18 @@ class HeldOut:
     excess_before_nm: FloatArray
     excess_after_nm: FloatArray
     misfits: tuple[HeldOutMisfit, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types, one entry per joint."""
+        return {
+            "rms_before_nm": json_list(self.rms_before_nm),
+            "rms_after_nm": json_list(self.rms_after_nm),
+            "ci95_after_nm": json_list(self.ci95_after_nm),
+            "noise_floor_nm": json_list(self.noise_floor_nm),
+            "excess_before_nm": json_list(self.excess_before_nm),
+            "excess_after_nm": json_list(self.excess_after_nm),
+            "misfits": [asdict(item) for item in self.misfits],
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +244,16 @@ class ParameterShift:
     after: float
     std: float
     unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "name": self.name,
+            "before": number(self.before),
+            "after": number(self.after),
+            "std": number(self.std),
+            "unit": self.unit,
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,70 +297,27 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
-        baseline, heldout = self.baseline, self.heldout
         differences = () if self.audit is None else self.audit.differences
         known = {fault.fault for fault in self.data_faults}
+        seen = [item for item in differences if item.against == "recording" and item.effect not in known]
         return {
             "format": DIAGNOSIS_FORMAT,
             "verdict": self.verdict,
             "mode": self.mode,
             "robot": self.robot,
-            "baseline": {
-                "rms_nm": json_list(baseline.rms_nm),
-                "noise_floor_nm": json_list(baseline.noise_floor_nm),
-                "excess_nm": json_list(baseline.excess_nm),
-                "excess_ci95_nm": json_list(np.column_stack([baseline.excess_low_nm, baseline.excess_high_nm])),
-                "detected": [bool(value) for value in baseline.detected],
-                "noise_is_measured": baseline.noise_is_measured,
-                "rms_after_nm": json_list(self.rms_after_nm),
-            },
+            "baseline": {**self.baseline.to_json(), "rms_after_nm": json_list(self.rms_after_nm)},
             "findings": [
                 *(item.to_finding_json() for item in differences if item.against == "model"),
                 *(finding.to_json() for finding in self.findings),
             ],
             "data_faults": [
                 *(fault.to_json() for fault in self.data_faults),
-                *(
-                    item.to_fault_json()
-                    for item in differences
-                    if item.against == "recording" and item.effect not in known
-                ),
+                *(item.to_fault_json() for item in seen),
             ],
-            "not_identifiable_here": [
-                {"effect": item.effect, "joint": item.place.joint, "reason": item.reason}
-                for item in self.not_identifiable
-            ],
-            "minimum_detectable": [
-                {
-                    "effect": item.effect,
-                    "joint": item.place.joint,
-                    "size": number(item.size),
-                    "unit": item.unit,
-                    "absorbed_fraction": number(item.absorbed_fraction),
-                }
-                for item in self.minimum_detectable
-            ],
-            "heldout": None
-            if heldout is None
-            else {
-                "rms_before_nm": json_list(heldout.rms_before_nm),
-                "rms_after_nm": json_list(heldout.rms_after_nm),
-                "ci95_after_nm": json_list(heldout.ci95_after_nm),
-                "noise_floor_nm": json_list(heldout.noise_floor_nm),
-                "excess_before_nm": json_list(heldout.excess_before_nm),
-                "excess_after_nm": json_list(heldout.excess_after_nm),
-                "misfits": [asdict(item) for item in heldout.misfits],
-            },
-            "parameter_shift": [
-                {
-                    "name": item.name,
-                    "before": number(item.before),
-                    "after": number(item.after),
-                    "std": number(item.std),
-                    "unit": item.unit,
-                }
-                for item in self.parameter_shift
-            ],
+            "not_identifiable_here": [item.to_json() for item in self.not_identifiable],
+            "minimum_detectable": [item.to_json() for item in self.minimum_detectable],
+            "heldout": None if self.heldout is None else self.heldout.to_json(),
+            "parameter_shift": [item.to_json() for item in self.parameter_shift],
             "classes": [item.to_json() for item in self.classes],
             **({} if self.class_model is None else {"class_model": self.class_model.to_json()}),
             "remaining": self.remaining,

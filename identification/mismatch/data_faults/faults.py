@@ -277,6 +277,37 @@ def _is_wrong(ratio: float, std: float, cost_ratio: float) -> bool:
     return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _ClockCost:
+    """Squares that are left when the clock runs by a ratio r, of rows that are a polynomial of second degree in r.
+
+    grams: products (p, p) of the coefficients a ≤ b. rights: (p,) of each with the torque. squares: of the torque.
+    """
+
+    grams: dict[tuple[int, int], FloatArray]
+    rights: list[FloatArray]
+    squares: float
+
+    def at(self, log_ratio: float) -> tuple[float, FloatArray]:
+        """Squares that are left, and the parameters (p,) that leave them."""
+        r = np.exp(log_ratio)
+        gram = sum(
+            (r ** (a + b) * (value if a == b else value + value.T) for (a, b), value in self.grams.items()),
+            start=np.zeros_like(self.grams[0, 0]),
+        )
+        right = self.rights[0] + r * self.rights[1] + r**2 * self.rights[2]
+        values = _solve(gram, right)
+        return max(self.squares - float(values @ right), 1e-12 * self.squares), values
+
+    def best(self) -> float:
+        """Log of the ratio that leaves least."""
+        grid = np.linspace(-np.log(WIDEST_RATIO), np.log(WIDEST_RATIO), 69)
+        costs = [self.at(float(x))[0] for x in grid]
+        best = int(np.clip(np.argmin(costs), 1, len(grid) - 2))
+        bounds = (grid[best - 1], grid[best + 1])
+        return float(minimize_scalar(lambda x: self.at(float(x))[0], bounds=bounds, method="bounded").x)
+
+
 def _ratio_from_torque(
     stretch: ProcessedSignals, regressor: BaseRegressor, signs: FloatArray, rivals: Sequence[FloatArray] = ()
 ) -> tuple[float, float, float]:
@@ -298,43 +329,23 @@ def _ratio_from_torque(
     products = {(a, b): _transposed(blocks[a]) @ blocks[b] for a in range(3) for b in range(a, 3)}
     seen = [(_transposed(block) @ torque.T[..., None])[..., 0] for block in blocks]
     for _ in range(3):
-        grams = {pair: np.tensordot(weight**2, product, 1) for pair, product in products.items()}
-        rights = [weight**2 @ part for part in seen]
-        squares = float(((torque * weight) ** 2).sum())
-
-        def at(
-            log_ratio: float,
-            grams: dict[tuple[int, int], FloatArray] = grams,
-            rights: list[FloatArray] = rights,
-            squares: float = squares,
-        ) -> tuple[float, FloatArray]:
-            r = np.exp(log_ratio)
-            gram = sum(
-                (r ** (a + b) * (value if a == b else value + value.T) for (a, b), value in grams.items()),
-                start=np.zeros_like(grams[0, 0]),
-            )
-            right = rights[0] + r * rights[1] + r**2 * rights[2]
-            values = _solve(gram, right)
-            return max(squares - float(values @ right), 1e-12 * squares), values
-
-        grid = np.linspace(-np.log(WIDEST_RATIO), np.log(WIDEST_RATIO), 69)
-        costs = [at(float(x))[0] for x in grid]
-        best = int(np.clip(np.argmin(costs), 1, len(grid) - 2))
-        found = minimize_scalar(
-            lambda x, at=at: at(float(x))[0], bounds=(grid[best - 1], grid[best + 1]), method="bounded"
+        cost = _ClockCost(
+            {pair: np.tensordot(weight**2, product, 1) for pair, product in products.items()},
+            [weight**2 @ part for part in seen],
+            float(((torque * weight) ** 2).sum()),
         )
-        x = float(found.x)
-        _, values = at(x)
+        x = cost.best()
+        _, values = cost.at(x)
         r = np.exp(x)
         residual = torque - ((blocks[0] + r * blocks[1] + r**2 * blocks[2]) @ values).T
         weight = 1.0 / np.maximum(residual.std(axis=0), 1e-6 * torque.std(axis=0) + 1e-12)
     # Curvature of the cost of the last weights.
     step = 0.02
-    middle = at(x)[0]
-    curvature = (at(x + step)[0] + at(x - step)[0] - 2.0 * middle) / step**2
+    middle = cost.at(x)[0]
+    curvature = (cost.at(x + step)[0] + cost.at(x - step)[0] - 2.0 * middle) / step**2
     std = (
         float(np.sqrt(2.0 * middle / max(1.0, torque.size / ROWS_PER_NUMBER) / curvature))
         if curvature > 0.0
         else float("inf")
     )
-    return float(np.exp(x)), float(np.exp(x)) * std, at(0.0)[0] / middle
+    return float(np.exp(x)), float(np.exp(x)) * std, cost.at(0.0)[0] / middle

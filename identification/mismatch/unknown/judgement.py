@@ -63,28 +63,48 @@ def judge(
     problem, candidates: of the fitted rows, to find the nearest forms.
     """
     settings = settings if settings is not None else ClaimSettings()
-    held, alone, left, plain, after = found.held, found.alone, found.left, found.before, found.after
-    rows = alone.rows
     offered: Offer | None = None
     given_up: tuple[int, ...] = ()
     if unseen is not None and names.heldout_after is not None:
-        roles, beside = (fitted, unseen), alone
-        if names.extension.members:
-            known = Library(EFFECTS, fitted.evidences), Library(EFFECTS, unseen.evidences)
-            roles = (
-                without_members(fitted, names.extension, known[0]),
-                without_members(unseen, names.extension, known[1]),
-            )
-            # The classes stay those chosen without names; their weights are found anew beside them.
-            beside = weighed(
-                alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings
-            )
-        offered, given_up = offer(beside, left, names.heldout_after)
-    claims = []
-    smooth = [item for item in held if CLASSES[item.number].background and item.loss >= settings.speak]
+        beside = _beside_names(found.alone, fitted, unseen, names, settings)
+        offered, given_up = offer(beside, found.left, names.heldout_after)
+    smooth = [item for item in found.held if CLASSES[item.number].background and item.loss >= settings.speak]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max([settings.speak, *(item.loss for item in smooth)])
-    for item in sorted(held, key=lambda item: -item.loss):
+    claims = _claims(found, needed, given_up, problem, candidates)
+    if problem.noise_is_measured and not smooth:
+        said = {claim.joint - 1 for claim in claims}
+        chance = names.trial.power.probability.min(axis=1)
+        beyond = chance < DiagnosisSettings().consistency_probability
+        claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
+    before, after = found.before, found.after
+    model = ClassModel(before[0], after[0], before[1], after[1])
+    notes = [refusal(given_up)] if given_up else []
+    if smooth:
+        notes.append(_background([item.joint + 1 for item in smooth]))
+    return Judgement(tuple(claims), model, offered, tuple(notes))
+
+
+def _beside_names(
+    alone: Selection, fitted: Prepared, unseen: Prepared, names: Claims, settings: ClaimSettings
+) -> Selection:
+    """The classes chosen without names; their weights are found anew beside these."""
+    if not names.extension.members:
+        return alone
+    roles = (without_members(item, names.extension, Library(EFFECTS, item.evidences)) for item in (fitted, unseen))
+    return weighed(alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings)
+
+
+def _claims(
+    found: Dependence,
+    needed: float,
+    given_up: Sequence[int],
+    problem: Problem,
+    candidates: Sequence[EffectRows],
+) -> list[ClassClaim]:
+    """What weighs at least so many nats and may be said, weightiest first. given_up: joints (from 1) not offered."""
+    alone, claims = found.alone, []
+    for item in sorted(found.held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
         if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
@@ -93,24 +113,17 @@ def judge(
             # Part of whatever else the joint's torque depends on.
             continue
         family = alone.families(item.joint, state)[item.number]
-        gain = left(shortened(alone, item.joint, family))[1] - after[1] if rows.heldout else np.zeros(0)
+        gain = np.zeros(0)
+        if alone.rows.heldout:
+            gain = found.left(shortened(alone, item.joint, family))[1] - found.after[1]
         if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
             # Rows whose noise is not known are no proof for each other: there a class has to predict.
             continue
-        claim = _claim(rows, alone, item, state, gain, problem, candidates)
+        claim = _claim(alone.rows, alone, item, state, gain, problem, candidates)
         if claim.interval_nm[0] > 0.0:
             # What may as well be nothing on the fitted rows is no finding.
             claims.append(claim)
-    if problem.noise_is_measured and not smooth:
-        said = {claim.joint - 1 for claim in claims}
-        chance = names.trial.power.probability.min(axis=1)
-        beyond = chance < DiagnosisSettings().consistency_probability
-        claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
-    model = ClassModel(plain[0], after[0], plain[1], after[1])
-    notes = [refusal(given_up)] if given_up else []
-    if smooth:
-        notes.append(_background([item.joint + 1 for item in smooth]))
-    return Judgement(tuple(claims), model, offered, tuple(notes))
+    return claims
 
 
 def _background(joints: Sequence[int]) -> str:
