@@ -21,8 +21,9 @@ class DiagnosisSettings:
     provisional_score: on the fitted ones alone, for the held-out ones to be asked; push_score: of a push that comes
     with every period, whose window is free in time; background_score: where unknown model error remains.
     consistency_probability: smallest probability, over joints and bands, at
-    which a residual still counts as noise. margin_of_indistinguishable: candidates of another family or joint that
-    stay this close are named as alternatives. margin_of_simplicity: what a name must bring beyond one that it holds as
+    which a residual still counts as noise. margin_of_search: other names of an effect that stay this close on the fitted
+    recordings are asked on the held-out ones too. margin_of_indistinguishable: those that stay this close are named as
+    alternatives; 4.6 are odds of 100 to 1. margin_of_simplicity: what a name must bring beyond one that it holds as
     a special case, on fitted and held-out recordings together. share_removed, heldout_share_removed: share of the
     excess misfit energy on the joints of a finding that must be removed on the fitted and on the held-out recordings
     for a name to be given. contrast_to_background: how many times more misfit, in squares of the noise, an effect must
@@ -40,7 +41,8 @@ class DiagnosisSettings:
     push_score: float = 20.0
     background_score: float = 100.0
     consistency_probability: float = 1e-4
-    margin_of_indistinguishable: float = 10.0
+    margin_of_search: float = 10.0
+    margin_of_indistinguishable: float = 4.6
     margin_of_simplicity: float = 5.0
     share_removed: float = 0.7
     heldout_share_removed: float = 0.5

@@ -164,7 +164,7 @@ def _likeliest(exam: Examination, trial: Trial, index: int) -> Trial:
     order = {effect.name: place for place, effect in enumerate(exam.rows.library.effects)}
     best = trial
     most = removal_score(problem, trial, index, settings) + _held_out_likelihood(exam.check(trial.members))
-    library, margin = exam.rows.library, settings.margin_of_indistinguishable
+    library, margin = exam.rows.library, settings.margin_of_search
     open_names = [member, *(rival for _, rival in rivals(problem, trial, index, screen, library, settings))]
     kinds = [kind for item in open_names for kind in other_kinds(rest, library, item, margin)]
     for rival in (*open_names[1:], *kinds):

@@ -43,7 +43,7 @@ def significance(score: float, coefficients: int, candidates: int) -> float:
 def rivals(
     nominal: Problem, trial: Trial, index: int, screen: Screen, library: Library, settings: DiagnosisSettings
 ) -> list[tuple[float, Member]]:
-    """Other effects or joints that come within the margin of one member, refined in its place, best first."""
+    """Other effects or joints that come near one member (`margin_of_search`), refined in its place, best first."""
     member = trial.members[index]
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings)
@@ -55,7 +55,7 @@ def rivals(
     for score, variant in gains(beside):
         rows = screen.candidates[variant.index]
         key = (rows.effect.name, rows.place.joint)
-        if score < 0.5 * (best - settings.margin_of_indistinguishable) or len(chosen) >= MOST_ALTERNATIVES:
+        if score < 0.5 * (best - settings.margin_of_search) or len(chosen) >= MOST_ALTERNATIVES:
             break
         if key not in taken and key not in chosen:
             chosen[key] = Member(rows, variant.selection)
@@ -63,7 +63,7 @@ def rivals(
     for rival in chosen.values():
         refined = refine(rest.problem, library, rival)
         score = _own_score(nominal, trial, rest, others, refined, settings)
-        if score >= own - settings.margin_of_indistinguishable:
+        if score >= own - settings.margin_of_search:
             found.append((score, refined))
     return sorted(found, key=lambda item: -item[0])
 
@@ -81,7 +81,8 @@ def alternatives(
     return tuple(
         Alternative(rival.effect.name, rival.place.joint, score)
         for score, rival in rivals(nominal, trial, index, screen, library, settings)
-        if score > own - EXPLAINS_MORE or not contains(rest.problem, rival, trial.members[index])
+        if score >= own - settings.margin_of_indistinguishable
+        and (score > own - EXPLAINS_MORE or not contains(rest.problem, rival, trial.members[index]))
     )
 
 

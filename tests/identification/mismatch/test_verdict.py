@@ -11,7 +11,7 @@ from identification.mismatch.names.verdict import alternatives
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import Library
-from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
@@ -47,3 +47,36 @@ def test_a_spring_is_another_name_of_an_offset_only_where_its_slope_shows(
     spring = ("cable_spring", 6)
     assert sum(spring in names(0.0, seed) for seed in (1, 2, 3)) <= 1
     assert all(spring in names(0.05, seed) for seed in (1, 2))
+
+
+def test_what_is_a_hundred_times_less_likely_is_no_other_name_and_the_truth_is_never_that_unlikely(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """Friction with the square of speed against Stribeck friction. Twelve noises: were the odds wrong, the true name
+    would be missing beside the other one; were more asked of them, the other one would stand beside the true one.
+    """
+    true, other = ("nonlinear_viscous_friction", 4), ("stribeck_friction", 4)
+    alone = 0
+    for size, seed in [(size, seed) for size in (0.12, 0.25) for seed in range(1, 7)]:
+
+        def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray, size: float = size) -> np.ndarray:
+            del q, torque
+            return on_joint(4, size * dq[:, 3] * np.abs(dq[:, 3]))
+
+        (evidence,) = build_evidence(record(iiwa14, table3, hidden, seed=seed), iiwa14, iiwa14_base)
+        problem, library, settings = build_problem([evidence]), Library(EFFECTS, [evidence]), DiagnosisSettings()
+        screen = build_screen(problem, library.candidates()[0])
+        members, names = [], []
+        for (effect, joint), shape in ((true, {"exponent": 2.0}), (other, {"stribeck_velocity": 0.3, "exponent": 2.0})):
+            rows = library.rows(effect_named(effect), Place(joint=joint), tuple(shape.items()))
+            assert rows is not None
+            members.append(refine(problem, library, Member(rows, (0,))))
+            trial = fitted(problem, members[-1:], settings)
+            found = alternatives(problem, trial, 0, screen, library, settings)
+            names.append({(item.effect, item.joint) for item in found})
+        behind = score_of(problem, members[0]) - score_of(problem, members[1])
+        assert true in names[1]
+        assert other not in names[0] or behind < np.log(100.0)
+        assert other in names[0] or behind > 0.99 * np.log(100.0)
+        alone += not names[0] and behind < 10.0
+    assert alone >= 2
