@@ -20,14 +20,14 @@ class DiagnosisSettings:
     accepted ones explain the data down to the noise, on the fitted and the held-out recordings together;
     provisional_score: on the fitted ones alone, for the held-out ones to be asked; push_score: of a push that comes
     with every period, whose window is free in time; background_score: where unknown model error remains.
-    consistency_probability: smallest probability, over joints and bands, at
-    which a residual still counts as noise. margin_of_search: other names of an effect that stay this close on the fitted
-    recordings are asked on the held-out ones too. margin_of_indistinguishable: those that stay this close are named as
-    alternatives; 4.6 are odds of 100 to 1. margin_of_simplicity: what a name must bring beyond one that it holds as
-    a special case, on fitted and held-out recordings together. share_removed, heldout_share_removed: share of the
-    excess misfit energy on the joints of a finding that must be removed on the fitted and on the held-out recordings
-    for a name to be given. contrast_to_background: how many times more misfit, in squares of the noise, an effect must
-    remove on its joints than any other joint keeps unexplained, where something does stay.
+    consistency_probability: smallest probability, over joints and bands, at which a residual still counts as noise.
+    margin_of_search: other names of an effect that stay this close on the fitted recordings are asked on the held-out
+    ones too. margin_of_indistinguishable: those that stay this close are named as alternatives; 4.6 are odds of 100 to
+    1. margin_of_simplicity: what a name must bring beyond one that it holds as a special case, on fitted and held-out
+    recordings together. share_removed, heldout_share_removed: share of the excess misfit energy on the joints of a
+    finding that must be removed on the fitted and on the held-out recordings for a name to be given.
+    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints
+    than any other joint keeps unexplained, where something does stay.
     largest_explanation: most effects that explain everything together by the noise alone; five smooth ones fitted a
     weak background down to the noise (seed 9021), so beyond three each must stand as beside a background.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
