@@ -103,8 +103,10 @@ def _log_likelihood(recordings: Sequence[SignRows], signs: FloatArray) -> FloatA
     # With all torques turned the parameters turn round, and nothing else changes: one fit for each pair of patterns.
     first = signs[:, :1]
     pairs, place = np.unique(signs * first, axis=0, return_inverse=True)
-    found = _profile(recordings, pairs, free=True)[0][place]
-    _, normal, values, scale = _profile(recordings, pairs, free=False)
+    plain, normal, values, scale = _profile(recordings, pairs, free=False)
+    # Free functions with no weight at all are among those that may be there. The search for their weight begins where
+    # they carry the whole torque, and does not always come back from there.
+    found = np.maximum(_profile(recordings, pairs, free=True)[0], plain)[place]
     normal, values = normal[place], values[place] * first
     positive = np.mean([item.positive for item in recordings], axis=0) / scale
     covariance = positive @ np.linalg.solve(normal, positive.T)
