@@ -103,11 +103,8 @@ def _log_likelihood(recordings: Sequence[SignRows], signs: FloatArray) -> FloatA
     # With all torques turned the parameters turn round, and nothing else changes: one fit for each pair of patterns.
     first = signs[:, :1]
     pairs, place = np.unique(signs * first, axis=0, return_inverse=True)
-    plain, normal, values, scale = _profile(recordings, pairs, free=False)
-    # Free functions with no weight at all are among those that may be there. The search for their weight begins where
-    # they carry the whole torque, and does not always come back from there.
-    found = np.maximum(_profile(recordings, pairs, free=True)[0], plain)[place]
-    normal, values = normal[place], values[place] * first
+    found, normal, values, scale = _profile(recordings, pairs)
+    found, normal, values = found[place], normal[place], values[place] * first
     positive = np.mean([item.positive for item in recordings], axis=0) / scale
     covariance = positive @ np.linalg.solve(normal, positive.T)
     broken = [broken_squares(*pair) for pair in zip(values @ positive.T, covariance, strict=True)]
@@ -115,14 +112,15 @@ def _log_likelihood(recordings: Sequence[SignRows], signs: FloatArray) -> FloatA
 
 
 def _profile(
-    recordings: Sequence[SignRows], signs: FloatArray, *, free: bool
+    recordings: Sequence[SignRows], signs: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Profile likelihood (P,) over base parameters and noise; normal equations (P, p, p) of the parameters (P, p) times
-    a scale (p,).
+    """Profile likelihood (P,) over base parameters, noise and the weight of free functions; and of the fit without
+    these the normal equations (P, p, p) of the parameters (P, p) times a scale (p,).
 
-    free: beside m free functions of each joint, of which any coefficient has the variance v of a common prior that is
+    Beside m free functions of each joint, of which any coefficient has the variance v of a common prior that is
     maximised as well. With the share w = 1 / (1 + v) of what they could describe, a joint's squares are
     w · plain + (1 − w) · beside, and its likelihood has m / 2 · log w besides (the determinant of noise and prior).
+    The search begins without them, w = 1: from where they carry the whole torque, gravity too, it may never come back.
     """
     gram, seen, squares = (
         np.concatenate([getattr(item, name) for item in recordings], axis=1) for name in ("gram", "seen", "squares")
@@ -135,12 +133,9 @@ def _profile(
     gram, seen = gram / np.outer(scale, scale), seen / scale
     size = scale.size
     left = np.maximum(np.repeat(squares[:, None], len(signs), axis=1), floor)
-    for step in range(ROUNDS + 1):
-        kept = _kept(left, columns, numbers) if free else np.ones_like(left[0])
-        residual = kept * left[0] + (1.0 - kept) * left[1]
-        if step == ROUNDS:
-            break
-        weight = numbers / residual * np.stack([kept, 1.0 - kept])
+    kept = np.ones_like(left[0])
+    for step in range(2 * ROUNDS):
+        weight = numbers / (kept * left[0] + (1.0 - kept) * left[1]) * np.stack([kept, 1.0 - kept])
         normal = np.tensordot(weight, gram, ((0, 2), (0, 1)))
         normal += RIDGE * np.einsum("xpp->x", normal)[:, None, None] / size * np.eye(size)
         seen_by = sum((weight[kind] * signs) @ seen[kind] for kind in range(2))
@@ -148,8 +143,13 @@ def _profile(
         products = (values @ gram.reshape(-1, size).T).reshape(len(signs), 2, -1, size)
         bent = np.einsum("xkcp,xp->kxc", products, values)
         left = np.maximum(squares[:, None] - 2.0 * signs * np.einsum("xp,kcp->kxc", values, seen) + bent, floor)
+        if step == ROUNDS - 1:
+            without = normal, values
+        if step >= ROUNDS - 1:
+            kept = _kept(left, columns, numbers)
+    residual = kept * left[0] + (1.0 - kept) * left[1]
     found = 0.5 * (columns * np.log(kept) - numbers * np.log(residual)).sum(axis=1)
-    return found, normal, values, scale
+    return found, *without, scale
 
 
 def _kept(left: FloatArray, columns: FloatArray, numbers: FloatArray) -> FloatArray:

@@ -30,9 +30,9 @@ EXPLAINS_MORE = 1.0
 """Score within which a name is an alternative to what it holds as a special case: a further coefficient costs three, so
 that it then gains two, which noise does in one of twenty."""
 MOST_ALTERNATIVES = 8
+"""Rivals of one finding that are refined and compared."""
 MUCH = 3.0
 """Noise of another colour lies within; a model that leaves more may lack physics."""
-"""Rivals of one finding that are refined and compared."""
 
 
 def significance(score: float, coefficients: int, candidates: int) -> float:
