@@ -18,14 +18,17 @@ __all__ = ["Child", "child_environment"]
 
 
 class Child:
-    """A process of ours with its own session (no key of the terminal reaches it) and its last words in a file."""
+    """A process of ours with its own session (no key of the terminal reaches it) and its last words in a file.
+
+    It is told the hand-over ring and who started it.
+    """
 
     def __init__(self, role: str, module: str, arguments: list[str], ring: HandoverRing, folder: Path) -> None:
         self.role = role
         self._words_file = folder / f"{role}.log"
         self._stream: IO[bytes] = self._words_file.open("ab")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments, "--ring-fd", str(ring.fd)],
+            [sys.executable, "-m", module, *arguments, "--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())],
             pass_fds=(ring.fd,),
             stdin=subprocess.DEVNULL,
             stdout=self._stream,

@@ -63,13 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m daemon.run.loop_process", description=__doc__.split("\n\n")[0])
     parser.add_argument("--request", required=True, help="run request (JSON)")
     parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the hand-over ring")
+    parser.add_argument("--supervisor", type=int, default=os.getppid(), help="process number of who started this")
     options = parser.parse_args(arguments)
     try:
         ring = HandoverRing.attach(options.ring_fd)
     except FriError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    supervision = Supervision(ring)
+    supervision = Supervision(ring, options.supervisor)
     request = report = None
     code = DaemonError.exit_code
     try:

@@ -78,9 +78,16 @@ Report = Callable[[ControlMessage], None]
 class Recorder:
     """One recording: `run` drains the ring until the loop has finished and returns the process' exit code."""
 
-    def __init__(self, job: RecorderJob, ring: HandoverRing, report: Report, live: LiveBroadcast | None = None) -> None:
-        """Open the file and report ready; live: who is shown what is recorded. Raises LogIOError when the disk refuses
-        already.
+    def __init__(
+        self,
+        job: RecorderJob,
+        ring: HandoverRing,
+        report: Report,
+        live: LiveBroadcast | None = None,
+        supervision: Supervision | None = None,
+    ) -> None:
+        """Open the file and report ready; live: who is shown what is recorded; supervision: None where this process'
+        parent is the supervisor. Raises LogIOError when the disk refuses already.
         """
         self._live = live
         self._job = job
@@ -100,7 +107,7 @@ class Recorder:
             self._reserve.give_back()
             raise
         self._epoch_offset_ns = ring.epoch_offset_ns
-        self._supervision = Supervision(ring)
+        self._supervision = supervision or Supervision(ring, os.getppid())
         self._expected_index: int | None = None
         self._counter = RobotCounter()
         self._first_index = -1
@@ -357,6 +364,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--request", required=True, help="JSON file of a RecorderJob")
     parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the ring")
     parser.add_argument("--endpoint", help="ZeroMQ endpoint of the supervisor (ipc://...)")
+    parser.add_argument("--supervisor", type=int, default=os.getppid(), help="process number of who started this")
     options = parser.parse_args(arguments)
     # The recorder ends when the loop has ended, not when somebody presses a key.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -378,7 +386,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
         with LiveBroadcast(job.request, ring, context) as live:
-            code = Recorder(job, ring, report, live).run()
+            code = Recorder(job, ring, report, live, Supervision(ring, options.supervisor)).run()
         if not ring.finished:
             # Nobody else is left to say how the run ended.
             loss = loop_report_without_loop(ring, None, "")

@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -44,7 +45,8 @@ def close_books_alone(request: RunRequest, ring: HandoverRing, report: LoopRepor
     """
     rescue_if_abandoned(request, ring)
     if report is not None:
-        leave_outcome(request, report, exit_code, writer="the loop's process", ring=ring)
+        with _deaf_to_stops():
+            leave_outcome(request, report, exit_code, writer="the loop's process", ring=ring)
 
 
 def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverReport | None:
@@ -58,17 +60,27 @@ def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverRepor
     _wait_for_recorder(folder, ring)
     if not ring.backlog:
         return None
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
     try:
-        parts = _write_rest(request, ring, folder)
-        report = join_parts(parts) if len(parts) > 1 else None
+        with _deaf_to_stops():
+            parts = _write_rest(request, ring, folder)
+            report = join_parts(parts) if len(parts) > 1 else None
     except (DaemonError, OSError) as error:
         print(error, file=sys.stderr)
         return None
     if report is not None:
         print(f"Supervisor and recorder were gone: {' '.join(report.sentences)}", file=sys.stderr)
     return report
+
+
+@contextlib.contextmanager
+def _deaf_to_stops() -> Iterator[None]:
+    """Stops are ignored meanwhile: what is written then stands nowhere else."""
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def _wait_for_recorder(folder: Path, ring: HandoverRing) -> None:

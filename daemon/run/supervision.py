@@ -19,16 +19,18 @@ POLL_S = 0.02
 
 
 class Supervision:
-    """Construct it when the process begins: it remembers who its parent is."""
+    """supervisor: its process number, which a child is told when it is started. Asked by the child itself it came too
+    late for one whose supervisor was killed while the child was loading: it took its new parent for the supervisor.
+    """
 
-    def __init__(self, ring: HandoverRing) -> None:
+    def __init__(self, ring: HandoverRing, supervisor: int) -> None:
         self._ring = ring
-        self._parent = os.getppid()
+        self._supervisor = supervisor
 
     @property
     def is_orphan(self) -> bool:
         """True when the supervisor's process is gone."""
-        return os.getppid() != self._parent
+        return os.getppid() != self._supervisor
 
     def has_ended(self) -> bool:
         """True when the supervisor is gone or gives no sign of life for PATIENCE_S; a living one answers within 0.1 s.

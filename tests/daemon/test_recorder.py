@@ -10,6 +10,8 @@ import itertools
 import json
 import platform
 import signal
+import subprocess
+import sys
 import time
 from datetime import datetime
 from pathlib import Path
@@ -26,7 +28,6 @@ from daemon.errors import LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.log.stream import PatientFile
 from daemon.run.recorder import Recorder, main
-from daemon.run.supervision import Supervision
 from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
@@ -212,14 +213,16 @@ def test_a_patient_file_is_not_created_over_another(tmp_path: Path) -> None:
 def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Loop and supervisor were killed together: the ring was never marked as finished."""
+    """Loop and supervisor were killed together, before the recorder was there: the ring was never finished."""
     monkeypatch.setattr("daemon.run.recorder.ORPHAN_PATIENCE_S", 0.1)
-    monkeypatch.setattr(Supervision, "is_orphan", True)
+    with subprocess.Popen([sys.executable, "-c", ""]) as supervisor:
+        pass
     Producer(ring).push(250)
     write_json(tmp_path / "recorder0.json", make_job(tmp_path))
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)}
     try:
-        assert main(["--request", str(tmp_path / "recorder0.json"), "--ring-fd", str(ring.fd)]) == 0
+        options = ["--ring-fd", str(ring.fd), "--supervisor", str(supervisor.pid)]
+        assert main(["--request", str(tmp_path / "recorder0.json"), *options]) == 0
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)

@@ -56,8 +56,10 @@ def test_the_rest_of_the_ring_is_joined_with_what_the_recorder_left(tmp_path: Pa
     leave_a_broken_part(tmp_path, ring, 120)
     assert state_of_recording(tmp_path) == "broken"
     ring.finish()
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     report = rescue_if_abandoned(make_request(tmp_path), ring)
     assert report is not None
+    assert handlers == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(300))
     assert state_of_recording(tmp_path) == "whole"
 
