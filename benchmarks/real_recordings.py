@@ -1,7 +1,7 @@
 """Held-out RMS in percent of the RMS torque on the three real recordings, beside a plain baseline measured before.
 
-Run: python -m benchmarks.real_recordings [FOLDER] [--json FILE]; FOLDER holds panda_excitation.npz, kr300_a.npz, … and
-is by default the folder shared/recordings beside the checkout. The recordings are not shipped (licences).
+Run: python -m benchmarks.real_recordings [--json FILE]. The Panda's recording is not shipped (licence): it is looked
+for in the folder shared/recordings beside the checkout, and its row is left out where it is not there.
 The baseline is rigid body + rotor inertia + viscous + Coulomb + offset, weighted least squares, zero-phase low-pass.
 """
 
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fixtures.real_recordings import real_recording
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
@@ -27,18 +28,13 @@ BASELINE = {
     "kr300": (7.4, 6.1, 5.4, 18.0, 7.4, 8.7),
 }
 ALLOWED = 1.15
-BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 
 
 def main() -> int:
     """Fit, try on held-out rows, print the table; exit status 1 if panda or tx40 is worse than 1.15 × the baseline."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=BESIDE_THE_CHECKOUT)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    if not arguments.folder.is_dir():
-        print(f"skipped: there is no folder {arguments.folder} with the recordings")
-        return 0
     results: dict[str, list[float]] = {}
     failed = False
     for name, files, tried, settings in (
@@ -48,11 +44,15 @@ def main() -> int:
         ("kr300", ["kr300_b.npz"], "kr300_a.npz", FitSettings(low_pass_hz=8.0)),
     ):
         start = time.perf_counter()
-        recordings = [read_recording(arguments.folder / file) for file in files]
+        try:
+            recordings = [read_recording(real_recording(file)) for file in files]
+        except FileNotFoundError as error:
+            print(f"\n{name}: left out, {error}")
+            continue
         result = fit_recordings(recordings, load_robot(robot_of(recordings)), settings)
         table: RmsTable = result.rms
         if tried is not None:
-            table = validate_model(result, [read_recording(arguments.folder / tried)])
+            table = validate_model(result, [read_recording(real_recording(tried))])
         held_out = {row.label: row.percent for row in table.rows if not row.label.startswith("fit")}
         options = result.regressor.options
         extras = [text for text, on in (("rotor inertia", options.rotor_inertia), ("offset", options.offset)) if on]

@@ -6,7 +6,7 @@ is put into the other, sizes and places are drawn. Right: the fault's name at it
 name; wrong: any other. Coverage: how often the 95 % interval of its number holds what was put in. Strength: half of the
 χ² by which the fault moves the torque beyond noise and all that the model leaves open, on every row of the recording: a
 silent case below ENOUGH could not be named at odds of 400 : 1 by one who knew the fault's every detail but its size.
-The recordings are those of shared/recordings beside the checkout; without them there is nothing to run.
+The Panda's recording is not shipped (licence); without it beside the checkout its faults are left out, and said so.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from fixtures.real_recordings import real_recording
 from identification.audit import Audit, audit
 from identification.audit.audit import compared
 from identification.audit.columns import PARAMETERS
@@ -42,7 +43,6 @@ from identification.robots import RobotModel, load_robot
 from identification.signals.aperiodic import sixth_order_difference, uniform_grid, zero_phase_low_pass
 
 FloatArray = npt.NDArray[np.float64]
-BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 SETS: dict[str, tuple[tuple[str, ...], str | None, float]] = {
     "ur10": (("ur10.npz",), "ur10_mdh.csv", 10.0),
     "panda": (("panda_excitation.npz",), None, 3.0),
@@ -78,11 +78,16 @@ class Fault:
 Injection = Callable[[Background, np.random.Generator], Fault]
 
 
-def backgrounds(folder: Path, cache: Path) -> list[Background]:
+def backgrounds(cache: Path) -> list[Background]:
     """Every recording that is not the one its model was fitted to."""
     found = []
     for name, (files, arm, rated) in SETS.items():
-        whole = [read_recording(folder / file, robot=None if arm is None else folder / arm) for file in files]
+        try:
+            paths, table = [real_recording(file) for file in files], None if arm is None else real_recording(arm)
+        except FileNotFoundError as error:
+            print(f"{name}: left out, {error}")
+            continue
+        whole = [read_recording(path, robot=table) for path in paths]
         robot = load_robot(robot_of(whole))
         parts = whole if len(whole) > 1 else halves(whole[0])
         models = []
@@ -305,20 +310,16 @@ def known(background: Background, fault: Fault) -> float:
 def main() -> int:
     """Inject, audit, count; print a line a kind."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=BESIDE_THE_CHECKOUT)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--kinds", default="")
     parser.add_argument("--verbose", action="store_true")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    if not arguments.folder.is_dir():
-        print(f"skipped: there is no folder {arguments.folder} with the recordings")
-        return 0
     generator = np.random.default_rng(arguments.seed)
     kinds = [kind for kind in KINDS if not arguments.kinds or kind in arguments.kinds.split(",")]
     with tempfile.TemporaryDirectory() as folder:
-        found = backgrounds(arguments.folder, Path(folder))
+        found = backgrounds(Path(folder))
     table: dict[str, Counter[str]] = {kind: Counter() for kind in (*kinds, "clean")}
     held: list[bool] = []
     loads: list[tuple[float, bool]] = []

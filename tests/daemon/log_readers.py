@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from fri_client.messages import (
     MonitoringMessage,
     TimeStamp,
 )
+from tests.reference import golden_datagrams
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LABELS = SampleLabels(1_700_000_000_123_456_789, 1_700_000_000_123_556_789, 42, 3, 5, 777, True, False, False, False)
@@ -71,11 +71,10 @@ def monitoring(counter: int = 1, position: tuple[float, ...] = (0.1,) * 7, nanos
     )
 
 
-def golden(shared_folder: Path) -> list[tuple[str, str, str, dict[str, Any]]]:
-    versions = json.loads((shared_folder / "fri" / "vectors.json").read_text())["versions"]
+def golden() -> list[tuple[str, str, str, dict[str, Any]]]:
     return [
         (version, direction, vector["hex"], vector["fields"])
-        for version, groups in versions.items()
+        for version, groups in golden_datagrams().items()
         for direction in ("monitoring", "command")
         for vector in groups[direction]
     ]

@@ -21,6 +21,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
+from tests.reference import recording_file
 
 UNKNOWN_KG = 0.8
 
@@ -194,7 +195,7 @@ def without(text: str, link: str, *, whole: bool) -> str:
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_sentence(
-    case: str, expected: str, twin: str, sound: dict[str, np.ndarray], shared_folder: Path, tmp_path: Path,
+    case: str, expected: str, twin: str, sound: dict[str, np.ndarray], tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     data, model = dict(sound), tmp_path / "arm.urdf"
@@ -202,7 +203,7 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
         case "body" | "link":
             model.write_text(without(twin, "link_4", whole=case == "link"))
         case "arm":
-            model.write_text((shared_folder / "recordings" / "tx40.urdf").read_text())
+            model.write_text(recording_file("tx40.urdf").read_text())
         case "still":
             model.write_text(twin)
             data |= {"q": np.tile(sound["q"][0], (1000, 1)), "dq": 0.0 * sound["dq"]}

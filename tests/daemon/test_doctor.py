@@ -19,6 +19,7 @@ from daemon.doctor.fri_guess import guess_version
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation
 from fri_client.messages import FriVersion
+from tests.reference import golden_datagrams
 
 from .producer import Producer
 
@@ -37,10 +38,8 @@ def verdict(observation: LinkObservation, name: str) -> DoctorCheck:
     return next(check for check in check_link(observation, "127.0.0.1", 1) if check.name == name)
 
 
-def test_every_golden_datagram_is_guessed_as_its_version_where_its_fields_tell_and_left_open_where_not(
-    shared_folder: Path,
-) -> None:
-    versions = json.loads((shared_folder / "fri" / "vectors.json").read_text())["versions"]
+def test_every_golden_datagram_is_guessed_as_its_version_where_its_fields_tell_and_left_open_where_not() -> None:
+    versions = golden_datagrams()
     telling = {
         "1.15": {"commandedJointPosition"},
         "2.5": {"measuredCartesianPose", "measuredRedundancyInformation"},

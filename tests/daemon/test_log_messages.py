@@ -6,7 +6,6 @@ Truth comes from the vendor's golden datagrams (`fields` in vectors.json), decod
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 from hypothesis import given, settings
@@ -49,11 +48,9 @@ from .log_readers import (
 
 
 @READERS
-def test_every_golden_monitoring_message_reads_back_from_the_log_with_the_vendors_values(
-    decode: Any, shared_folder: Path
-) -> None:
+def test_every_golden_monitoring_message_reads_back_from_the_log_with_the_vendors_values(decode: Any) -> None:
     seen = 0
-    for version, direction, text, fields in golden(shared_folder):
+    for version, direction, text, fields in golden():
         if direction != "monitoring":
             continue
         message = Codec(FriVersion.parse(version)).decode_monitoring(bytes.fromhex(text))
@@ -112,9 +109,9 @@ def test_every_golden_monitoring_message_reads_back_from_the_log_with_the_vendor
 
 
 @READERS
-def test_every_golden_command_reads_back_from_the_log_with_the_vendors_values(decode: Any, shared_folder: Path) -> None:
+def test_every_golden_command_reads_back_from_the_log_with_the_vendors_values(decode: Any) -> None:
     seen = 0
-    for version, direction, text, fields in golden(shared_folder):
+    for version, direction, text, fields in golden():
         if direction != "command":
             continue
         seen += 1

@@ -6,7 +6,6 @@ The plant is Table 3 of the paper; the motion is a random Fourier series within 
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +14,15 @@ import pinocchio
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import RobotModel
+from tests.reference import TABLES
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def table_three(shared_folder: Path) -> PhysicalParameters:
+def table_three() -> PhysicalParameters:
     """The plant's true parameters, Table 3 of the paper."""
     rows: dict[str, FloatArray] = {}
-    for line in (shared_folder / "paper" / "table3_physical_parameters.csv").read_text().splitlines()[1:]:
+    for line in (TABLES / "table3_physical_parameters.csv").read_text().splitlines()[1:]:
         name, *values = line.split(",")
         rows[name] = np.array([float(value) for value in values])
     inertia = np.zeros((7, 3, 3))

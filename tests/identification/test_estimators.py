@@ -210,11 +210,11 @@ def test_known_noise_is_used_and_misfit_takes_its_place_only_where_it_stands_out
 # The robot: 57 parameters, torque by Pinocchio
 
 
-def iiwa_recording(shared_folder: Path, *, delay: np.ndarray | float = 0.0, seed: int = 1) -> Recording:
+def iiwa_recording(*, delay: np.ndarray | float = 0.0, seed: int = 1) -> Recording:
     """Four periods of the random motion with a little noise; each joint's torque later by its delay (s)."""
     samples, period_s = 2000, 10.0
     q, dq, ddq = fourier_motion(7, period_s=period_s, samples=samples, seed=seed)
-    torque = inverse_dynamics(load_robot("iiwa14"), table_three(shared_folder), q, dq, ddq)
+    torque = inverse_dynamics(load_robot("iiwa14"), table_three(), q, dq, ddq)
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(samples, period_s / samples)[:, None] * delay)
     torque = np.fft.irfft(np.fft.rfft(torque, axis=0) * turn, n=samples, axis=0)
     noise = np.random.default_rng(seed).normal(scale=0.05, size=(4 * samples, 7))
@@ -222,35 +222,33 @@ def iiwa_recording(shared_folder: Path, *, delay: np.ndarray | float = 0.0, seed
 
 
 @pytest.mark.parametrize("pipeline", ["periodic", "aperiodic"])
-def test_a_delay_is_measured_per_joint_and_its_correction_gives_the_parameters_back(
-    shared_folder: Path, pipeline: str
-) -> None:
+def test_a_delay_is_measured_per_joint_and_its_correction_gives_the_parameters_back(pipeline: str) -> None:
     robot = load_robot("iiwa14")
     late = 1e-3 * np.array([2.0, 3.0, 0.0, -1.0, 2.0, 4.0, 2.0])
-    recording = iiwa_recording(shared_folder, delay=late)
+    recording = iiwa_recording(delay=late)
     settings = FitSettings(pipeline=pipeline, physical=False)  # type: ignore[arg-type]
     plain = fit_recordings([recording], robot, settings)
     delay = plain.torque_delay
     assert np.all(np.abs(delay.per_joint - late) < 4.0 * delay.per_joint_std + 2e-5)
     assert np.all(delay.per_joint_std[:4] < 1e-3)
     corrected = fit_recordings([recording], robot, replace(settings, delay_correction="per_joint"))
-    truth = plain.regressor.base_from_physical(table_three(shared_folder))
+    truth = plain.regressor.base_from_physical(table_three())
     before, after = ((result.values - truth) / plain.std for result in (plain, corrected))
     assert np.abs(before).max() > 8.0
     assert np.abs(after).max() < 5.0
 
 
-def test_without_delay_none_is_claimed(shared_folder: Path) -> None:
-    result = fit_recordings([iiwa_recording(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False))
+def test_without_delay_none_is_claimed() -> None:
+    result = fit_recordings([iiwa_recording()], load_robot("iiwa14"), FitSettings(physical=False))
     delay = result.torque_delay
     assert abs(delay.common) < 4.0 * delay.common_std
     assert delay.common_std < 2e-4
     assert "ms" in delay.sentence()
 
 
-def test_huber_survives_outliers_with_and_without_periods(shared_folder: Path) -> None:
+def test_huber_survives_outliers_with_and_without_periods() -> None:
     robot = load_robot("iiwa14")
-    clean = iiwa_recording(shared_folder)
+    clean = iiwa_recording()
     generator = np.random.default_rng(4)
     wild = generator.random(clean.torque.shape) < 0.02
     spoiled = replace(clean, torque=clean.torque + np.where(wild, generator.normal(scale=3.0, size=wild.shape), 0.0))
@@ -267,38 +265,38 @@ def test_huber_survives_outliers_with_and_without_periods(shared_folder: Path) -
         assert fits["huber"].to_model_json()["provenance"]["estimator"] == "huber"
 
 
-def test_instruments_take_away_the_bias_that_position_noise_makes(shared_folder: Path) -> None:
+def test_instruments_take_away_the_bias_that_position_noise_makes() -> None:
     """White position noise of 0.5 mrad, differentiated twice below 10 Hz: the mean error of some draws is the bias."""
     robot = load_robot("iiwa14")
     errors: dict[str, list[np.ndarray]] = {"weighted": [], "instrumental": []}
-    clean = iiwa_recording(shared_folder)
+    clean = iiwa_recording()
     for seed in range(4):
         noise = np.random.default_rng(900 + seed).normal(scale=5e-4, size=clean.position.shape)
         noisy = replace(clean, position=clean.position + noise, command_position=clean.position)
         for name, kept in errors.items():
             settings = FitSettings(physical=False, estimator=name, pipeline="aperiodic")  # type: ignore[arg-type]
             result = fit_recordings([noisy], robot, settings)
-            kept.append(result.values - result.regressor.base_from_physical(table_three(shared_folder)))
+            kept.append(result.values - result.regressor.base_from_physical(table_three()))
     bias = {name: np.abs(np.mean(kept, axis=0)) for name, kept in errors.items()}
     assert np.median(bias["instrumental"]) < 0.4 * np.median(bias["weighted"])
     assert bias["instrumental"].max() < 0.1 * bias["weighted"].max()
 
 
-def test_halves_of_the_periods_serve_as_instruments_and_the_stated_deviation_holds(shared_folder: Path) -> None:
+def test_halves_of_the_periods_serve_as_instruments_and_the_stated_deviation_holds() -> None:
     robot = load_robot("iiwa14")
     errors = []
     for seed in range(3):
-        clean = iiwa_recording(shared_folder, seed=seed)
+        clean = iiwa_recording(seed=seed)
         noise = np.random.default_rng(seed).normal(scale=2e-4, size=clean.position.shape)
         noisy = replace(clean, position=clean.position + noise)
         result = fit_recordings([noisy], robot, FitSettings(physical=False, estimator="instrumental"))
-        truth = result.regressor.base_from_physical(table_three(shared_folder))
+        truth = result.regressor.base_from_physical(table_three())
         errors.append((result.values - truth) / result.std)
     assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
-def test_instruments_need_a_second_measurement_of_the_motion(shared_folder: Path) -> None:
-    recording = iiwa_recording(shared_folder)
+def test_instruments_need_a_second_measurement_of_the_motion() -> None:
+    recording = iiwa_recording()
     settings = FitSettings(physical=False, estimator="instrumental", pipeline="aperiodic")
     with pytest.raises(EstimationError, match="commanded position"):
         fit_recordings([recording], load_robot("iiwa14"), settings)
@@ -314,8 +312,8 @@ def test_lines_of_the_bound_and_of_the_block_are_the_same() -> None:
     np.testing.assert_allclose(block.columns[:, 1], to_lines(COLUMNS[:, 1], lines), atol=1e-12)
 
 
-def test_the_command_line_takes_estimator_bounds_and_consistency(shared_folder: Path, tmp_path: Path) -> None:
-    recording = iiwa_recording(shared_folder)
+def test_the_command_line_takes_estimator_bounds_and_consistency(tmp_path: Path) -> None:
+    recording = iiwa_recording()
     log, bounds, model = tmp_path / "log.npz", tmp_path / "bounds.yaml", tmp_path / "model.json"
     np.savez(log, t=recording.time, q=recording.position, tau=recording.torque, period_s=10.0, robot="iiwa14")
     bounds.write_text("mass: [0.5, 9]\nviscous: [0.05, null]\n")

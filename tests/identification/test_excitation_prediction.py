@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -57,11 +55,11 @@ def test_the_density_of_coloured_noise_is_that_of_the_recursion_it_describes() -
     assert colour.density(1.0, rate) > 15.0
 
 
-def test_a_fit_of_as_many_periods_reports_the_promised_deviations(shared_folder: Path) -> None:
+def test_a_fit_of_as_many_periods_reports_the_promised_deviations() -> None:
     robot = load_robot("iiwa14")
     trajectory, noise, rate, periods = default_trajectory(), 0.2, 100.0, 16
     q, dq, ddq = trajectory.evaluate(np.arange(1000) / rate)
-    torque = inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq)
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq)
     # All of the variance below 5 Hz, by a recursion that knows nothing of the promise.
     correlation = float(np.exp(-2.0 * np.pi * 5.0 / rate))
     error = coloured_noise((1000 * periods, 7), deviation=noise, correlation=correlation, seed=4)

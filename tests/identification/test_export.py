@@ -31,6 +31,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
 from tests.identification.synthetic import inverse_dynamics
+from tests.reference import recording_file
 
 pytest.importorskip("pydrake")
 
@@ -277,8 +278,8 @@ def test_any_serial_arm_survives_in_every_format(joints: int, seed: int, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["panda", "kr300", "tx40"])
-def test_arms_of_others_survive_in_every_format(name: str, tmp_path: Path, shared_folder: Path) -> None:
-    source = shared_folder / "recordings" / f"{name}.urdf"
+def test_arms_of_others_survive_in_every_format(name: str, tmp_path: Path) -> None:
+    source = recording_file(f"{name}.urdf")
     joints = load_robot(source).n
     model = model_of(tmp_path, str(source), random_bodies(joints, 5), rotor=np.full(joints, 0.2))
     for form, suffix in SUFFIX.items():

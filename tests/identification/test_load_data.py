@@ -6,8 +6,6 @@ did not have its tool's load data.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio
 import pytest
@@ -16,6 +14,7 @@ from identification.excitation import default_trajectory
 from identification.load_data import unknown_load
 from identification.robots import load_robot
 from identification.robots.model import RobotModel
+from tests.reference import recording_file
 
 FloatArray = np.ndarray
 FRICTION_NM, OFFSET_NM, NOISE_NM = 0.4, 0.3, 0.2
@@ -83,10 +82,10 @@ def test_a_few_samples_say_nothing(motion: tuple[RobotModel, FloatArray, FloatAr
     assert unknown_load(robot, *short, -point_load(robot, 3.0, np.array([0.0, 0.0, 0.2]), tuple(short))) is None
 
 
-def test_a_real_cabinet_that_was_not_told_its_tool_is_found_out(shared_folder: Path) -> None:
+def test_a_real_cabinet_that_was_not_told_its_tool_is_found_out() -> None:
     """The external torque of this recording is by itself a load of 0.79 to 0.83 kg (shared/recordings/README.md)."""
-    robot = load_robot(shared_folder / "recordings" / "med7dock.urdf")
-    with np.load(shared_folder / "recordings" / "lbrmed7.npz") as recording:
+    robot = load_robot(recording_file("med7dock.urdf"))
+    with np.load(recording_file("lbrmed7.npz")) as recording:
         q, external = recording["q"], recording["tau_ext"]
     dq = np.gradient(q, 0.01, axis=0)
     found = unknown_load(robot, q, dq, np.gradient(dq, 0.01, axis=0), external)

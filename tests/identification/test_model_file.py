@@ -24,17 +24,17 @@ CONTRACT_KEYS = {
 }  # fmt: skip
 
 
-def _result(shared_folder: Path, seed: int = 1) -> FitResult:
+def _result(seed: int = 1) -> FitResult:
     robot = load_robot("iiwa14")
     q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=seed)
-    torque = inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq)
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq)
     torque += np.random.default_rng(seed).normal(scale=0.1, size=torque.shape)
     return fit_recordings([recording_of(q, torque, period_s=10.0)], robot, FitSettings(starts=1))
 
 
 @pytest.fixture(scope="module")
-def result(shared_folder: Path) -> FitResult:
-    return _result(shared_folder)
+def result() -> FitResult:
+    return _result()
 
 
 def test_model_has_the_contracts_fields(result: FitResult, tmp_path: Path) -> None:
@@ -63,13 +63,11 @@ def test_model_is_read_back_bit_by_bit(result: FitResult, tmp_path: Path) -> Non
     np.testing.assert_array_equal(model.physical.coulomb, result.physical.coulomb)
 
 
-def test_validation_of_the_file_equals_validation_of_the_fit(
-    result: FitResult, tmp_path: Path, shared_folder: Path
-) -> None:
+def test_validation_of_the_file_equals_validation_of_the_fit(result: FitResult, tmp_path: Path) -> None:
     """And the RMS on an unused noise-free motion is far below the noise that the fit had."""
     robot = load_robot("iiwa14")
     q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=77)
-    unused = recording_of(q, inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq), period_s=10.0)
+    unused = recording_of(q, inverse_dynamics(robot, table_three(), q, dq, ddq), period_s=10.0)
     model = read_model(write_model(result.to_model_json(), tmp_path / "model.json"))
     from_file, from_fit = validate_model(model, [unused]), validate_model(result, [unused])
     for ours, theirs in zip(from_file.rows, from_fit.rows, strict=True):
@@ -79,12 +77,12 @@ def test_validation_of_the_file_equals_validation_of_the_fit(
     assert "sum" in from_fit.text()
 
 
-def test_rms_is_the_root_mean_square_of_measured_minus_modelled(result: FitResult, shared_folder: Path) -> None:
+def test_rms_is_the_root_mean_square_of_measured_minus_modelled(result: FitResult) -> None:
     """Against a plain sum over samples: true torque plus a known constant error of 0.5 Nm on joint 3."""
     robot = load_robot("iiwa14")
-    truth = BaseRegressor(robot).base_from_physical(table_three(shared_folder))
+    truth = BaseRegressor(robot).base_from_physical(table_three())
     q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=5)
-    torque = inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq)
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq)
     measured = torque.copy()
     measured[:, 2] += 0.5
     data = result.to_model_json()
@@ -104,11 +102,11 @@ def _validated(data: dict[str, Any], recording: Any) -> Any:
         return validate_model(model, [recording]).row("synthetic.mcap, base")
 
 
-def test_drives_of_the_physical_set_are_part_of_its_torque(shared_folder: Path, tmp_path: Path) -> None:
+def test_drives_of_the_physical_set_are_part_of_its_torque(tmp_path: Path) -> None:
     """A motor-side plant: the physical line of the file equals that of the fit only if IA and OFF are read back."""
     robot = load_robot("iiwa14")
     q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=1)
-    torque = inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq) + 0.4 * ddq + 0.7
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq) + 0.4 * ddq + 0.7
     recording = recording_of(q, torque, period_s=10.0)
     fitted = fit_recordings([recording], robot, FitSettings(rotor_inertia="yes", offset="yes", starts=1))
     offsets = [fitted.values[fitted.regressor.position_of(f"OFF_{joint}")] for joint in range(1, 8)]

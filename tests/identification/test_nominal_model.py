@@ -6,7 +6,6 @@ Truth: Table 3 through Pinocchio's inverse dynamics plus torque written down her
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import Hidden, on_joint, record
+from tests.reference import recording_file
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -156,10 +156,10 @@ def test_without_a_repeated_motion_the_fit_says_that_misfit_and_noise_are_one(
     assert "cannot be told apart" in result.misfit.sentence
 
 
-def test_emps_at_the_chosen_band_agrees_with_the_published_mass(shared_folder: Path) -> None:
+def test_emps_at_the_chosen_band_agrees_with_the_published_mass() -> None:
     """Janot, Gautier, Brunot: M = 95.109 ± 0.109 kg, Fv = 203.5 N s/m, Fc = 20.39 N, offset −3.165 N."""
-    recording = read_recording(shared_folder / "recordings" / "emps_a.npz")
-    result = fit_recordings([recording], load_robot(shared_folder / "recordings" / "emps.urdf"), BASE_ONLY)
+    recording = read_recording(recording_file("emps_a.npz"))
+    result = fit_recordings([recording], load_robot(recording_file("emps.urdf")), BASE_ONLY)
     found = {name: (value, std) for name, value, std in zip(result.names, result.values, result.std, strict=True)}
     for name, published in (("M_1", 95.109), ("FV_1", 203.50), ("FS_1", 20.39), ("OFF_1", -3.165)):
         value, std = found[name]
@@ -169,8 +169,8 @@ def test_emps_at_the_chosen_band_agrees_with_the_published_mass(shared_folder: P
     assert any(f"Compared up to {result.settings.low_pass_hz:g} Hz" in note for note in result.notes)
 
 
-def test_resonances_of_the_panda_are_left_outside_the_chosen_band(shared_folder: Path) -> None:
+def test_resonances_of_the_panda_are_left_outside_the_chosen_band() -> None:
     """From 14 Hz on its joints ring, which no column describes: σ of the parameters grows with the band."""
-    recording = read_recording(shared_folder / "recordings" / "panda_excitation.npz")
+    recording = read_recording(recording_file("panda_excitation.npz"))
     result = fit_recordings([recording], load_robot(robot_of([recording])), BASE_ONLY)
     assert result.settings.low_pass_hz == 10.0

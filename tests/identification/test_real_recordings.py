@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,13 @@ from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
 from identification.validation import validate_model
+from tests.reference import recording_file
 
 ALLOWED = 1.15
 
 
-def _fit(folder: Path, *files: str, settings: FitSettings) -> FitResult:
-    recordings = [read_recording(folder / "recordings" / file) for file in files]
+def _fit(*files: str, settings: FitSettings) -> FitResult:
+    recordings = [read_recording(recording_file(file)) for file in files]
     return fit_recordings(recordings, load_robot(robot_of(recordings)), settings)
 
 
@@ -40,44 +40,44 @@ def _fit(folder: Path, *files: str, settings: FitSettings) -> FitResult:
     ],
 )
 def test_no_joint_is_worse_than_the_baseline_on_held_out_rows(
-    shared_folder: Path, file: str, settings: FitSettings, baseline: tuple[float, ...]
+    file: str, settings: FitSettings, baseline: tuple[float, ...]
 ) -> None:
-    result = _fit(shared_folder, file, settings=settings)
+    result = _fit(file, settings=settings)
     percent = result.rms.row("held out, base").percent
     assert np.all(percent < ALLOWED * np.array(baseline)), percent.round(1)
     assert result.constrained is not None
     assert result.constrained.certificate.feasible
 
 
-def test_kr300_fitted_on_one_run_predicts_the_other(shared_folder: Path) -> None:
+def test_kr300_fitted_on_one_run_predicts_the_other() -> None:
     """10 s leave many of the parameters open: feasible ones stay useful on the other run (a third of the torque)."""
-    result = _fit(shared_folder, "kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, starts=2))
-    other = read_recording(shared_folder / "recordings" / "kr300_b.npz")
+    result = _fit("kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, starts=2))
+    other = read_recording(recording_file("kr300_b.npz"))
     physical = validate_model(result, [other]).row("kr300_b.npz, physical").percent
     assert np.all(physical < 45.0), physical.round(1)
     assert np.median(physical) < 18.0
 
 
-def test_the_exported_set_predicts_the_run_on_which_the_free_fit_fails(shared_folder: Path) -> None:
+def test_the_exported_set_predicts_the_run_on_which_the_free_fit_fails() -> None:
     """It leaves more on the fitted run, as bodies have no negative inertia, and far less on the other."""
-    result = _fit(shared_folder, "kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, starts=1))
+    result = _fit("kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, starts=1))
     assert result.constrained is not None
     assert result.consistent is not None
     exported = replace(result, constrained=replace(result.constrained, base_values=result.consistent.base_values))
-    table = validate_model(exported, [read_recording(shared_folder / "recordings" / "kr300_b.npz")])
+    table = validate_model(exported, [read_recording(recording_file("kr300_b.npz"))])
     free, bodies = (table.row(f"kr300_b.npz, {label}").rms_nm for label in ("base", "physical"))
     assert np.all(bodies < free)
     assert bodies.sum() < 0.5 * free.sum()
 
 
-def test_kr300_standstill_does_not_enter_the_fit(shared_folder: Path) -> None:
-    result = _fit(shared_folder, "kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, physical=False))
+def test_kr300_standstill_does_not_enter_the_fit() -> None:
+    result = _fit("kr300_a.npz", settings=FitSettings(low_pass_hz=8.0, physical=False))
     shares = result.provenance["inputs"][0]["stretches"][0]["standstill_share"]
     assert min(shares) > 0.05
 
 
-def test_panda_stamps_and_held_samples_are_reported_with_place_and_number(shared_folder: Path) -> None:
-    recording = read_recording(shared_folder / "recordings" / "panda_excitation.npz")
+def test_panda_stamps_and_held_samples_are_reported_with_place_and_number() -> None:
+    recording = read_recording(recording_file("panda_excitation.npz"))
     (held,) = recording.report.of_kind("repeated_rows")
     (gaps,) = recording.report.of_kind("gap")
     assert held.count == recording.report.rows_read - recording.samples
@@ -86,14 +86,14 @@ def test_panda_stamps_and_held_samples_are_reported_with_place_and_number(shared
     assert np.all(np.diff(recording.time) > 0.0)
 
 
-def test_kr300_second_encoder_exists_on_three_joints_only(shared_folder: Path) -> None:
-    recording = read_recording(shared_folder / "recordings" / "kr300_a.npz")
+def test_kr300_second_encoder_exists_on_three_joints_only() -> None:
+    recording = read_recording(recording_file("kr300_a.npz"))
     assert recording.link_position is not None
     assert np.isfinite(recording.link_position[:, :3]).all()
     assert np.isnan(recording.link_position[:, 3:]).all()
     assert [finding.joint for finding in recording.report.of_kind("no_second_encoder")] == [4, 5, 6]
 
 
-def test_robot_named_by_the_file_is_found_beside_it(shared_folder: Path) -> None:
-    recording = read_recording(shared_folder / "recordings" / "tx40_excitation.npz")
+def test_robot_named_by_the_file_is_found_beside_it() -> None:
+    recording = read_recording(recording_file("tx40_excitation.npz"))
     assert load_robot(robot_of([recording])).n == recording.n == 6

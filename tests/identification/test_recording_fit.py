@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,18 +18,19 @@ from tests.identification.synthetic import (
     recording_of,
     table_three,
 )
+from tests.reference import TABLES
 
 PERIOD_S, SAMPLES = 10.0, 2000
 
 
-def _clean(shared_folder: Path, seed: int = 1) -> Recording:
+def _clean(seed: int = 1) -> Recording:
     robot = load_robot("iiwa14")
     q, dq, ddq = fourier_motion(7, period_s=PERIOD_S, samples=SAMPLES, seed=seed)
-    return recording_of(q, inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq), period_s=PERIOD_S)
+    return recording_of(q, inverse_dynamics(robot, table_three(), q, dq, ddq), period_s=PERIOD_S)
 
 
-def _noisy(shared_folder: Path, *, periods: int = 8, seed: int = 1, deviation: float = 0.2) -> Recording:
-    clean = _clean(shared_folder, seed)
+def _noisy(*, periods: int = 8, seed: int = 1, deviation: float = 0.2) -> Recording:
+    clean = _clean(seed)
     torque = np.tile(clean.torque, (periods, 1))
     torque += coloured_noise(torque.shape, deviation=deviation, correlation=0.99, seed=100 + seed)
     position = np.tile(clean.position, (periods, 1))
@@ -38,43 +38,43 @@ def _noisy(shared_folder: Path, *, periods: int = 8, seed: int = 1, deviation: f
     return recording_of(position, torque, period_s=PERIOD_S, periods=periods)
 
 
-def _table_two_sigma(shared_folder: Path) -> dict[str, float]:
+def _table_two_sigma() -> dict[str, float]:
     """σ of the paper's Table 2: relative standard deviation times value (half a last digit for one printed as 0)."""
     sigma = {}
-    for line in (shared_folder / "paper" / "table2_base_parameters.csv").read_text().splitlines()[1:]:
+    for line in (TABLES / "table2_base_parameters.csv").read_text().splitlines()[1:]:
         name, value, percent = line.split(",")
         sigma[name] = max(abs(float(value)), 0.0005) * float(percent) / 100.0
     return sigma
 
 
-def _bias_in_sigma(shared_folder: Path, pipeline: str) -> np.ndarray:
+def _bias_in_sigma(pipeline: str) -> np.ndarray:
     robot = load_robot("iiwa14")
     settings = FitSettings(pipeline=pipeline, physical=False)  # type: ignore[arg-type]
-    result = fit_recordings([_clean(shared_folder)], robot, settings)
-    truth = result.regressor.base_from_physical(table_three(shared_folder))
-    sigma = _table_two_sigma(shared_folder)
+    result = fit_recordings([_clean()], robot, settings)
+    truth = result.regressor.base_from_physical(table_three())
+    sigma = _table_two_sigma()
     scale = np.array([sigma.get(name, np.nan) for name in result.names])
     assert np.isfinite(scale).all(), "every parameter of Table 2 is found under the paper's name"
     return np.abs(result.values - truth) / scale
 
 
-def test_periodic_pipeline_is_unbiased_on_noise_free_data(shared_folder: Path) -> None:
-    assert _bias_in_sigma(shared_folder, "periodic").max() < 0.05
+def test_periodic_pipeline_is_unbiased_on_noise_free_data() -> None:
+    assert _bias_in_sigma("periodic").max() < 0.05
 
 
-def test_paper_chain_biases_by_several_sigma_on_the_same_data(shared_folder: Path) -> None:
-    bias = _bias_in_sigma(shared_folder, "paper")
+def test_paper_chain_biases_by_several_sigma_on_the_same_data() -> None:
+    bias = _bias_in_sigma("paper")
     assert np.median(bias) > 1.0
     assert bias.max() > 10.0
 
 
-def test_sigma_holds_on_coloured_noise(shared_folder: Path) -> None:
+def test_sigma_holds_on_coloured_noise() -> None:
     """68 % of the errors within one σ, 95 % within two: here over 4 recordings × 57 parameters, noise of 0.5 s."""
     robot = load_robot("iiwa14")
     errors = []
     for seed in range(4):
-        result = fit_recordings([_noisy(shared_folder, seed=seed)], robot, FitSettings(physical=False))
-        truth = result.regressor.base_from_physical(table_three(shared_folder))
+        result = fit_recordings([_noisy(seed=seed)], robot, FitSettings(physical=False))
+        truth = result.regressor.base_from_physical(table_three())
         errors.append((result.values - truth) / result.std)
     inside = np.abs(np.concatenate(errors))
     assert np.mean(inside < 2.0) > 0.88
@@ -82,25 +82,25 @@ def test_sigma_holds_on_coloured_noise(shared_folder: Path) -> None:
     assert 0.6 < np.sqrt(np.mean(inside**2)) < 1.5
 
 
-def test_equation_15_understates_sigma_on_coloured_noise(shared_folder: Path) -> None:
-    result = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False))
-    truth = result.regressor.base_from_physical(table_three(shared_folder))
-    plain = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False, estimator="ols"))
+def test_equation_15_understates_sigma_on_coloured_noise() -> None:
+    result = fit_recordings([_noisy()], load_robot("iiwa14"), FitSettings(physical=False))
+    truth = result.regressor.base_from_physical(table_three())
+    plain = fit_recordings([_noisy()], load_robot("iiwa14"), FitSettings(physical=False, estimator="ols"))
     np.testing.assert_array_equal(plain.values, plain.least_squares.values)
     np.testing.assert_array_equal(plain.equation_15_std, result.equation_15_std)
     assert np.sqrt(np.mean(((plain.values - truth) / plain.equation_15_std) ** 2)) > 1.5
 
 
-def test_residual_of_the_mean_period_is_the_noise_floor(shared_folder: Path) -> None:
-    result = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False))
+def test_residual_of_the_mean_period_is_the_noise_floor() -> None:
+    result = fit_recordings([_noisy()], load_robot("iiwa14"), FitSettings(physical=False))
     rms = result.rms.row("fit, base").rms_nm
     assert np.all(rms < 1.3 * result.noise_floor_nm)
     assert np.all(rms > 0.5 * result.noise_floor_nm)
 
 
-def test_two_recordings_together_are_better_than_each_alone(shared_folder: Path) -> None:
+def test_two_recordings_together_are_better_than_each_alone() -> None:
     robot = load_robot("iiwa14")
-    recordings = [_noisy(shared_folder, seed=seed, periods=4) for seed in (1, 2)]
+    recordings = [_noisy(seed=seed, periods=4) for seed in (1, 2)]
     settings = FitSettings(physical=False)
     alone = [fit_recordings([recording], robot, settings) for recording in recordings]
     together = fit_recordings(recordings, robot, settings)
@@ -109,8 +109,8 @@ def test_two_recordings_together_are_better_than_each_alone(shared_folder: Path)
     assert len(together.provenance["inputs"]) == 2
 
 
-def test_physical_parameters_are_feasible_and_cost_little(shared_folder: Path) -> None:
-    result = fit_recordings([_noisy(shared_folder)], load_robot("iiwa14"), FitSettings(starts=2))
+def test_physical_parameters_are_feasible_and_cost_little() -> None:
+    result = fit_recordings([_noisy()], load_robot("iiwa14"), FitSettings(starts=2))
     assert result.constrained is not None
     certificate = result.constrained.certificate
     assert certificate.feasible
@@ -119,9 +119,9 @@ def test_physical_parameters_are_feasible_and_cost_little(shared_folder: Path) -
     assert physical.total_nm < 1.1 * base.total_nm
 
 
-def test_inverted_torque_is_refused_and_can_be_turned(shared_folder: Path) -> None:
+def test_inverted_torque_is_refused_and_can_be_turned() -> None:
     robot = load_robot("iiwa14")
-    recording = _noisy(shared_folder, periods=3)
+    recording = _noisy(periods=3)
     inverted = replace(recording, torque=-recording.torque)
     with pytest.raises(RecordingError, match="opposite sign") as caught:
         fit_recordings([inverted], robot, FitSettings(physical=False))
@@ -132,20 +132,20 @@ def test_inverted_torque_is_refused_and_can_be_turned(shared_folder: Path) -> No
     assert straight.torque_sign.gravity_correlation > 0.5
 
 
-def test_the_same_motion_without_period_gives_the_same_parameters(shared_folder: Path) -> None:
+def test_the_same_motion_without_period_gives_the_same_parameters() -> None:
     """The aperiodic pipeline on noise-free data stays within 0.1 % of the torque and finds the same friction."""
     robot = load_robot("iiwa14")
-    recording = _clean(shared_folder)
+    recording = _clean()
     aperiodic = fit_recordings([recording], robot, FitSettings(pipeline="aperiodic", physical=False))
-    truth = aperiodic.regressor.base_from_physical(table_three(shared_folder))
+    truth = aperiodic.regressor.base_from_physical(table_three())
     assert aperiodic.rms.row("fit, base").percent.max() < 0.1
     for joint in range(1, 8):
         column = aperiodic.regressor.position_of(f"FS_{joint}")
         assert aperiodic.values[column] == pytest.approx(truth[column], abs=2e-3)
 
 
-def test_a_robot_at_rest_and_the_wrong_robot_are_refused(shared_folder: Path) -> None:
-    recording = _clean(shared_folder)
+def test_a_robot_at_rest_and_the_wrong_robot_are_refused() -> None:
+    recording = _clean()
     robot = load_robot("iiwa14")
     still = replace(recording, position=np.zeros_like(recording.position))
     with pytest.raises(RecordingError, match="moves"):
@@ -158,22 +158,22 @@ def test_a_robot_at_rest_and_the_wrong_robot_are_refused(shared_folder: Path) ->
         fit_recordings([], robot)
 
 
-def test_a_motion_of_one_joint_names_what_it_leaves_undetermined(shared_folder: Path) -> None:
+def test_a_motion_of_one_joint_names_what_it_leaves_undetermined() -> None:
     robot = load_robot("iiwa14")
     q, dq, ddq = fourier_motion(7, period_s=PERIOD_S, samples=SAMPLES, seed=1)
     for state in (q, dq, ddq):
         state[:, 1:] = 0.0
-    recording = recording_of(q, inverse_dynamics(robot, table_three(shared_folder), q, dq, ddq), period_s=PERIOD_S)
+    recording = recording_of(q, inverse_dynamics(robot, table_three(), q, dq, ddq), period_s=PERIOD_S)
     with pytest.raises(UndeterminedParametersError) as caught:
         fit_recordings([recording], robot)
     assert caught.value.exit_code == 65
     assert "FV_3" in caught.value.parameters
 
 
-def test_progress_runs_from_zero_to_one(shared_folder: Path) -> None:
+def test_progress_runs_from_zero_to_one() -> None:
     seen: list[float] = []
     fit_recordings(
-        [_clean(shared_folder)], load_robot("iiwa14"), FitSettings(physical=False),
+        [_clean()], load_robot("iiwa14"), FitSettings(physical=False),
         progress=lambda _, share: seen.append(share),
     )  # fmt: skip
     assert seen == sorted(seen)

@@ -21,6 +21,7 @@ from identification.recordings import (
 from identification.robots import load_robot
 from tests.identification.bags import messages_of, write_mcap
 from tests.identification.synthetic import fourier_motion, recording_of
+from tests.reference import recording_file
 
 
 def one_run(seed: int) -> Recording:
@@ -113,9 +114,9 @@ def test_another_run_of_the_same_motion_is_independent(fitted: Recording) -> Non
     refuse_shared_samples([fitted], [one_run(2), one_run(3)])
 
 
-def test_two_runs_of_one_axis_with_coarse_sensors_are_independent(shared_folder: Path) -> None:
+def test_two_runs_of_one_axis_with_coarse_sensors_are_independent() -> None:
     """The EMPS benchmark: position and force in steps, so that pairs of them come again by accident."""
-    first, second = (read_recording(shared_folder / "recordings" / f"emps_{run}.npz") for run in "ab")
+    first, second = (read_recording(recording_file(f"emps_{run}.npz")) for run in "ab")
     refuse_shared_samples([first], [second])
     cut = replace(second.rows(second.time > 12.0), source=replace(second.source, sha256="a cut"))
     with pytest.raises(RecordingError, match="shares"):

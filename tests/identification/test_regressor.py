@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio
 import pytest
@@ -13,6 +11,7 @@ from hypothesis import strategies as st
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.regressor import torque_regressor
 from identification.robots import RobotModel, load_robot, robot_from_arrays, robot_from_urdf
+from tests.reference import recording_file
 
 # Pinocchio orders a link's tensor Ixx Ixy Iyy Ixz Iyz Izz, eq. (3) XX XY XZ YY YZ ZZ.
 FROM_PINOCCHIO = np.array([0, 1, 2, 3, 4, 5, 7, 6, 8, 9])
@@ -58,8 +57,8 @@ def test_iiwa_equals_pinocchio(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "tx40", "kr300"])
-def test_urdf_robot_equals_pinocchio(shared_folder: Path, name: str) -> None:
-    assert_equals_pinocchio(load_robot(shared_folder / "recordings" / f"{name}.urdf"), seed=2)
+def test_urdf_robot_equals_pinocchio(name: str) -> None:
+    assert_equals_pinocchio(load_robot(recording_file(f"{name}.urdf")), seed=2)
 
 
 def test_tree_with_unaligned_axes_equals_pinocchio() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots import RobotModel, load_robot, robot_from_arrays, robot_from_table, robot_from_urdf
+from tests.reference import TABLES, recording_file
 
 HEADER = "link,gamma_rad,alpha_rad,d_m,theta,rl_m\n"
 
@@ -58,8 +59,8 @@ def test_limits_are_those_of_the_brochure() -> None:
     np.testing.assert_allclose(np.rad2deg(load_robot("iiwa7").velocity), [98, 98, 100, 130, 140, 180, 180])
 
 
-def test_the_papers_table_as_a_file_is_the_built_in_robot(shared_folder: Path) -> None:
-    robot = load_robot(shared_folder / "paper" / "table1_mdh.csv")
+def test_the_papers_table_as_a_file_is_the_built_in_robot() -> None:
+    robot = load_robot(TABLES / "table1_mdh.csv")
     built_in = load_robot("iiwa14")
     np.testing.assert_array_equal(robot.modified_denavit_hartenberg, built_in.modified_denavit_hartenberg)
     np.testing.assert_array_equal(robot.kinematics.rotation, built_in.kinematics.rotation)
@@ -91,8 +92,8 @@ def test_placement_is_khalils_with_offsets_and_prismatic_joints() -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "tx40", "kr300"])
-def test_urdf_without_inertias_loads_with_the_files_kinematics(shared_folder: Path, name: str) -> None:
-    path = shared_folder / "recordings" / f"{name}.urdf"
+def test_urdf_without_inertias_loads_with_the_files_kinematics(name: str) -> None:
+    path = recording_file(f"{name}.urdf")
     robot = load_robot(path)
     raw = pinocchio.buildModelFromUrdf(str(path))
     assert robot.pinocchio_model.nq == robot.n == raw.nv

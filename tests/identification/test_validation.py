@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,11 +19,11 @@ NOISE_NM = 0.05
 
 
 @pytest.fixture(scope="module")
-def recordings(shared_folder: Path) -> list[Recording]:
+def recordings() -> list[Recording]:
     made = []
     for seed in (1, 2, 3):
         q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=seed)
-        torque = inverse_dynamics(load_robot("iiwa14"), table_three(shared_folder), q, dq, ddq)
+        torque = inverse_dynamics(load_robot("iiwa14"), table_three(), q, dq, ddq)
         torque += np.random.default_rng(seed).normal(scale=NOISE_NM, size=torque.shape)
         made.append(recording_of(q, torque, period_s=10.0))
     return made

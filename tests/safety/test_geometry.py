@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from safety.errors import GeometryError
 from safety.geometry import Capsule, load_geometry
 from safety.limits import IIWA14_R820
+from tests.reference import TABLES
 
 
 def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -114,10 +114,10 @@ def _distance_to_segment(point: np.ndarray, start: np.ndarray, end: np.ndarray) 
     return float(np.linalg.norm(point - start - share * (end - start)))
 
 
-def test_the_shipped_table_is_the_papers(shared_folder: Path) -> None:
+def test_the_shipped_table_is_the_papers() -> None:
     geometry = load_geometry("iiwa14")
     angles = {"0": 0.0, "pi/2": np.pi / 2, "-pi/2": -np.pi / 2}
-    with (shared_folder / "paper" / "table1_mdh.csv").open() as file:
+    with (TABLES / "table1_mdh.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert geometry.alpha == pytest.approx([angles[row["alpha_rad"]] for row in rows])
     assert geometry.d == pytest.approx([float(row["d_m"]) for row in rows])

@@ -1,4 +1,4 @@
-"""Claims about faults put into a recording of a real UR10, which others made (shared/recordings).
+"""Claims about faults put into a recording of a real UR10, which others made (fixtures/recordings).
 
 Truth: what was put in. A load's torque is Pinocchio's Newton-Euler of that body alone; the other faults are changes of
 the file's own numbers. The model is fitted to the first half, the fault is put into the second.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,15 +21,15 @@ from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import Installation, load_robot
 from tests.identification.audit.halves import Bench, names, torque_of_lean, torque_of_load
+from tests.reference import recording_file
 
 FloatArray = np.ndarray
 
 
 @pytest.fixture(scope="module")
-def bench(shared_folder: Path) -> Bench:
-    folder = shared_folder / "recordings"
-    robot = folder / "ur10_mdh.csv"
-    return Bench.of_halves(read_recording(folder / "ur10.npz", robot=robot), load_robot(robot))
+def bench() -> Bench:
+    robot = recording_file("ur10_mdh.csv")
+    return Bench.of_halves(read_recording(recording_file("ur10.npz"), robot=robot), load_robot(robot))
 
 
 def test_nothing_is_named_where_nothing_differs(bench: Bench) -> None:
@@ -171,13 +170,11 @@ def test_a_slow_clock_is_named_with_and_without_a_recorded_velocity(bench: Bench
 
 
 @pytest.mark.parametrize("degrees", [8.0, 60.0, 170.0])
-def test_a_base_that_stands_otherwise_than_it_is_said_is_named_with_its_angle(
-    bench: Bench, shared_folder: Path, degrees: float
-) -> None:
+def test_a_base_that_stands_otherwise_than_it_is_said_is_named_with_its_angle(bench: Bench, degrees: float) -> None:
     # The arm stood level: what is stated leans, so what is found leans back.
     angle = np.radians(degrees)
     leaning = Installation((9.81 * float(np.sin(angle)), 0.0, -9.81 * float(np.cos(angle))))
-    robot = load_robot(shared_folder / "recordings" / "ur10_mdh.csv", leaning)
+    robot = load_robot(recording_file("ur10_mdh.csv"), leaning)
     found = audit([bench.recording], robot, bench.model)
     assert names(found) == [("base_tilt", None, None)]
     assert np.degrees(found.differences[0].numbers[0].value) == pytest.approx(degrees, abs=1.5)
@@ -243,11 +240,10 @@ def test_a_load_that_no_arm_carries_has_one_sentence_and_no_name(bench: Bench) -
         bench.with_torque(bench.recording.torque + load)
 
 
-def test_a_model_of_another_arm_is_refused(bench: Bench, shared_folder: Path) -> None:
-    folder = shared_folder / "recordings"
-    other = read_recording(folder / "tx40_excitation.npz", robot=folder / "tx40.urdf")
+def test_a_model_of_another_arm_is_refused(bench: Bench) -> None:
+    other = read_recording(recording_file("tx40_excitation.npz"), robot=recording_file("tx40.urdf"))
     with pytest.raises(ModelFileError):
-        audit([other], load_robot(folder / "tx40.urdf"), bench.model)
+        audit([other], load_robot(recording_file("tx40.urdf")), bench.model)
 
 
 def test_a_recording_without_motion_is_refused(bench: Bench) -> None:
@@ -257,11 +253,10 @@ def test_a_recording_without_motion_is_refused(bench: Bench) -> None:
 
 
 @pytest.fixture(scope="module")
-def heavy(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Bench]:
+def heavy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Bench]:
     """KUKA KR300, two recordings of 10 s with different motions of half a radian: each with the model of the other."""
-    folder = shared_folder / "recordings"
-    runs = [read_recording(folder / file) for file in ("kr300_a.npz", "kr300_b.npz")]
-    robot = load_robot(folder / "kr300.urdf")
+    runs = [read_recording(recording_file(file)) for file in ("kr300_a.npz", "kr300_b.npz")]
+    robot = load_robot(recording_file("kr300.urdf"))
     settings, there = FitSettings(physical=False, check_torque_sign=False), tmp_path_factory.mktemp("model")
     models = [fit_recordings([run], robot, settings).to_model_json() for run in runs]
     first, second = (read_model(write_model(model, there / f"{k}.json")) for k, model in enumerate(models))
@@ -327,10 +322,11 @@ def test_the_search_ends_where_two_differences_make_each_other_needless(
 
 
 @pytest.fixture(scope="module")
-def panda(shared_folder: Path) -> Bench:
+def panda() -> Bench:
     """An arm with joint torque sensors at 1 kHz: many quiet rows, which tell its delay to a tenth of a millisecond."""
-    folder = shared_folder / "recordings"
-    return Bench.of_halves(read_recording(folder / "panda_excitation.npz"), load_robot(folder / "panda.urdf"))
+    return Bench.of_halves(
+        read_recording(recording_file("panda_excitation.npz")), load_robot(recording_file("panda.urdf"))
+    )
 
 
 def test_a_late_torque_is_not_taken_for_the_scatter_of_delays_from_run_to_run(panda: Bench) -> None:

@@ -1,9 +1,8 @@
-"""Claims about how a base stands, asked of recordings of real arms that stood level (shared/recordings)."""
+"""Claims about how a base stands, asked of recordings of real arms that stood level (fixtures/recordings)."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from identification.audit.mount import Mounting, mounting_of, require_stated_sta
 from identification.errors import RecordingError
 from identification.recordings import read_recording
 from identification.robots import Installation, load_robot
+from tests.reference import recording_file
 
 ARMS = {"ur10.npz": "ur10_mdh.csv", "tx40_excitation.npz": "tx40.urdf", "panda_excitation.npz": "panda.urdf"}
 
@@ -21,46 +21,46 @@ PARTS = ["ur10.npz", "tx40_excitation.npz", "panda_excitation.npz", "lbrmed7.npz
 CEILING = Installation((0.0, 0.0, 9.81))
 
 
-def found(folder: Path, file: str, stated: Installation | None = None) -> Mounting:
-    robot = folder / "recordings" / {**ARMS, **OTHERS}[file]
-    result = mounting_of([read_recording(folder / "recordings" / file, robot=robot)], load_robot(robot, stated))
+def found(file: str, stated: Installation | None = None) -> Mounting:
+    robot = recording_file({**ARMS, **OTHERS}[file])
+    result = mounting_of([read_recording(recording_file(file), robot=robot)], load_robot(robot, stated))
     assert result is not None
     return result
 
 
 @pytest.mark.parametrize("file", ARMS)
-def test_a_level_arm_is_found_level_within_one_degree(shared_folder: Path, file: str) -> None:
-    level = found(shared_folder, file)
+def test_a_level_arm_is_found_level_within_one_degree(file: str) -> None:
+    level = found(file)
     assert np.degrees(level.angle) < 1.0
     assert not level.is_other
 
 
 @pytest.mark.parametrize("file", ARMS)
-def test_a_level_arm_that_is_said_to_hang_on_a_wall_is_told_so(shared_folder: Path, file: str) -> None:
-    wall = found(shared_folder, file, Installation((9.81, 0.0, 0.0)))
+def test_a_level_arm_that_is_said_to_hang_on_a_wall_is_told_so(file: str) -> None:
+    wall = found(file, Installation((9.81, 0.0, 0.0)))
     assert wall.is_other
     assert np.degrees(wall.angle) == pytest.approx(90.0, abs=1.0)
     assert "--mount auto" in wall.sentence
 
 
-def test_a_motion_of_half_a_radian_does_not_tell_how_the_base_stands(shared_folder: Path) -> None:
-    undecided = found(shared_folder, "kr300_a.npz")
+def test_a_motion_of_half_a_radian_does_not_tell_how_the_base_stands() -> None:
+    undecided = found("kr300_a.npz")
     assert not undecided.is_other
     assert "does not tell" in undecided.sentence
 
 
-def test_the_lean_of_the_med_7_is_what_its_vertical_joint_feels(shared_folder: Path) -> None:
+def test_the_lean_of_the_med_7_is_what_its_vertical_joint_feels() -> None:
     # Level, gravity has no moment about joint 1; the 0.3 Nm that it carries need a lean of near 2 degrees.
-    lean = found(shared_folder, "lbrmed7.npz")
+    lean = found("lbrmed7.npz")
     assert np.degrees(lean.angle) < 2.5
     assert lean.rms_found[0] < 0.3 * lean.rms_stated[0]
 
 
 @pytest.mark.parametrize("file", ["ur10.npz", "tx40_excitation.npz", "panda_excitation.npz", "lbrmed7.npz"])
-def test_an_arm_on_the_floor_that_is_said_to_hang_from_the_ceiling_is_refused(shared_folder: Path, file: str) -> None:
+def test_an_arm_on_the_floor_that_is_said_to_hang_from_the_ceiling_is_refused(file: str) -> None:
     # The UR10 moves slowly: upside down it looks nearly alike, and only a finer search sees that it stands.
-    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
-    recording = read_recording(shared_folder / "recordings" / file, robot=robot)
+    robot = recording_file({**ARMS, **OTHERS}[file])
+    recording = read_recording(recording_file(file), robot=robot)
     with pytest.raises(RecordingError, match=r"--mount auto, or --gravity=") as refusal:
         require_stated_stand([recording], load_robot(robot, CEILING))
     assert refusal.value.field == "gravity"
@@ -68,9 +68,9 @@ def test_an_arm_on_the_floor_that_is_said_to_hang_from_the_ceiling_is_refused(sh
 
 
 @pytest.mark.parametrize("file", PARTS)
-def test_no_sound_recording_nor_half_of_it_is_refused(shared_folder: Path, file: str) -> None:
-    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
-    whole = read_recording(shared_folder / "recordings" / file, robot=robot)
+def test_no_sound_recording_nor_half_of_it_is_refused(file: str) -> None:
+    robot = recording_file({**ARMS, **OTHERS}[file])
+    whole = read_recording(recording_file(file), robot=robot)
     middle = 0.5 * float(whole.time[0] + whole.time[-1])
     halves = [whole.rows(whole.time < middle), whole.rows(whole.time >= middle)]
     parts = [whole, *(replace(part, time=part.time - part.time[0]) for part in halves)]
@@ -78,9 +78,9 @@ def test_no_sound_recording_nor_half_of_it_is_refused(shared_folder: Path, file:
 
 
 @pytest.mark.parametrize("file", ["panda_excitation.npz", "lbrmed7.npz"])
-def test_a_wrong_sign_or_order_of_torques_is_not_taken_for_another_stand(shared_folder: Path, file: str) -> None:
-    robot = shared_folder / "recordings" / {**ARMS, **OTHERS}[file]
-    sound, arm = read_recording(shared_folder / "recordings" / file, robot=robot), load_robot(robot)
+def test_a_wrong_sign_or_order_of_torques_is_not_taken_for_another_stand(file: str) -> None:
+    robot = recording_file({**ARMS, **OTHERS}[file])
+    sound, arm = read_recording(recording_file(file), robot=robot), load_robot(robot)
     one = np.where(np.arange(7) == 1, -1.0, 1.0)
     spoilt = sound.torque * one, -sound.torque, sound.torque[:, [0, 2, 1, 3, 4, 5, 6]]
     require_stated_stand([replace(sound, torque=torque) for torque in spoilt], arm)

@@ -19,10 +19,12 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+from tests.reference import recording_file
 
 FEW = settings(
     max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
+
 PERIODS, SAMPLES, PERIOD_S = 3, 2000, 10.0
 
 
@@ -174,11 +176,9 @@ def test_rows_that_are_missing_or_broken_are_reported_once(
         ("tx40_excitation", "tx40", True, set()),
     ],
 )
-def test_real_recordings_raise_no_false_alarm(
-    shared_folder: Path, name: str, robot: str, rotor: bool, known: set[str]
-) -> None:
+def test_real_recordings_raise_no_false_alarm(name: str, robot: str, rotor: bool, known: set[str]) -> None:
     """Known: what the files really hold, the panda's lost packets and one torque spike of the second kr300 run."""
-    model = load_robot(shared_folder / "recordings" / f"{robot}.urdf")
+    model = load_robot(recording_file(f"{robot}.urdf"))
     regressor = BaseRegressor(model, RegressorOptions(rotor_inertia=rotor, offset=True))
-    recording = read_recording(shared_folder / "recordings" / f"{name}.npz")
+    recording = read_recording(recording_file(f"{name}.npz"))
     assert {fault.fault for fault in find_data_faults([recording], regressor)[0]} == known

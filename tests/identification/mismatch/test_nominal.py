@@ -4,8 +4,6 @@ made by another call, and what others published of a real recording.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -21,6 +19,7 @@ from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+from tests.reference import recording_file
 
 FloatArray = npt.NDArray[np.float64]
 BASE_ONLY = FitSettings(physical=False)
@@ -77,10 +76,9 @@ def test_a_digest_changes_with_the_inputs_and_the_settings_that_matter_only(
     assert digest(estimator="ols") != fit.provenance["digest"]
 
 
-def test_the_nominal_model_of_the_ur10_is_as_good_as_its_fit(shared_folder: Path) -> None:
+def test_the_nominal_model_of_the_ur10_is_as_good_as_its_fit() -> None:
     """It left three to seven times as much: bands that misfit most counted least, until they misfitted more."""
-    folder = shared_folder / "recordings"
-    recording, robot = read_recording(folder / "ur10.npz"), load_robot(folder / "ur10_mdh.csv")
+    recording, robot = read_recording(recording_file("ur10.npz")), load_robot(recording_file("ur10_mdh.csv"))
     fitted = fit_recordings([recording], robot, BASE_ONLY).rms.row("fit, base").rms_nm
     found = diagnose([recording], robot)
     np.testing.assert_allclose(found.baseline.rms_nm, fitted, rtol=1e-9)

@@ -6,8 +6,6 @@ The TX40's wrist has one motor whose turning is that of joints 5 and 6 together 
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -21,20 +19,19 @@ from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
+from tests.reference import recording_file
 
 
-def _diagnosed(folder: Path, *files: str, heldout: tuple[str, ...] = ()) -> tuple[Diagnosis, np.ndarray]:
+def _diagnosed(*files: str, heldout: tuple[str, ...] = ()) -> tuple[Diagnosis, np.ndarray]:
     """The diagnosis, and the RMS torque of each joint of what was held out."""
-    recordings, others = (
-        [read_recording(folder / "recordings" / file) for file in chosen] for chosen in (files, heldout)
-    )
+    recordings, others = ([read_recording(recording_file(file)) for file in chosen] for chosen in (files, heldout))
     torque = np.concatenate([item.torque for item in others or recordings])
     return diagnose(recordings, load_robot(robot_of(recordings)), heldout=others), np.sqrt(np.mean(torque**2, axis=0))
 
 
 @pytest.fixture(scope="module")
-def tx40(shared_folder: Path) -> tuple[Diagnosis, np.ndarray]:
-    return _diagnosed(shared_folder, "tx40_excitation.npz")
+def tx40() -> tuple[Diagnosis, np.ndarray]:
+    return _diagnosed("tx40_excitation.npz")
 
 
 def test_one_motor_of_the_tx40_is_found_to_act_on_joints_5_and_6(tx40: tuple[Diagnosis, np.ndarray]) -> None:
@@ -77,8 +74,8 @@ def test_nothing_is_claimed_between_periods_where_there_are_none(tx40: tuple[Dia
 
 
 @pytest.fixture(scope="module")
-def kr300(shared_folder: Path) -> Diagnosis:
-    return _diagnosed(shared_folder, "kr300_a.npz", heldout=("kr300_b.npz",))[0]
+def kr300() -> Diagnosis:
+    return _diagnosed("kr300_a.npz", heldout=("kr300_b.npz",))[0]
 
 
 def test_no_name_is_given_to_the_kr300_by_ten_seconds_that_explain_no_other_ten(kr300: Diagnosis) -> None:
@@ -107,13 +104,12 @@ def test_without_findings_a_fit_is_what_it_was(kr300: Diagnosis) -> None:
     np.testing.assert_allclose(kr300.rms_after_nm, kr300.baseline.rms_nm, rtol=1e-9)
 
 
-def test_the_emps_axis_has_the_asymmetric_friction_that_is_published(shared_folder: Path) -> None:
+def test_the_emps_axis_has_the_asymmetric_friction_that_is_published() -> None:
     """166.71 and 240.42 N s/m: half difference −36.86 ± 0.87 (nonlinearbenchmark.org; a worn screw). Run b has force
     pulses from outside: that the two runs differ is true.
     """
-    folder = shared_folder / "recordings"
-    first, second = (read_recording(folder / f"emps_{run}.npz") for run in "ab")
-    diagnosis = diagnose([first], load_robot(folder / "emps.urdf"), heldout=[second])
+    first, second = (read_recording(recording_file(f"emps_{run}.npz")) for run in "ab")
+    diagnosis = diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
     (friction,) = (item for item in diagnosis.findings if item.effect == "asymmetric_viscous_friction")
     size = friction.parameters[0]
     assert abs(size.value + 36.86) < 3.0 * np.hypot(size.std, 0.87)
@@ -123,9 +119,9 @@ def test_the_emps_axis_has_the_asymmetric_friction_that_is_published(shared_fold
     assert [(item.recording, item.differs) for item in diagnosis.heldout.misfits] == [("emps_b.npz", True)]
 
 
-def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions(shared_folder: Path) -> None:
+def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions() -> None:
     """Checked against plain least squares by hand: 3 ms on every joint; wind-up alone leaves more than half."""
-    a, b = (read_recording(shared_folder / "recordings" / f"kr300_{run}.npz") for run in "ab")
+    a, b = (read_recording(recording_file(f"kr300_{run}.npz")) for run in "ab")
     for fitted, unseen in ((a, b), (b, a)):
         joints = compare_encoders([fitted], [unseen])
         assert [item.joint for item in joints] == [1, 2, 3]
@@ -136,8 +132,8 @@ def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions(shared_folder
 
 
 @pytest.fixture(scope="module")
-def panda(shared_folder: Path) -> tuple[Diagnosis, np.ndarray]:
-    return _diagnosed(shared_folder, "panda_excitation.npz")
+def panda() -> tuple[Diagnosis, np.ndarray]:
+    return _diagnosed("panda_excitation.npz")
 
 
 def test_classes_lower_the_panda_s_error_on_rows_that_were_not_fitted(panda: tuple[Diagnosis, np.ndarray]) -> None:
@@ -153,13 +149,12 @@ def test_classes_lower_the_tx40_s_error_on_rows_that_were_not_fitted(tx40: tuple
     assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
 
 
-def test_before_is_what_fit_leaves_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray], shared_folder: Path) -> None:
+def test_before_is_what_fit_leaves_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray]) -> None:
     """`fit --split` with the rows of the diagnosis held out, weighted by joint: weighted by joint and band, joint 5 was
     left 0.140 Nm here, not 0.090, and the name of joint 7 got the credit of the difference. The diagnosis leaves free
     what the fitted rows do not determine, which takes up to 7 % off what stays.
     """
-    folder = shared_folder / "recordings"
-    recording, robot = read_recording(folder / "panda_excitation.npz"), load_robot(folder / "panda.urdf")
+    recording, robot = read_recording(recording_file("panda_excitation.npz")), load_robot(recording_file("panda.urdf"))
     settings = DiagnosisSettings(low_pass_hz=panda[0].provenance["low_pass_hz"])
     split = default_split([recording], settings)
     text = ":".join(str(item) for item in (split.kind, *split.numbers))

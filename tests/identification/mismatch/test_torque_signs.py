@@ -26,6 +26,7 @@ from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.conftest import spring_and_stribeck
 from tests.identification.mismatch.plant import record
+from tests.reference import recording_file
 
 SEED = 52000
 BACKGROUND, SLOW = 19, 26
@@ -110,11 +111,10 @@ def test_the_fit_is_never_less_likely_than_the_truth_where_free_functions_could_
 
 
 @pytest.fixture(scope="module")
-def med7(shared_folder: Path) -> tuple[Recording, RobotModel]:
+def med7() -> tuple[Recording, RobotModel]:
     """A real LBR Med 7 at 100 Hz, with the sign that its source recorded: FRI's."""
-    folder = shared_folder / "recordings"
-    recording = read_recording(folder / "lbrmed7.npz")
-    return replace(recording, torque=-recording.torque), load_robot(folder / "med7dock.urdf")
+    recording = read_recording(recording_file("lbrmed7.npz"))
+    return replace(recording, torque=-recording.torque), load_robot(recording_file("med7dock.urdf"))
 
 
 def test_all_torques_turned_round_are_said_of_a_real_arm_at_100_hz(med7: tuple[Recording, RobotModel]) -> None:

@@ -19,10 +19,10 @@ from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import read_model, write_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
-from identification.recordings.reader import robot_of
 from identification.report.class_section import class_section
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import NOISE_NM, on_joint, record
+from tests.reference import recording_file
 
 
 def hump(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -129,20 +129,16 @@ def test_beside_a_smooth_error_of_every_joint_no_class_and_no_name_is_said(
     assert any("smooth function of the state" in note for note in diagnosis.notes)
 
 
-def _recorded(folder: Path, file: str, robot: str | None = None) -> Diagnosis:
-    path = folder / "recordings" / file
-    if not path.is_file():
-        pytest.skip(f"{path} is not here: real recordings stand beside the project")
-    recording = read_recording(path)
-    return diagnose([recording], load_robot(folder / "recordings" / robot if robot else robot_of([recording])))
+def _recorded(file: str, robot: str) -> Diagnosis:
+    return diagnose([read_recording(recording_file(file))], load_robot(recording_file(robot)))
 
 
-def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity(shared_folder: Path) -> None:
+def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity() -> None:
     """Janot, Gautier and Brunot: viscous friction 166.71 one way, 240.42 N s/m the other; half difference −36.86.
 
     That is even in velocity, which no base column is: the even part of the curve has that slope.
     """
-    diagnosis = _recorded(shared_folder, "emps_a.npz", "emps.urdf")
+    diagnosis = _recorded("emps_a.npz", "emps.urdf")
     (claim,) = (item for item in diagnosis.classes if item.name == "own_velocity")
     assert claim.curve is not None
     speed, even = claim.curve.place, 0.5 * (claim.curve.mean + claim.curve.mean[::-1])
@@ -188,13 +184,10 @@ def test_a_model_that_makes_a_joint_worse_elsewhere_is_not_offered(
     assert any("Joint 3: torque without a name is not part of the extended model" in note for note in diagnosis.notes)
 
 
-def test_a_model_of_the_emps_that_its_other_recording_refutes_is_not_offered(shared_folder: Path) -> None:
+def test_a_model_of_the_emps_that_its_other_recording_refutes_is_not_offered() -> None:
     """Recording b leaves the range of a; with the terms of a its error was 5.2 N instead of 2.0 N."""
-    folder = shared_folder / "recordings"
-    if not (folder / "emps_b.npz").is_file():
-        pytest.skip("real recordings stand beside the project")
-    first, second = (read_recording(folder / f"emps_{name}.npz") for name in "ab")
-    diagnosis = diagnose([first], load_robot(folder / "emps.urdf"), heldout=[second])
+    first, second = (read_recording(recording_file(f"emps_{name}.npz")) for name in "ab")
+    diagnosis = diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
     assert diagnosis.offer is None
     assert diagnosis.classes == ()
     assert "class_terms" not in diagnosis.extended_model_json()

@@ -1,0 +1,29 @@
+"""What others measured and published, for every test: real recordings, the paper's tables, golden datagrams."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fixtures.real_recordings import real_recording
+
+TABLES = Path(__file__).parent / "identification" / "data"
+"""Tables 1 to 4 of the paper (README.md beside them)."""
+
+
+def recording_file(name: str) -> Path:
+    """Path of a real recording or of its arm's file; skips the test where a licence kept it out of the project."""
+    try:
+        return real_recording(name)
+    except FileNotFoundError as error:
+        pytest.skip(f"{error}: its licence (GPL) does not let it come along")
+
+
+def golden_datagrams() -> dict[str, Any]:
+    """Datagrams that the vendor's own client wrote, by version of FRI (tests/data/fri_vectors.json)."""
+    text = (Path(__file__).parent / "data" / "fri_vectors.json").read_text(encoding="utf-8")
+    versions: dict[str, Any] = json.loads(text)["versions"]
+    return versions
