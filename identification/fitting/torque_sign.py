@@ -23,6 +23,8 @@ DECISIVE = 16.0
 """Squares in σ by which one sign must break physics less than the other: odds of 3000 to 1."""
 SLOW_SHARE = 0.1
 MOST_STATES = 200
+SINGULAR = 1e-8
+"""Share of the largest variance of correlated quantities below which a combination of them is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,26 +33,20 @@ class TorqueSign:
 
     gravity_correlation: correlation of the torque at low speed with gravity on equal masses at the joints; nan if it
     says nothing (no gravity torque, no slow samples). inertia_significance, friction_significance: (n,) each joint's
-    own inertia, and the power friction takes out, divided by their standard deviation. broken_as_recorded,
-    broken_if_turned: squares in σ by which the quantities that must be positive are negative together.
+    own inertia, and the power friction takes out, divided by their standard deviation. inverted: whether the torque as
+    a whole has the wrong sign: turned, it breaks physics by DECISIVE less than as it stands.
     """
 
     gravity_correlation: float
     inertia_significance: FloatArray
     friction_significance: FloatArray
-    broken_as_recorded: float
-    broken_if_turned: float
+    inverted: bool
 
     @property
     def inverted_joints(self) -> tuple[int, ...]:
         """Joints (from 1) whose own inertia or friction is significantly negative."""
         least = np.minimum(self.inertia_significance, self.friction_significance)
         return tuple(int(joint) + 1 for joint in np.flatnonzero(least < -SIGNIFICANT))
-
-    @property
-    def inverted(self) -> bool:
-        """Whether the torque as a whole has the wrong sign: turned, it breaks physics far less than as it stands."""
-        return self.broken_as_recorded - self.broken_if_turned > DECISIVE
 
     def to_json(self) -> dict[str, Any]:
         """The check as plain JSON types."""
@@ -76,12 +72,12 @@ def judge_torque_sign(
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     significance = np.divide(values, deviation, out=np.zeros_like(values), where=deviation > 0.0)
     inertia, friction = significance.reshape(2, -1)
+    broken = broken_squares(values, covariance)
     return TorqueSign(
         gravity_correlation(regressor.robot, position, velocity, torque),
         inertia,
         friction,
-        broken_squares(values, covariance),
-        broken_squares(-values, covariance),
+        broken > DECISIVE and broken - broken_squares(-values, covariance) > DECISIVE,
     )
 
 
@@ -109,14 +105,18 @@ def positive_quantities(regressor: BaseRegressor, position: FloatArray, velocity
 
 
 def broken_squares(values: FloatArray, covariance: FloatArray) -> float:
-    """Squared distance in σ from quantities (m,) to the nearest that are positive: of those below zero, together."""
-    below = np.flatnonzero((values < 0.0) & (np.diag(covariance) > 0.0))
-    if not below.size:
+    """Squared distance in σ from quantities (m,) to the nearest that are all positive (nonnegative least squares)."""
+    known = np.diag(covariance) > 0.0
+    if not np.any(values[known] < 0.0):
         return 0.0
-    deviation = np.sqrt(np.diag(covariance)[below])
-    scaled = values[below] / deviation
-    correlation = covariance[np.ix_(below, below)] / np.outer(deviation, deviation)
-    return float(scaled @ np.linalg.pinv(correlation, rcond=1e-8, hermitian=True) @ scaled)
+    from scipy.optimize import nnls  # slow to load, and a sound fit does without
+
+    deviation = np.sqrt(np.diag(covariance)[known])
+    scaled = values[known] / deviation
+    size, axes = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(deviation, deviation))
+    kept = size > SINGULAR * size[-1]
+    whitened = (axes[:, kept] / np.sqrt(size[kept])).T
+    return float(nnls(whitened, whitened @ scaled)[1] ** 2)
 
 
 def gravity_correlation(robot: RobotModel, position: FloatArray, velocity: FloatArray, torque: FloatArray) -> float:
