@@ -33,7 +33,7 @@ def test_the_compiled_client_answers_as_the_vendors_does(version: str, tmp_path:
     codec = Codec(FriVersion(version))
     with open_channel("127.0.0.1", 0) as channel, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:
         robot.bind(("127.0.0.1", 0))
-        robot.settimeout(60.0)
+        robot.settimeout(600.0)
         found: list[Any] = []
         client = threading.Thread(target=lambda: found.append(serve(program, channel.fileno(), len(whole))))
         client.start()

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from fri_client.handover.ring import HandoverRing
+from tests.watchdog import WATCHDOG_S
 
-from .service_runs import REPOSITORY, WATCHDOG_S, free_port
+from .service_runs import REPOSITORY, free_port
 
 
 @pytest.fixture

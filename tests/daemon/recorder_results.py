@@ -14,6 +14,7 @@ from daemon.control_messages import ControlMessage
 from daemon.json_files import write_json
 from daemon.run.recorder import Recorder
 from fri_client.handover.ring import HandoverRing
+from tests.watchdog import WATCHDOG_S
 
 from .producer import make_job
 
@@ -48,10 +49,6 @@ def start_process(job: Any, ring: HandoverRing) -> subprocess.Popen[bytes]:
         cwd=REPOSITORY,
         stderr=subprocess.PIPE,
     )
-
-
-WATCHDOG_S = 600.0
-"""For what does not happen or does not end; nothing is judged by it."""
 
 
 def wait_until(condition: Any) -> None:

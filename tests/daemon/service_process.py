@@ -20,13 +20,10 @@ from daemon.queue.control_api import ControlReply, ControlRequest, GetJobs, GetS
 from daemon.queue.control_socket import ServiceUnreachableError, ask
 from daemon.runtime_folder import default_endpoint
 from identification.excitation import FourierTrajectory, default_trajectory
+from tests.watchdog import WATCHDOG_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
-
-
-WATCHDOG_S = 600.0
-"""For what does not happen or does not end; nothing is judged by it."""
 
 
 def free_port() -> int:

@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from daemon.api import RunRequest
 from daemon.json_files import write_json
+from tests.watchdog import WATCHDOG_S
 
 from .recorder_results import read_events, read_states
 
@@ -34,8 +35,6 @@ RUN_CODE = (
 
 PATIENT = {"start_timeout_s": 120.0, "receive_timeout_s": 60.0, "supervisor_timeout_s": 60.0}
 """What a machine that does something else may hold up is no fault of the run's."""
-WATCHDOG_S = 600.0
-"""For a process that does not end; nothing is judged by it."""
 
 
 def free_port() -> int:

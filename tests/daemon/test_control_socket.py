@@ -18,6 +18,7 @@ from daemon.errors import ConfigurationError, DaemonError, MissingInputError
 from daemon.queue.control_api import MAXIMUM_REQUEST_BYTES, ErrorReply, Ping, Pong, RefusedRequestError, decode_request
 from daemon.queue.control_socket import ControlSocket, ServerKeys, ServiceUnreachableError, ask, check_endpoint
 from daemon.queue.keys import create_keys
+from tests.watchdog import WATCHDOG_S
 
 PONG = Pong(pid=7, software_version="test")
 
@@ -44,7 +45,7 @@ def served(endpoint: str, keys: ServerKeys | None = None) -> Iterator[ControlSoc
     thread = threading.Thread(target=serve)
     thread.start()
     try:
-        assert started.wait(10)
+        assert started.wait(WATCHDOG_S)
         yield ready[0]
     finally:
         end.set()
@@ -66,7 +67,7 @@ def test_the_socket_is_a_file_for_its_owner_alone(tmp_path: Path) -> None:
     path = tmp_path / "control"
     with served(f"ipc://{path}"):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
-        assert ask(f"ipc://{path}", Ping(), timeout_s=10) == PONG
+        assert ask(f"ipc://{path}", Ping(), timeout_s=WATCHDOG_S) == PONG
 
 
 def test_an_address_in_use_is_not_taken_away_and_is_free_again_afterwards(tmp_path: Path) -> None:
@@ -74,10 +75,10 @@ def test_an_address_in_use_is_not_taken_away_and_is_free_again_afterwards(tmp_pa
     with served(endpoint):
         with pytest.raises(ConfigurationError):
             ControlSocket(endpoint)
-        assert ask(endpoint, Ping(), timeout_s=10) == PONG
+        assert ask(endpoint, Ping(), timeout_s=WATCHDOG_S) == PONG
     assert not (tmp_path / "control").exists()
     with served(endpoint):
-        assert ask(endpoint, Ping(), timeout_s=10) == PONG
+        assert ask(endpoint, Ping(), timeout_s=WATCHDOG_S) == PONG
 
 
 @pytest.mark.parametrize(
@@ -109,7 +110,7 @@ def test_with_keys_other_addresses_are_taken() -> None:
 def test_the_right_key_is_served(keys: Path) -> None:
     with served("tcp://127.0.0.1:0", server_keys(keys)) as control:
         reply = ask(
-            control.endpoint, Ping(), timeout_s=10,
+            control.endpoint, Ping(), timeout_s=WATCHDOG_S,
             key_file=keys / "office.key_secret", server_key_file=keys / "server.key",
         )  # fmt: skip
         assert reply == PONG
@@ -187,9 +188,9 @@ def test_frames_that_are_no_request_are_counted_and_the_next_request_is_served(t
         peer = raw(endpoint, zmq.DEALER)
         for frames in ([b""] * 4, [b"a", b"b"], [b"x"] * 50):
             peer.send_multipart(frames)
-        assert ask(endpoint, Ping(), timeout_s=10) == PONG
+        assert ask(endpoint, Ping(), timeout_s=WATCHDOG_S) == PONG
         peer.send(b"\xff\xfe")
-        assert peer.poll(10_000)
+        assert peer.poll(1e3 * WATCHDOG_S)
         assert b'"bad_request"' in peer.recv_multipart()[-1]
         assert control.malformed == 3
         peer.close()
@@ -201,7 +202,7 @@ def test_a_message_beyond_the_limit_costs_its_sender_the_connection_and_nobody_e
         peer = raw(endpoint, zmq.DEALER)
         peer.send(b" " * (MAXIMUM_REQUEST_BYTES + 1))
         assert not peer.poll(500)
-        assert ask(endpoint, Ping(), timeout_s=10) == PONG
+        assert ask(endpoint, Ping(), timeout_s=WATCHDOG_S) == PONG
         peer.close()
 
 
@@ -211,7 +212,7 @@ def test_bytes_that_are_not_even_zeromq_do_no_harm(tmp_path: Path) -> None:
         with socket.socket(socket.AF_UNIX) as channel:
             channel.connect(str(path))
             channel.sendall(os.urandom(5000))
-        assert ask(f"ipc://{path}", Ping(), timeout_s=10) == PONG
+        assert ask(f"ipc://{path}", Ping(), timeout_s=WATCHDOG_S) == PONG
 
 
 def test_silence_is_exit_code_69_and_names_the_address(tmp_path: Path) -> None:

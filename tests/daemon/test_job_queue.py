@@ -19,6 +19,7 @@ from daemon.queue.job_preparation import Verdict
 from daemon.queue.job_queue import JobQueue
 from daemon.queue.job_store import MAXIMUM_KEPT, MAXIMUM_WAITING
 from daemon.queue.job_work import FitEnded, RunEnded
+from tests.watchdog import WATCHDOG_S
 
 SAFE = Verdict(safe=True, sentence="Safe.")
 
@@ -36,7 +37,7 @@ def submitted(jobs: JobQueue, *, check: bool = True, fit: bool = True) -> str:
         stored.set()
 
     jobs.add(SubmitRun(trajectory=b"{}", name="motion.json", periods=2, fit=fit), done)
-    assert stored.wait(10)
+    assert stored.wait(WATCHDOG_S)
     job_id, error = answers[0]
     assert error is None
     if check:
@@ -214,7 +215,7 @@ def test_a_disk_that_refuses_is_said_to_the_submitter_and_nothing_is_queued(tmp_
         stored.set()
 
     jobs.add(SubmitRun(), done)
-    assert stored.wait(10)
+    assert stored.wait(WATCHDOG_S)
     assert isinstance(refused[0], FileNotFoundError)
 
 

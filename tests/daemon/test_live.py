@@ -38,13 +38,12 @@ from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from fri_client.handover.ring import HandoverRing
 from safety.limits import limits_for
+from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job, make_request
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PORT = 30987
-WATCHDOG_S = 600.0
-"""For what does not happen or does not end; nothing is judged by it."""
 
 
 @pytest.fixture

@@ -20,10 +20,10 @@ import pytest
 
 from daemon.errors import ConfigurationError, MissingInputError
 from daemon.live.door import Door
+from tests.watchdog import WATCHDOG_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 IDENTITY = Path(__file__).parent / "data" / "robot-pc.pem"
-WATCHDOG_S = 600.0
 
 
 @pytest.fixture

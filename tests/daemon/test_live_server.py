@@ -33,14 +33,13 @@ from daemon.live.server import layouts_folder
 from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from fri_client.handover.ring import EventCode, HandoverRing
+from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PORT = 30988
 SUBPROTOCOL = "foxglove.sdk.v1"
-WATCHDOG_S = 600.0
-"""For what does not happen or does not end; nothing is judged by it."""
 
 
 def free_tcp_port() -> int:

@@ -22,6 +22,7 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import Codec
+from tests.watchdog import WATCHDOG_S
 
 ROWS = 500
 
@@ -88,10 +89,6 @@ def wait_until_listening(process: subprocess.Popen[str], ring: HandoverRing) -> 
     while ring.status.time_ns == 0:
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
-
-
-WATCHDOG_S = 600.0
-"""For a process that does not end; nothing is judged by it."""
 
 
 def drain(process: subprocess.Popen[str], ring: HandoverRing) -> list[HandoverRecord]:

@@ -22,9 +22,10 @@ from daemon.json_files import write_json
 from daemon.log.parts import recover
 from daemon.run.recorder import Recorder
 from fri_client.handover.ring import HandoverRing
+from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job
-from .recorder_results import REPOSITORY, WATCHDOG_S, read_events, read_states, start_process, wait_until
+from .recorder_results import REPOSITORY, read_events, read_states, start_process, wait_until
 
 
 def test_killed_again_and_again_at_any_moment_nothing_is_lost_between_files_and_ring(

@@ -22,9 +22,10 @@ from daemon.run.recorder import Recorder
 from daemon.run.rescue import rescue_if_abandoned
 from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
 from fri_client.handover.ring import HandoverRing
+from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job, make_request
-from .recorder_results import WATCHDOG_S, read_states, start_process, wait_until
+from .recorder_results import read_states, start_process, wait_until
 
 
 @pytest.fixture

@@ -46,7 +46,8 @@ from tests.daemon.service_process import (
     short_trajectory,
     wait_for,
 )
-from tests.daemon.test_service import WATCHDOG_S, free_port, gentle_request
+from tests.daemon.test_service import free_port, gentle_request
+from tests.watchdog import WATCHDOG_S
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ def manager(tmp_path: Path) -> Iterator[tuple[socket.socket, str]]:
     path = str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         channel.bind(path)
-        channel.settimeout(5)
+        channel.settimeout(600.0)
         yield channel, path
 
 
@@ -60,7 +60,7 @@ def test_an_abstract_address_is_understood() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         name = f"iiwa-ident-test-{os.getpid()}"
         channel.bind(f"\0{name}")
-        channel.settimeout(5)
+        channel.settimeout(600.0)
         notifier = SystemdNotifier({"NOTIFY_SOCKET": f"@{name}"})
         notifier.stopping()
         assert channel.recv(200) == b"STOPPING=1"

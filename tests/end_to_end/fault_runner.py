@@ -38,14 +38,13 @@ from tests.end_to_end.fault_account import (
 )
 from tests.end_to_end.fault_case import FaultCase, Step
 from tests.end_to_end.processes import free_udp_port
+from tests.watchdog import WATCHDOG_S
 
 __all__ = ["LEAD_IN_S", "robot_settings", "run_case", "short_motion"]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_S = 2.0
 LEAD_IN_S = 0.3
-WATCHDOG_S = 600.0
-"""For a process that does not end; nothing is judged by it."""
 MODULES = {"recorder": "daemon.run.recorder", "loop": "daemon.run.loop_process", "worker": "daemon.jobs.worker"}
 
 

@@ -12,10 +12,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.watchdog import WATCHDOG_S
+
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
 
 
-def iiwa_ident(*words: object, stdin: str | None = None, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+def iiwa_ident(
+    *words: object, stdin: str | None = None, timeout: float = WATCHDOG_S
+) -> subprocess.CompletedProcess[str]:
     """Run `iiwa-ident` with the given words as a process of its own; returns what it printed and its exit code."""
     return subprocess.run(
         [*COMMAND, *map(str, words)], input=stdin, capture_output=True, text=True, timeout=timeout, check=False
@@ -50,4 +54,4 @@ def fake_robot(port: int, summary: Path, *options: object) -> Iterator[subproces
         yield process
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait(600)
+        process.wait(WATCHDOG_S)

@@ -17,6 +17,7 @@ from typing import Any
 from fixtures.fake_robot.server import FakeRobot
 from fri_client.loop.channel import Address
 from tests.end_to_end.wire_proxy import Direction
+from tests.watchdog import WATCHDOG_S
 
 __all__ = ["SimulatedWire"]
 
@@ -24,8 +25,6 @@ ROBOT: Address = ("robot", 30200)
 POLL_NS = 50_000_000
 """After so long without a message the loop's channel says that there is none, as the real one does."""
 EPOCH_S = 1_700_000_000.0
-WATCHDOG_S = 600.0
-"""Of real time, for a hang; nothing else is measured in it."""
 
 
 @dataclass

@@ -22,6 +22,7 @@ from rosbags.highlevel import AnyReader
 
 from identification.excitation import FourierTrajectory, default_trajectory
 from tests.end_to_end.processes import fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+from tests.watchdog import WATCHDOG_S
 
 PERIOD_S = 2.0
 SAMPLES = 2000
@@ -45,9 +46,9 @@ def messages(log: Path, topic: str) -> Iterator[Any]:
             yield message
 
 
-def wait_until(condition: Any, allowance_s: float = 60.0) -> None:
+def wait_until(condition: Any) -> None:
     """Poll until the condition holds; fails the test when it never does."""
-    for _ in range(int(allowance_s / 0.05)):
+    for _ in range(int(WATCHDOG_S / 0.05)):
         if condition():
             return
         time.sleep(0.05)
@@ -103,10 +104,10 @@ def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajecto
             "run", short_trajectory, "--periods", 3, "--bind", f"127.0.0.1:{port}", "--out", folder
         )
         status_file = folder / "worker_status.json"
-        wait_until(status_file.exists, 120)
+        wait_until(status_file.exists)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    wait_until(lambda: json.loads(status_file.read_text())["phase"] in ("done", "failed"), 120)
+    wait_until(lambda: json.loads(status_file.read_text())["phase"] in ("done", "failed"))
     assert json.loads(status_file.read_text())["phase"] == "done", status_file.read_text()
     model = json.loads((folder / "model.json").read_text())
     assert len(model["base_parameters"]) == 57
@@ -127,7 +128,7 @@ def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: P
                 process.send_signal(signal.SIGINT)
                 break
         lines += process.stdout.read().splitlines()
-        assert process.wait(600) in (1, 130), lines
+        assert process.wait(WATCHDOG_S) in (1, 130), lines
     outcome = json.loads((folder / "run.json").read_text())
     assert outcome["outcome"] == "stopped"
     assert outcome["loop"]["standstill_confirmed"]
@@ -153,7 +154,7 @@ def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Pat
         recorder = next(child for child in children if "daemon.run.recorder" in " ".join(child.cmdline()))
         recorder.kill()
         process.stdout.read()
-        assert process.wait(90) == 1
+        assert process.wait(WATCHDOG_S) == 1
     outcome = json.loads((folder / "run.json").read_text())
     assert outcome["loop"]["standstill_confirmed"]
     counters = [state.sequence_counter for state in messages(folder / "recording.mcap", "/fri/state")]

@@ -18,8 +18,7 @@ import psutil
 from daemon.investigate.account import Account, read_account
 from daemon.investigate.states import State
 from tests.end_to_end.processes import COMMAND, fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
-
-WATCHDOG_S = 300.0
+from tests.watchdog import WATCHDOG_S
 
 
 def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str] | None = None) -> None:

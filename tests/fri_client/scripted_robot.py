@@ -60,7 +60,7 @@ class Robot:
         self.codec = Codec(self.version)
         self.channel = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.channel.bind(("127.0.0.1", 0))
-        self.channel.settimeout(60.0)
+        self.channel.settimeout(600.0)
 
     def message(self, state: int, **changes: Any) -> MonitoringMessage:
         monitor = MonitorData(
@@ -152,7 +152,7 @@ class Robot:
                 else:
                     return True
         finally:
-            self.channel.settimeout(60.0)
+            self.channel.settimeout(600.0)
 
 
 class SteppedClock:
