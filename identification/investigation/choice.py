@@ -86,15 +86,18 @@ class Chooser:
         mass: on the flange when the next motion is driven.
         """
         layout = Layout.of(assessment.alive)
-        beside = assessment.discrepancies
-        parts = [sums_of(item, layout.forms, beside=beside) for item in assessment.evidences]
-        recorded = parts[0]
-        for part in parts[1:]:
-            recorded = recorded + part
         pairs = zip(evidences, assessment.evidences, strict=True)
         longest, inflated = max(pairs, key=lambda pair: pair[0].periods)
         noise = NoiseLevel.of(longest, inflated)
-        return cls(assessment, regressor, values, tuple(known), layout, recorded, noise, mass)
+        return cls(assessment, regressor, values, tuple(known), layout, _recorded(assessment, layout), noise, mass)
+
+    @cached_property
+    def thorough(self) -> Chooser:
+        """The same with every shape of the hypotheses' grids: slower, for what is promised. The diagnosis that a
+        forecast is held against gives a rival the shape that suits it best.
+        """
+        layout = Layout.of(self.assessment.alive, None)
+        return replace(self, layout=layout, recorded=_recorded(self.assessment, layout))
 
     def rows(self, experiment: Experiment, periods: int) -> PlannedRows:
         """Rows of a motion: settled findings among the nominal columns, misfit without a name among the noise."""
@@ -155,11 +158,12 @@ class Chooser:
             alike = [other for other in ordered if (other.kind, other.joint) == (one.kind, one.joint)]
             if len(alike) < ALIKE and len(ordered) < HANDED_ON:
                 ordered.append(one)
-        periods = self._enough(ordered[0], possible)
-        choices = tuple(Choice(one, periods, self.foretell(one, periods)) for one in ordered)
+        periods = self.thorough._enough(ordered[0], possible)
+        choices = [Choice(one, periods, self.thorough.foretell(one, periods)) for one in ordered]
+        choices.sort(key=lambda choice: -self._value(choice.forecast))
         alive = self.assessment.alive
         pairs = inseparable(alive, self.separated + best_gain)
-        return Design(choices, tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
+        return Design(tuple(choices), tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
 
     def _value(self, found: Forecast) -> float:
         """Chance of a name, and where that is none or all, how many nats are gained where they are fewest.
@@ -185,6 +189,12 @@ class Chooser:
         """Joints, from 0, of the hypotheses that are alive, the most probable first; all where none has a joint."""
         named = [item.place.joint - 1 for item in self.assessment.alive if item.place.joint is not None]
         return list(dict.fromkeys(named))[:3] or list(range(self.assessment.evidences[0].n))
+
+
+def _recorded(assessment: Assessment, layout: Layout) -> Sums:
+    """All recordings as one body of evidence."""
+    first, *others = (sums_of(item, layout.forms, beside=assessment.discrepancies) for item in assessment.evidences)
+    return sum(others, start=first)
 
 
 def lengths(seconds_left: float) -> tuple[int, ...]:

@@ -45,8 +45,8 @@ class Layout:
         return found
 
     @classmethod
-    def of(cls, hypotheses: Sequence[Hypothesis], shapes: int = 3) -> Layout:
-        """The best shape of each hypothesis and its neighbours on the grid."""
+    def of(cls, hypotheses: Sequence[Hypothesis], shapes: int | None = 3) -> Layout:
+        """The best shape of each hypothesis and so many of its neighbours on the grid; None: the whole grid."""
         forms: dict[Form, None] = {}
         for item in hypotheses:
             if item.best is None:

@@ -121,10 +121,28 @@ def scripted_chooser() -> Any:
     def foretell(experiment: Experiment, periods: int) -> Forecast:
         return Forecast(min(1.0, 0.01 * periods * float(np.ptp(experiment.table[:, 0]))), 0.0, None, np.zeros((1, 1)))
 
+    def thorough(experiment: Experiment, periods: int) -> Forecast:
+        found = foretell(experiment, periods)
+        return replace(found, probability=0.5 * found.probability)
+
     return SimpleNamespace(
         foretell=foretell, separated=np.zeros((1, 1)), assessment=SimpleNamespace(alive=(NOTHING,)),
-        _joints=lambda: [0], _value=lambda found: found.probability, _enough=lambda _, possible: possible[0],
+        thorough=SimpleNamespace(foretell=thorough, _enough=lambda _, possible: possible[0]),
+        _joints=lambda: [0], _value=lambda found: found.probability,
     )  # fmt: skip
+
+
+def test_what_is_promised_is_asked_of_every_shape_of_the_rivals() -> None:
+    """The search asks three shapes of each: a rival whose best one is another is told apart less than that says."""
+    place, grid = Place(1), np.geomspace(0.01, 1.0, 9)
+    forms = tuple(Form.of("stribeck_friction", place, {"stribeck_velocity": float(point)}) for point in grid)
+    rival = replace(NOTHING, effect="stribeck_friction", place=place, forms=forms, best=forms[0])
+    assert set(Layout.of([rival], None).forms) == set(forms)
+    assert len(Layout.of([rival]).forms) == 3
+    design = Chooser.choose(scripted_chooser(), np.random.default_rng(1), ROOM, 120.0)
+    for choice in design.choices:
+        swing = float(np.ptp(choice.experiment.table[:, 0]))
+        assert choice.forecast.probability == 0.5 * min(1.0, 0.01 * choice.periods * swing)
 
 
 def test_what_is_handed_to_the_preflight_is_not_all_alike() -> None:
