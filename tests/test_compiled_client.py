@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import threading
 from pathlib import Path
@@ -14,8 +13,9 @@ from benchmarks.compiled_client import compile_client, serve
 from fri_client.loop.channel import open_channel
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import Codec
+from tests.reference import golden_datagrams
 
-VECTORS: dict[str, Any] = json.loads((Path(__file__).parent / "data" / "fri_vectors.json").read_text())["versions"]
+VECTORS = golden_datagrams()
 
 
 @pytest.mark.parametrize("version", ["1.15", "2.5"])

@@ -19,8 +19,9 @@ POLL_S = 0.02
 
 
 class Supervision:
-    """supervisor: its process number, which a child is told when it is started. Asked by the child itself it came too
-    late for one whose supervisor was killed while the child was loading: it took its new parent for the supervisor.
+    """supervisor: its process number, which a child is told when it is started.
+
+    A child that asks for its parent once it has loaded may ask too late: a supervisor killed before has a successor.
     """
 
     def __init__(self, ring: HandoverRing, supervisor: int) -> None:

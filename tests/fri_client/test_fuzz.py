@@ -6,11 +6,9 @@ the tables under test). Where it accepts more than FRI does, the difference is n
 
 from __future__ import annotations
 
-import json
 import struct
 import zlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,8 +28,9 @@ from fri_client.errors import (
 )
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
 from fri_client.wire.codec import Codec
+from tests.reference import golden_datagrams
 
-VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
+VECTORS = golden_datagrams()
 SEED = 20240117
 DATAGRAMS_PER_CASE = 18_000
 BATCH = 500

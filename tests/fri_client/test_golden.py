@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import struct
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,8 +26,9 @@ from fri_client.errors import (
 )
 from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
 from fri_client.wire.codec import Codec
+from tests.reference import golden_datagrams
 
-VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
+VECTORS = golden_datagrams()
 GOLDEN = [
     pytest.param(version, direction, entry, id=f"{version}-{entry['name']}")
     for version, groups in VECTORS.items()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fri_client.wire.json_form import decode_line, encode_line
+from tests.reference import golden_datagrams
 
-VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
+VECTORS = golden_datagrams()
 CASES = [
     pytest.param(version, direction, entry, id=f"{version}-{entry['name']}")
     for version, groups in VECTORS.items()

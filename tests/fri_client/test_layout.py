@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from fri_client.messages import (
@@ -22,8 +18,9 @@ from fri_client.messages import (
 from fri_client.wire.codec import Codec
 from fri_client.wire.layout import LayoutBook
 from fri_client.wire.reader import GroupReader
+from tests.reference import golden_datagrams
 
-VECTORS: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "fri_vectors.json").read_text())["versions"]
+VECTORS = golden_datagrams()
 
 
 def golden_payloads(version: str) -> list[bytes]:

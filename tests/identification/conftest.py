@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +12,11 @@ import pytest
 from identification.base_parameters import BaseRegressor
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
+from tests.identification.synthetic import table_three
+from tests.reference import TABLES
 
 FloatArray = npt.NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
-
-TABLES = Path(__file__).parent / "data"
 
 
 def _rows(name: str) -> list[list[str]]:
@@ -44,11 +43,7 @@ def table2() -> dict[str, float]:
 @pytest.fixture(scope="session")
 def table3() -> PhysicalParameters:
     """The paper's Table 3: physical parameters."""
-    m, x, y, z, xx, xy, xz, yy, yz, zz, fv, fs = np.array(
-        [row[1:] for row in _rows("table3_physical_parameters.csv")], dtype=np.float64
-    )
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1).copy()
-    return PhysicalParameters(m, np.column_stack([x, y, z]), inertia, fv, fs)
+    return table_three()
 
 
 @pytest.fixture(scope="session")

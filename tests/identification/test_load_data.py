@@ -83,7 +83,7 @@ def test_a_few_samples_say_nothing(motion: tuple[RobotModel, FloatArray, FloatAr
 
 
 def test_a_real_cabinet_that_was_not_told_its_tool_is_found_out() -> None:
-    """The external torque of this recording is by itself a load of 0.79 to 0.83 kg (shared/recordings/README.md)."""
+    """The external torque of this recording is by itself a load of 0.79 to 0.83 kg (docs/real-recordings.md)."""
     robot = load_robot(recording_file("med7dock.urdf"))
     with np.load(recording_file("lbrmed7.npz")) as recording:
         q, external = recording["q"], recording["tau_ext"]
