@@ -12,14 +12,17 @@ STILL_RAD = 2e-7
 STILL_MESSAGES = 5
 """Messages in a row within STILL_RAD: at 1 ms, anything above 4e-5 rad/s moves."""
 
+_WRAP = 0xFFFFFFFF
+
 
 class IpoWatch:
     """`observe` each message in a commanding state; is_still after STILL_MESSAGES more that show the same position."""
 
-    __slots__ = ("_position", "_still", "moving_joint", "speed_rad_s")
+    __slots__ = ("_counter", "_position", "_still", "moving_joint", "speed_rad_s")
 
     def __init__(self) -> None:
         self._position: Sequence[float] = ()
+        self._counter = 0
         self._still = 0
         self.moving_joint = 0
         self.speed_rad_s = 0.0
@@ -30,10 +33,13 @@ class IpoWatch:
         self._still = 0
         self.moving_joint = 0
 
-    def observe(self, position: Sequence[float], period_s: float) -> None:
-        """Take the IPO position, rad, of a message that came period_s after the one before."""
+    def observe(self, position: Sequence[float], counter: int, period_s: float) -> None:
+        """Take the IPO position, rad, of the message with this counter; period_s: of the robot's messages.
+
+        Of several messages that come at once only the newest is seen: time is what the robot counted.
+        """
         if not self._position:
-            self._position = position
+            self._position, self._counter = position, counter
             return
         joint, step = max(
             enumerate((abs(now - then) for now, then in zip(position, self._position, strict=True)), start=1),
@@ -44,8 +50,9 @@ class IpoWatch:
             if self._still >= STILL_MESSAGES:
                 self.moving_joint = 0
             return
-        self.moving_joint, self.speed_rad_s = joint, step / ((self._still + 1) * period_s) if period_s else 0.0
-        self._position = position
+        elapsed_s = (counter - self._counter & _WRAP) * period_s
+        self.moving_joint, self.speed_rad_s = joint, step / elapsed_s if elapsed_s else 0.0
+        self._position, self._counter = position, counter
         self._still = 0
 
     @property

@@ -141,7 +141,7 @@ class Pilot:
         if session.drop is not None:
             return self._after_drop(measured, ipo.joint_position, pace)
         if not session.begun:
-            self._ipo.observe(ipo.joint_position, (session.send_period_ms or 0) * 1e-3 * (session.gap + 1))
+            self._ipo.observe(ipo.joint_position, message.header.sequence_counter, (session.send_period_ms or 0) * 1e-3)
             begins = self.motion.waits and not self._settings.monitor_only
             if not (begins and self._begin(message, measured, ipo.joint_position, may_move=usable)):
                 return self._mirror(ipo.joint_position, pace)
