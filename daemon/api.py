@@ -61,8 +61,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
     `amplitude` ALREADY applied (it is recorded, not applied again). trajectory_file: JSON of the trajectory behind the
     table. Files are absolute paths once `run_acquisition` has copied them into `out_dir`.
     lead_in_s: the last seconds of the period that are driven before the first recorded period, s.
-    receive_timeout_s: silence that counts as a lost session, s. start_timeout_s: longest wait for the first monitoring
-    message, s; command_timeout_s: longest wait from there to COMMANDING_ACTIVE, s.
+    receive_timeout_s: silence that counts as a lost session, s; None: 0.5 s, and 10 s where the robot's time is
+    simulated. start_timeout_s: longest wait for the first monitoring message, s; command_timeout_s: longest wait from
+    there to COMMANDING_ACTIVE, s.
     external_torque_limit: Nm per joint, |external torque| beyond it stops the motion; None = not watched. By default
     generous: a run that pushes against something ends, a quick motion with the right load data does not.
     maximum_distance_to_measured: rad, guard on |command − measured position|.
@@ -94,7 +95,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     bind_port: int = 30200
     robot_host: str | None = None
     fri_version: str = "1.15"
-    receive_timeout_s: float = 0.5
+    receive_timeout_s: float | None = None
     start_timeout_s: float = 30.0
     command_timeout_s: float = 60.0
     supervisor_timeout_s: float = 2.0
@@ -133,7 +134,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
                 raise ConfigurationError(f"'{host}' is no IPv4 address, such as 192.170.10.2.", field=field)
         for field in ("table_period_s", "receive_timeout_s", "start_timeout_s", "command_timeout_s"):
             value = getattr(self, field)
-            if not 0.0 < value < float("inf"):
+            if value is not None and not 0.0 < value < float("inf"):
                 raise ConfigurationError(f"{value} must be a positive number of seconds.", field=field)
         limits = self.external_torque_limit
         if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):

@@ -66,7 +66,7 @@ class FriSettings(_Section, frozen=True, kw_only=True):
     bind_port: int = 30200
     robot_host: str | None = None
     real_robot: bool = False
-    receive_timeout_s: float = 0.5
+    receive_timeout_s: float | None = None
     start_timeout_s: float = 30.0
     command_timeout_s: float = 60.0
 
@@ -239,7 +239,7 @@ def _check(config: DaemonConfig, file: str) -> None:
         raise refuse("fri.bind_port", f"{fri.bind_port} is not a UDP port (0 to 65535).")
     for name in ("receive_timeout_s", "start_timeout_s", "command_timeout_s"):
         value = getattr(fri, name)
-        if not 0.0 < value < float("inf"):
+        if value is not None and not 0.0 < value < float("inf"):
             raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
     if fri.robot_host is None and not config.is_simulation:
         raise refuse(

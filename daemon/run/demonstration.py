@@ -127,8 +127,6 @@ def record(
         heldout=heldout,
         seed=seed,
         simulation=True,
-        # In lockstep the robot waits for us; on a starved machine that may take a while without being a lost session.
-        receive_timeout_s=0.5 if realtime else 5.0,
     )
     summary = folder / "fake_robot.json"
     with fake_robot(

@@ -75,7 +75,7 @@ class Ending:
         session = self._session
         if session.counts.answered and session.state == _IDLE:
             return True
-        return now - session.last_fresh_ns > self._settings.receive_timeout_s * 1e9
+        return now - session.last_fresh_ns > self._settings.silence_s(simulated=session.clock.simulated) * 1e9
 
     def _was_ended(self) -> bool:
         """Whether a run that lasts until somebody ends it was ended so, after the first message."""

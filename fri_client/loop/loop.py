@@ -345,7 +345,7 @@ class FriLoop:
 
     def _judge_silence(self, now: int) -> None:
         session = self.session
-        limit = self._settings.receive_timeout_s
+        limit = self._settings.silence_s(simulated=session.clock.simulated)
         silence_ns = now - session.last_fresh_ns
         if not session.last_fresh_ns or silence_ns <= limit * 1e9:
             self._silence_told = False

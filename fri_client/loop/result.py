@@ -78,11 +78,17 @@ class SessionDropped(MotionEnded):
     """The robot left the commanding states."""
 
 
+SILENCE_S = 0.5
+SIMULATED_SILENCE_S = 10.0
+"""A robot that waits for each answer is silent for as long as a busy machine keeps its process waiting."""
+
+
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
     """Time-outs in s and whom to listen to.
 
-    receive_timeout_s: silence that drops a moving session. start_timeout_s: wait for the first message.
+    receive_timeout_s: silence that drops a moving session; None: see `silence_s`. start_timeout_s: wait for the first
+    message.
     command_timeout_s: from there to COMMANDING_ACTIVE, in the robot's own time where that is simulated.
     supervisor_timeout_s: age of the supervisor's heartbeat that stops the motion, 0: not watched. robot_host: the only
     address listened to; None: that of the first message. expected_period_s: command period the motion is prepared for
@@ -92,7 +98,7 @@ class LoopSettings:
     motion begins while the robot says that it is in T2 or AUT.
     """
 
-    receive_timeout_s: float = 0.5
+    receive_timeout_s: float | None = None
     start_timeout_s: float = 30.0
     command_timeout_s: float = 60.0
     supervisor_timeout_s: float = 2.0
@@ -102,6 +108,11 @@ class LoopSettings:
     fake_robot_only: bool = False
     monitor_only: bool = False
     test_mode_only: bool = False
+
+    def silence_s(self, *, simulated: bool) -> float:
+        """Wall-clock silence that drops a session. simulated: the robot's time is, so that it may pause unharmed."""
+        usual = SIMULATED_SILENCE_S if simulated else SILENCE_S
+        return usual if self.receive_timeout_s is None else self.receive_timeout_s
 
 
 @dataclass(slots=True)

@@ -61,7 +61,7 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         if case.wire is not None:
             port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
-        if robot is not None and ("start_timeout_s" in case.request or "receive_timeout_s" not in _patience(case)):
+        if robot is not None and ("start_timeout_s" in case.request or _is_about_silence(case)):
             _await_start(robot, folder)  # how long it takes to start is not what the case is about
         transcript, exit_code, left = _run(case, folder, robot)
         summary = _end_robot(robot, folder, _braking_s(case)) if robot is not None else {}
@@ -117,12 +117,15 @@ def _write_inputs(case: FaultCase, folder: Path, port: int) -> None:
 
 def _patience(case: FaultCase) -> dict[str, float]:
     """Time-outs of the client that the case is not about never end a run because the machine was busy elsewhere."""
-    lost = case.arm in ("held", "dropped") or any("no usable message" in words for words in case.says)
     held = (signal.SIGKILL, signal.SIGSTOP)
     supervised = not any("supervisor" in step.targets and step.number in held for step in case.steps)
-    return ({} if lost or case.wire is not None else {"receive_timeout_s": 10.0}) | (
-        {"supervisor_timeout_s": 60.0} if supervised else {}
-    )
+    silence = {"receive_timeout_s": 0.5 if _is_about_silence(case) else 10.0}
+    return silence | ({"supervisor_timeout_s": 60.0} if supervised else {})
+
+
+def _is_about_silence(case: FaultCase) -> bool:
+    said = any("no usable message" in words for words in case.says)
+    return said or case.arm in ("held", "dropped") or case.wire is not None
 
 
 def _waits(case: FaultCase) -> dict[str, float]:

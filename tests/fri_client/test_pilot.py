@@ -174,6 +174,25 @@ def test_a_run_for_the_fake_robot_moves_the_fake_robot() -> None:
         assert arm.loop.session.begun
 
 
+@pytest.mark.parametrize(
+    ("announcement", "limit_ms"),
+    [(None, 500), ("iiwa-ident fake robot", 500), ("iiwa-ident fake robot, lockstep", 10_000)],
+)
+@pytest.mark.parametrize("asked", [None, 0.2, 20.0])
+def test_a_robot_whose_time_is_simulated_may_pause_for_longer(
+    announcement: str | None, limit_ms: int, asked: float | None
+) -> None:
+    """A machine with twenty jobs held the robot's process up for half a second: "session dropped"."""
+    limit_ms = limit_ms if asked is None else round(1000 * asked)
+    with robot(receive_timeout_s=asked) as arm:
+        for _ in range(8):
+            arm.say(READY, announcement=announcement)
+        for pause_ms, silent in ((limit_ms - 1, False), (2, True)):
+            arm.clock.now += pause_ms * MS
+            arm.loop._idle(arm.clock.now)
+            assert arm.loop._silence_told is silent
+
+
 # In a motion, and after its session was lost.
 
 moves = st.tuples(
