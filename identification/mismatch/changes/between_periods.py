@@ -43,12 +43,12 @@ RESIDUE_MARGIN = 0.35
 @dataclass(frozen=True, slots=True)
 class BetweenPeriodsSettings:
     """false_alarm: chance per recording and family that a change is claimed where there is none, by the noise's theory,
-    which the best of each family on noise alone follows (docs/decisions/090).
+    which the best of each family on noise alone follows (docs/decisions/090): one of 500 diagnoses of five recordings.
 
     most_changes: how many are claimed at most in one recording.
     """
 
-    false_alarm: float = 1e-3
+    false_alarm: float = 1e-4
     most_changes: int = 5
 
 

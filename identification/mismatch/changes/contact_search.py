@@ -132,8 +132,8 @@ def _scan_windows(
             continue
         bump = np.where(motion.time < duration, np.sin(np.pi * motion.time / duration), 0.0)
         rows = contrasts.weight * to_lines(bump[:, None], lines)
-        ramps = turned(rows[None], contrasts.ramp[None], grid)[0]
-        norm = np.maximum((rows**2).sum(axis=0) - ramps**2, 1e-300) * keep
+        seams = (turned(rows[None], contrasts.seam.transpose(2, 0, 1), grid) ** 2).sum(axis=0)
+        norm = np.maximum((rows**2).sum(axis=0) - seams, 1e-300) * keep
         sizes = turned(rows[None], contrasts.z, grid) / np.sqrt(norm)
         gains = sizes**2
         by_link = np.cumsum(gains, axis=2)

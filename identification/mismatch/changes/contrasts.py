@@ -1,7 +1,8 @@
-"""The space of what differs between the periods of one recording: whitened, without their mean, without ramps.
+"""The space of what differs between the periods of one recording: whitened, without their mean and their seams.
 
-Noise that is not periodic ends a period elsewhere than it began; that leaves a ramp of its own in every period, whose
-lines are not independent. So one ramp per period and joint is given away.
+Noise that is not periodic ends a period elsewhere than it began. That leaves a jump of its own at every seam, which
+fades as fast as the noise forgets: within milliseconds, or by a ramp over the whole period. Its lines are not
+independent. So jumps that fade within any such time are given away, in each period and joint.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from identification.mismatch.noise import NEIGHBOURS_OF_LINE_ZERO
 
 FloatArray = npt.NDArray[np.float64]
 
+FORGETS_S = np.geomspace(0.003, 1.0, 6)
+"""Times within which noise forgets, so that a jump where a period ends fades; the ramp stands beside them."""
 LOWEST_HUM_HZ = 25.0
 """Below, the motion and the changes themselves have single lines."""
 HUM_OVER_NEIGHBOURS = 5.0
@@ -58,7 +61,8 @@ class Contrasts:
     """The whitened contrasts of one recording.
 
     z: (K, R, n) period rows over the standard deviation of one period's noise, less their mean over the periods and
-    each period's ramp. Rows that do not count are zero.
+    what may be a jump at each period's seam. seam: (R, n, m) the jumps that are given away, whitened, orthonormal.
+    Rows that do not count are zero.
     """
 
     def __init__(self, evidence: Evidence) -> None:
@@ -70,32 +74,20 @@ class Contrasts:
         counts = evidence.used & ~_hum(evidence)
         self.weight: FloatArray = np.where(counts, 1.0 / np.maximum(deviation, 1e-300), 0.0)
         self.weight /= np.sqrt(_unsteadiness(evidence, self.weight))
-        ramp = evidence.project(np.linspace(-1.0, 1.0, evidence.motion.samples)[:, None])[:, 0]
-        ramps = self.weight * ramp[:, None]
-        self._ramp: FloatArray = ramps / np.maximum(np.linalg.norm(ramps, axis=0), 1e-300)
+        self.seam: FloatArray = _seam(evidence, self.weight)
         self.z: FloatArray = self.whiten(evidence.period_torque[..., None], range(evidence.n))[..., 0]
         self._repeated: dict[tuple[str, Place, tuple[float, ...]], tuple[tuple[int, ...], FloatArray, FloatArray]] = {}
 
     def whiten(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
-        """(K, R, J, m) rows of every period → the same, whitened, without ramps and without their mean over K."""
-        chosen = list(joints)
-        ramp = self._ramp[:, chosen]
-        result = rows - rows.mean(axis=0)
-        result *= self.weight[:, chosen, None]
-        result -= ramp[:, :, None] * np.einsum("rj,krjm->kjm", ramp, result)[:, None]
-        return np.asarray(result, dtype=np.float64)
+        """(K, R, J, m) rows of every period → the same, whitened, without seams and without their mean over K."""
+        return self.whiten_repeated(rows - rows.mean(axis=0), joints)
 
     def whiten_repeated(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
-        """(R, J, m) rows of one period → whitened and without the ramp; for contrasts that only weight periods."""
+        """(…, R, J, m) rows of periods → whitened and without the seam; for contrasts that only weight periods."""
         chosen = list(joints)
-        ramp = self._ramp[:, chosen]
+        seam = self.seam[:, chosen]
         result = rows * self.weight[:, chosen, None]
-        return np.asarray(result - ramp[:, :, None] * np.einsum("rj,rjm->jm", ramp, result)[None], dtype=np.float64)
-
-    @property
-    def ramp(self) -> FloatArray:
-        """(R, n) the unit ramp that is given away, whitened."""
-        return self._ramp
+        return np.asarray(result - np.einsum("rjg,...jgm->...rjm", seam, np.einsum("rjg,...rjm->...jgm", seam, result)))
 
     def repeated(
         self, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float]
@@ -196,6 +188,18 @@ class Contrasts:
         others = self.evidence.noise_freedom[1::2, 0]
         per_line = np.concatenate([NEIGHBOURS_OF_LINE_ZERO * others[:1], others])
         return float(1.0 / ((lines / total) ** 2 / per_line[:, None]).sum())
+
+
+def _seam(evidence: Evidence, weight: FloatArray) -> FloatArray:
+    """(R, n, m) orthonormal whitened rows of a jump where a period ends, over FORGETS_S and over the whole period."""
+    time = evidence.motion.time[:, None]
+    length = evidence.motion.samples * evidence.motion.sampling_period_s
+    jumps = [
+        np.linspace(-1.0, 1.0, len(time))[:, None],
+        np.exp(-(length - time) / FORGETS_S) - np.exp(-time / FORGETS_S),
+    ]
+    rows = evidence.project(np.concatenate(jumps, axis=1))
+    return np.stack([np.linalg.qr(rows * own[:, None])[0] for own in weight.T], axis=1)
 
 
 def _unsteadiness(evidence: Evidence, weight: FloatArray) -> FloatArray:
