@@ -158,9 +158,10 @@ class Chooser:
             alike = [other for other in ordered if (other.kind, other.joint) == (one.kind, one.joint)]
             if len(alike) < ALIKE and len(ordered) < HANDED_ON:
                 ordered.append(one)
-        periods = self.thorough._enough(ordered[0], possible)
-        choices = [Choice(one, periods, self.thorough.foretell(one, periods)) for one in ordered]
-        choices.sort(key=lambda choice: -self._value(choice.forecast))
+        choices = self._promised(ordered, possible[0])
+        periods = self.thorough._enough(choices[0].experiment, possible)
+        if periods != possible[0]:
+            choices = self._promised(ordered, periods)
         alive = self.assessment.alive
         pairs = inseparable(alive, self.separated + best_gain)
         return Design(tuple(choices), tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
@@ -177,6 +178,11 @@ class Chooser:
         least = np.where(off, found.gain, np.inf).min(axis=1)
         chance = found.probability + found.named
         return chance + 0.05 * float(weights @ np.log1p(np.minimum(least, 1e6)))
+
+    def _promised(self, motions: Sequence[Experiment], periods: int) -> list[Choice]:
+        """What each motion would tell by every shape of the hypotheses, the best first."""
+        choices = [Choice(one, periods, self.thorough.foretell(one, periods)) for one in motions]
+        return sorted(choices, key=lambda choice: -self._value(choice.forecast))
 
     def _enough(self, experiment: Experiment, possible: Sequence[int]) -> int:
         """As many periods as are enough; few where none are: after them the next motion is chosen better."""

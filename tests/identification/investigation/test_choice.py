@@ -5,6 +5,7 @@ Truth: evidences by the full covariance of the rows, arithmetic, a motion's own 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -125,11 +126,13 @@ def scripted_chooser() -> Any:
         found = foretell(experiment, periods)
         return replace(found, probability=0.5 * found.probability)
 
-    return SimpleNamespace(
+    chooser = SimpleNamespace(
         foretell=foretell, separated=np.zeros((1, 1)), assessment=SimpleNamespace(alive=(NOTHING,)),
         thorough=SimpleNamespace(foretell=thorough, _enough=lambda _, possible: possible[0]),
         _joints=lambda: [0], _value=lambda found: found.probability,
     )  # fmt: skip
+    chooser._promised = lambda motions, periods: Chooser._promised(chooser, motions, periods)
+    return chooser
 
 
 def test_what_is_promised_is_asked_of_every_shape_of_the_rivals() -> None:
@@ -143,6 +146,24 @@ def test_what_is_promised_is_asked_of_every_shape_of_the_rivals() -> None:
     for choice in design.choices:
         swing = float(np.ptp(choice.experiment.table[:, 0]))
         assert choice.forecast.probability == 0.5 * min(1.0, 0.01 * choice.periods * swing)
+
+
+def test_periods_are_enough_for_the_motion_that_is_driven() -> None:
+    """Every shape of the rivals may put another motion first than the search did."""
+    chooser, asked = scripted_chooser(), []
+
+    def small_is_better(experiment: Experiment, periods: int) -> Forecast:
+        found = chooser.foretell(experiment, periods)
+        return replace(found, probability=1.0 - found.probability)
+
+    def enough(experiment: Experiment, possible: Sequence[int]) -> int:
+        asked.append(experiment)
+        return possible[-1]
+
+    chooser.thorough = SimpleNamespace(foretell=small_is_better, _enough=enough)
+    first, *others = Chooser.choose(chooser, np.random.default_rng(1), ROOM, 120.0).choices
+    assert asked == [first.experiment]
+    assert {choice.periods for choice in (first, *others)} == {lengths(120.0)[-1]}
 
 
 def test_what_is_handed_to_the_preflight_is_not_all_alike() -> None:
