@@ -14,6 +14,7 @@ from operator import le
 from fri_client.errors import CodecError
 from fri_client.messages import MonitoringMessage, SessionState
 from fri_client.motion.program import Foreseen, MotionProgram
+from fri_client.session.robot_counter import WRAP
 from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
 from fri_client.wire.frame import unframed
@@ -22,7 +23,6 @@ from fri_client.wire.primitives import varint
 
 __all__ = ["AnswerAhead"]
 
-_WRAP = 0xFFFFFFFF
 _ACTIVE = int(SessionState.COMMANDING_ACTIVE)
 _MOST_GLANCES = 256
 """Made in one run. A robot that shows ever new ones gains nothing by them, and each costs 0.2 ms."""
@@ -97,7 +97,7 @@ class AnswerAhead:
         ):
             foreseen = self.foreseen = motion.foresee()
             if foreseen is not None:
-                self.counter = (counter + 1) & _WRAP
+                self.counter = (counter + 1) & WRAP
                 self._counter_bytes = varint(self.counter) + _AFTER_COUNTER
                 self._command = self._codec.encode_position_command(
                     session.own_counter, self.counter, foreseen.judged.command

@@ -30,6 +30,7 @@ from typing import NamedTuple
 from fri_client.loop.channel import Address, Channel
 from fri_client.motion.re_entry import BRIDGED_S
 from fri_client.session.robot_clock import EARLY_NS, Moment, RobotClock
+from fri_client.session.robot_counter import WRAP
 from safety.guard import CommandGuard, Judged
 
 __all__ = ["CommandGate", "Pace"]
@@ -43,8 +44,6 @@ _LATE_APART = 0.8
 """Share of a period by which an answer to a late message leaves after the last one at least. That it reaches another
 cycle follows from where cycles begin alone, which forgeries may have told wrongly; a message that is not late was sent
 by the robot in its own cycle."""
-
-_WRAP = 0xFFFFFFFF
 
 _EDGE_NS = 600_000
 """What may be wrong in a time between two commands: how unevenly messages arrive."""
@@ -163,7 +162,7 @@ class CommandGate:
         if at_ns is None:
             return _FIRST
         cycle_ns, time_ns, counter, is_late = moment
-        if counter - self._at_counter & _WRAP < self._samples or cycle_ns - time_ns > EARLY_NS:
+        if counter - self._at_counter & WRAP < self._samples or cycle_ns - time_ns > EARLY_NS:
             return _TOO_EARLY
         clock, edge, bridged = self._clock, self._edge_ns, self._bridged_ns
         if clock.simulated:
@@ -211,7 +210,7 @@ class CommandGate:
         self._window = None
         if clock.simulated or not clock.is_settled or due_ns is None or at_ns is None or guard is None:
             return
-        if judged.generation != guard.generation or counter - self._at_counter & _WRAP < self._samples:
+        if judged.generation != guard.generation or counter - self._at_counter & WRAP < self._samples:
             return
         cycle_ns = clock.cycle_of(1, due_ns)
         if cycle_ns - self._latest_ns < self._apart_by_ns:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fri_client.session.robot_counter import WRAP
+
 __all__ = ["STILL_MESSAGES", "STILL_RAD", "IpoWatch"]
 
 STILL_RAD = 2e-7
@@ -11,8 +13,6 @@ STILL_RAD = 2e-7
 
 STILL_MESSAGES = 5
 """Messages in a row within STILL_RAD: at 1 ms, anything above 4e-5 rad/s moves."""
-
-_WRAP = 0xFFFFFFFF
 
 
 class IpoWatch:
@@ -50,7 +50,7 @@ class IpoWatch:
             if self._still >= STILL_MESSAGES:
                 self.moving_joint = 0
             return
-        elapsed_s = (counter - self._counter & _WRAP) * period_s
+        elapsed_s = (counter - self._counter & WRAP) * period_s
         self.moving_joint, self.speed_rad_s = joint, step / elapsed_s if elapsed_s else 0.0
         self._position, self._counter = position, counter
         self._still = 0

@@ -15,9 +15,10 @@ from array import array
 from enum import IntEnum
 from typing import Any
 
+from fri_client.session.robot_counter import WRAP
+
 __all__ = ["Arrival", "Histogram", "LinkStatistics"]
 
-_WRAP = 0xFFFFFFFF
 _HALF = 1 << 31
 _WINDOW = 64
 _WINDOW_MASK = (1 << _WINDOW) - 1
@@ -172,7 +173,7 @@ class LinkStatistics:
             self._newest_receive_ns = receive_ns
             self._seen = 1
             return Arrival.FRESH
-        ahead = (sequence_counter - self._newest) & _WRAP
+        ahead = (sequence_counter - self._newest) & WRAP
         if 0 < ahead < _HALF:
             self.missing += ahead - 1
             if period_ns:
@@ -182,7 +183,7 @@ class LinkStatistics:
             self._newest = sequence_counter
             self._newest_receive_ns = receive_ns
             return Arrival.FRESH
-        return self._observe_old((self._newest - sequence_counter) & _WRAP)
+        return self._observe_old((self._newest - sequence_counter) & WRAP)
 
     def _observe_old(self, behind: int) -> Arrival:
         if behind >= _WINDOW:

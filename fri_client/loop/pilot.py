@@ -31,6 +31,7 @@ from fri_client.loop.ipo_watch import STILL_RAD, IpoWatch
 from fri_client.loop.result import LoopSettings
 from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState, name_of
 from fri_client.motion.program import Foreseen, MotionProgram
+from fri_client.session.robot_counter import WRAP
 from fri_client.session.session import Session
 from safety.errors import SafetyError
 from safety.guard import Judged
@@ -40,7 +41,6 @@ __all__ = ["HEADER", "Answer", "Echo", "Pilot", "monitoring_echo"]
 _IDLE, _COMMANDING_WAIT, _ACTIVE = (
     int(state) for state in (SessionState.IDLE, SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE)
 )
-_WRAP = 0xFFFFFFFF
 
 LEFT_RUN = 10
 """Messages in a row in a monitoring state that prove that a robot which commanded has left: one may be damaged or
@@ -117,7 +117,7 @@ class Pilot:
 
     def is_labelled(self, counter: int) -> bool:
         """Whether the message of that counter belongs to the last command of the motion that went out."""
-        return self._advanced_at is not None and counter - self._advanced_at & _WRAP < self._prepared_for[1]
+        return self._advanced_at is not None and counter - self._advanced_at & WRAP < self._prepared_for[1]
 
     def decide(self, message: MonitoringMessage, *, usable: bool) -> Answer:
         """The answer to the newest message, which the session has just judged; usable: as a sample, too."""

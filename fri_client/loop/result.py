@@ -88,8 +88,7 @@ class LoopSettings:
     """Time-outs in s and whom to listen to.
 
     receive_timeout_s: silence that drops a moving session; None: see `silence_s`. start_timeout_s: wait for the first
-    message.
-    command_timeout_s: from there to COMMANDING_ACTIVE, in the robot's own time where that is simulated.
+    message. command_timeout_s: from there to COMMANDING_ACTIVE, in the robot's own time where that is simulated.
     supervisor_timeout_s: age of the supervisor's heartbeat that stops the motion, 0: not watched. robot_host: the only
     address listened to; None: that of the first message. expected_period_s: command period the motion is prepared for
     before the robot has said its own. fake_robot_only: no motion begins unless the robot says of itself that it is the

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["COUNTER_WINDOW", "RESTART_RUN", "Order", "RobotCounter"]
+__all__ = ["COUNTER_WINDOW", "RESTART_RUN", "WRAP", "Order", "RobotCounter"]
 
 COUNTER_WINDOW = 1000
 """A sequence counter further away than this from the last one (1 s at 1 kHz) is not believed from one message alone."""
@@ -18,7 +18,8 @@ RESTART_RUN = 10
 
 _HISTORY = 64
 _HISTORY_MASK = (1 << _HISTORY) - 1
-_WRAP = 0xFFFFFFFF
+WRAP = 0xFFFFFFFF
+"""Sequence counters go round after so many: differences are taken modulo 2³²."""
 
 
 class Order(IntEnum):
@@ -62,7 +63,7 @@ class RobotCounter:
 
     def steps(self, counter: int) -> int:
         """How far a counter is ahead of the newest; 0 where that means nothing."""
-        step = (counter - self.last) & _WRAP
+        step = (counter - self.last) & WRAP
         return step if self._synchronised and step <= COUNTER_WINDOW else 0
 
     def refuse(self, counter: int) -> None:
@@ -73,7 +74,7 @@ class RobotCounter:
 
     def judge(self, counter: int, *, in_time: bool = True) -> Order:
         """The order of one message; in_time: whether the robot can have counted so far by now (`robot_clock`)."""
-        step = (counter - self.last) & _WRAP
+        step = (counter - self.last) & WRAP
         if not self._synchronised:
             return self._start(counter, Order.NEXT)
         if 0 < step <= COUNTER_WINDOW and in_time:
@@ -85,14 +86,14 @@ class RobotCounter:
             self._probe_run = 0
             return Order.NEXT
         self.gap = 0
-        self._probe_run = self._probe_run + 1 if counter == (self._probe + 1) & _WRAP else 1
+        self._probe_run = self._probe_run + 1 if counter == (self._probe + 1) & WRAP else 1
         self._probe = counter
         if self._probe_run >= RESTART_RUN:
-            self.expected_before_restart = (self.last + 1) & _WRAP
+            self.expected_before_restart = (self.last + 1) & WRAP
             return self._start(counter, Order.RESTARTED)
         if 0 < step <= COUNTER_WINDOW:
             return Order.DOUBTFUL
-        back = -step & _WRAP
+        back = -step & WRAP
         if back > COUNTER_WINDOW:
             return Order.DOUBTFUL
         if back >= _HISTORY:

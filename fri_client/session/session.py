@@ -51,12 +51,11 @@ from fri_client.session.message_checks import (
 )
 from fri_client.session.refusal import Refusal
 from fri_client.session.robot_clock import Moment, RobotClock
-from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.session.robot_counter import WRAP, Order, RobotCounter
 from fri_client.session.session_drop import DropReason, SessionDrop
 
 __all__ = ["DropReason", "Session", "SessionCounts", "SessionDrop"]
 
-_WRAP = 0xFFFFFFFF
 _IDLE = int(SessionState.IDLE)
 _COMMANDING_WAIT = int(SessionState.COMMANDING_WAIT)
 _COMMANDING_ACTIVE = int(SessionState.COMMANDING_ACTIVE)
@@ -266,7 +265,7 @@ class Session:
 
     def sent(self) -> None:
         """The answer went out: the own counter moves on."""
-        self.own_counter = (self.own_counter + 1) & _WRAP
+        self.own_counter = (self.own_counter + 1) & WRAP
         self.counts.answered += 1
 
     def note_silence(self, silence_s: float, timeout_s: float) -> None:
