@@ -15,6 +15,7 @@ import queue
 import shutil
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -181,4 +182,4 @@ class JobStore:
         for job_id in ended[: max(0, len(ended) - MAXIMUM_KEPT)]:
             del self.jobs[job_id]
             folder = self.folder_of(job_id)
-            self._work.put(lambda folder=folder: shutil.rmtree(folder, ignore_errors=True))  # type: ignore[misc]
+            self._work.put(partial(shutil.rmtree, folder, ignore_errors=True))
