@@ -43,7 +43,8 @@ RESIDUE_MARGIN = 0.35
 @dataclass(frozen=True, slots=True)
 class BetweenPeriodsSettings:
     """false_alarm: chance per recording and family that a change is claimed where there is none, by the noise's theory,
-    which the best of each family on noise alone follows (docs/decisions/090): one of 500 diagnoses of five recordings.
+    one of 500 diagnoses of five recordings. On noise alone the best of each family follows it, but for a change of
+    payload in coloured noise, which comes several times as often (docs/decisions/090).
 
     most_changes: how many are claimed at most in one recording.
     """
