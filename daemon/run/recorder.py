@@ -132,7 +132,7 @@ class Recorder:
                 self._keep_safe(final=False)
                 self._tell()
                 if not records:
-                    if finished or self._is_abandoned():
+                    if finished or self.is_abandoned:
                         break
                     time.sleep(IDLE_SLEEP_S)
             return self._close()
@@ -281,7 +281,8 @@ class Recorder:
             statuses = diagnostics_of(self._ring, self._writer.samples)
             self._writer.write_diagnostics(statuses, self._job.request.robot, time.time_ns())
 
-    def _is_abandoned(self) -> bool:
+    @property
+    def is_abandoned(self) -> bool:
         """True when the supervisor is gone and the loop has been silent for ORPHAN_PATIENCE_S."""
         if not self._supervision.is_orphan:
             return False
@@ -386,9 +387,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
         with LiveBroadcast(job.request, ring, context) as live:
-            code = Recorder(job, ring, report, live, Supervision(ring, options.supervisor)).run()
-        if not ring.finished:
-            # Nobody else is left to say how the run ended.
+            recorder = Recorder(job, ring, report, live, Supervision(ring, options.supervisor))
+            code = recorder.run()
+        if not ring.finished and recorder.is_abandoned:
+            # Nobody else is left to say how the run ended. One that the disk refuses may leave others behind.
             loss = loop_report_without_loop(ring, None, "")
             leave_outcome(job.request, loss, EXIT_CODES[loss.outcome], writer="the recorder", ring=ring)
         return code

@@ -124,6 +124,31 @@ def test_a_disk_that_stays_full_is_reported_and_the_ring_keeps_the_rest(
     assert len(read_states(tmp_path / "recording.part1.mcap")) == 300
 
 
+def test_a_recorder_that_gives_up_while_its_supervisor_lives_leaves_the_account_to_it(
+    tmp_path: Path, ring: HandoverRing
+) -> None:
+    """The loop still drives its stop, which takes long on a busy machine: the ring is not finished."""
+    Producer(ring).push(300)
+    file = tmp_path / "job.json"
+    write_json(file, make_job(tmp_path))
+    code = (
+        "import os, sys; from daemon.log import stream; from daemon.run import recorder\n"
+        "recorder.DISK_PATIENCE_S = 0.1\n"
+        "begin = recorder.Recorder.run\n"
+        "def refuse(*_): raise OSError(28, 'No space left on device')\n"
+        "def run(self): stream.os.pwrite = refuse; return begin(self)\n"
+        "recorder.Recorder.run = run; sys.exit(recorder.main(sys.argv[1:]))"
+    )
+    options = ["--request", str(file), "--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())]
+    process = subprocess.run(
+        [sys.executable, "-c", code, *options],
+        pass_fds=(ring.fd,), cwd=REPOSITORY, capture_output=True, check=False, timeout=WATCHDOG_S,
+    )  # fmt: skip
+    assert process.returncode == 74, process.stderr
+    assert not (tmp_path / "run.json").exists()
+    assert ring.backlog == 300
+
+
 def test_a_disk_without_room_for_the_reserve_is_said_before_anything_moves(tmp_path: Path, ring: HandoverRing) -> None:
     """A limit on file size set by the kernel for a real process: the reserve cannot be allocated."""
     Producer(ring).push(10)
