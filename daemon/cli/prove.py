@@ -103,7 +103,8 @@ def _close_the_loop(seed: int, indices: range, json_file: Path | None, pages: Pa
         write_json(json_file, plain({"format": FORMAT, "closed_loop": True, "seed": seed, **summary}))
     if wants_json_on_stdout(json_file):
         return
-    table = Table("group", "motions", "named rightly", "leader right", "wrong names", "s of motion", "limits broken")
+    titles = ("named rightly", "leader right", "pair told apart", "wrong names", "s of motion", "limits broken")
+    table = Table("group", "motions", *titles)
     for row in loop_rows(summary):
         table.add_row(*row)
     show_table(table)

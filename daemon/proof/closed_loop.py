@@ -46,6 +46,8 @@ Arm = Literal["chosen", "random", "repeated"]
 ARMS: tuple[Arm, ...] = ("chosen", "random", "repeated")
 FURTHER_S = 120.0
 _ONE_MOTION = 4
+TOLD_APART = 100.0
+"""Odds at which one of a pair is out, as they let a name stand alone (docs/mismatch.md)."""
 MASS_KG, MASS_PLACE_M = 2.0, (0.02, 0.0, 0.05)
 Tell = Callable[[str], None]
 
@@ -55,14 +57,16 @@ class Answer:
     """What one arm says in the end. named: the hidden effect, alone, with its joint; where no motion tells, the right
     answer after the action that was asked for. wrong: names and answers that are not true.
 
-    leader_right: whether the leading hypothesis stands out and is the hidden effect. seconds: of motion after the first
-    two recordings. limits_broken: at the robot's side, over all its motions.
+    leader_right: whether the leading hypothesis stands out and is the hidden effect. told_apart: whether the form that
+    looks like the hidden one is out, so that the pair is settled, with or without a name; None where there is no pair.
+    seconds: of motion after the first two recordings. limits_broken: at the robot's side, over all its motions.
     """
 
     arm: Arm
     named: bool
     wrong: tuple[str, ...]
     leader_right: bool
+    told_apart: bool | None
     seconds: float
     state: str
     limits_broken: int
@@ -254,7 +258,8 @@ def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], bro
         told = {item.answer for item in account.told if item.settled}
         named = label["answer"] in told
         wrong += tuple(f"{item} for {label['answer']}" for item in sorted(told - {label["answer"]}))
-    return Answer(arm, named and not wrong, wrong, _leads(step, label), used, account.state.value, broken)
+    apart = _told_apart(step, label) if label.get("rival") else None
+    return Answer(arm, named and not wrong, wrong, _leads(step, label), apart, used, account.state.value, broken)
 
 
 def _leads(step: Step, label: dict[str, Any]) -> bool:
@@ -266,6 +271,20 @@ def _leads(step: Step, label: dict[str, Any]) -> bool:
     leader = (step.alive[0].effect, step.alive[0].joint)
     seen = known | ({leader} if step.stands_out else set())
     return all(any(effect in names and joint == place for effect, place in seen) for names, joint in truths)
+
+
+def _told_apart(step: Step, label: dict[str, Any]) -> bool:
+    """Whether the hidden form has its name, or may be there, 100 times as likely as the one that looks like it."""
+    (truth,), rival = label["effects"], label["rival"]
+    names, joint = set(truth["acceptable"]) | {truth["effect"]}, truth["joint"]
+    said = [item for item in step.findings if item.joint == joint]
+    if any(rival in (item.effect, *item.alternatives) for item in said):
+        return False
+    right, wrong = (
+        max((item.probability for item in step.alive if item.joint == joint and item.effect in ours), default=0.0)
+        for ours in (names, {rival})
+    )
+    return any(item.effect in names for item in said) or (right > 0.0 and right >= TOLD_APART * wrong)
 
 
 def forecasts_of(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:

@@ -24,7 +24,9 @@ def _answers(cases: Sequence[LoopCase], arm: str) -> list[Answer]:
 
 
 def loop_summary(cases: Sequence[LoopCase]) -> dict[str, Any]:
-    """Per group and arm: named rightly, the leading hypothesis right, wrong names, seconds of motion; forecasts."""
+    """Per group and arm: named rightly, leading hypothesis right, pairs told apart, wrong names, seconds of motion;
+    forecasts.
+    """
     found: dict[str, Any] = {"cases": len(cases)}
     for group in (*GROUPS, "all"):
         members = [case for case in cases if group in ("all", case.label["group"])]
@@ -37,6 +39,7 @@ def loop_summary(cases: Sequence[LoopCase]) -> dict[str, Any]:
                 found[group][arm] = {
                     "named": rate(answer.named for answer in answers),
                     "leader_right": rate(answer.leader_right for answer in answers),
+                    "told_apart": rate(answer.told_apart for answer in answers if answer.told_apart is not None),
                     "wrong_names": rate(bool(answer.wrong) for answer in answers),
                     "seconds_mean": sum(answer.seconds for answer in answers) / len(answers),
                     "limits_broken": sum(answer.limits_broken for answer in answers),
@@ -51,17 +54,18 @@ def loop_summary(cases: Sequence[LoopCase]) -> dict[str, Any]:
 
 
 def loop_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """A row for each group and arm: cases, named, leader right, wrong names, mean seconds, limits broken."""
+    """A row for each group and arm: named, leader right, told apart, wrong names, mean seconds, limits broken."""
     rows: list[tuple[str, ...]] = []
     for group in (*GROUPS, "all"):
         for arm in ("before", *ARMS):
             part = summary.get(group, {}).get(arm)
             if part is None:
                 continue
-            named, leader, wrong = (
-                f"{part[name].hits} of {part[name].count}" for name in ("named", "leader_right", "wrong_names")
+            shares = (
+                f"{part[name].hits} of {part[name].count}" if part[name].count else "–"
+                for name in ("named", "leader_right", "told_apart", "wrong_names")
             )
-            rows.append((group, arm, named, leader, wrong, f"{part['seconds_mean']:.0f}", str(part["limits_broken"])))
+            rows.append((group, arm, *shares, f"{part['seconds_mean']:.0f}", str(part["limits_broken"])))
     return rows
 
 

@@ -50,6 +50,29 @@ def test_an_answer_is_judged_by_the_label(known: Step, named: bool, leader_right
     assert (answer.named, answer.leader_right, answer.wrong) == (named, leader_right, wrong)
 
 
+@pytest.mark.parametrize(
+    ("findings", "chances", "apart"),
+    [
+        ((), {"cable_spring": 0.4, "torque_offset": 0.004}, True),
+        ((), {"cable_spring": 0.4, "torque_offset": 0.005}, False),
+        ((), {"cable_spring": 0.4}, True),
+        ((), {}, False),
+        ((), {"torque_offset": 0.9}, False),
+        ((SPRING,), {}, True),
+        ((OPEN,), {"cable_spring": 1.0}, False),
+    ],
+)
+def test_a_pair_is_told_apart_where_the_other_one_is_out_with_or_without_a_name(
+    findings: tuple[Named, ...], chances: dict[str, float], apart: bool
+) -> None:
+    alive = [Alive(name="", effect=name, joint=2, probability=share, log_odds=0.0) for name, share in chances.items()]
+    elsewhere = Alive(name="", effect="torque_offset", joint=3, probability=0.5, log_odds=0.0)
+    known = msgspec.structs.replace(step(*findings), alive=(*alive, elsewhere))
+    label = {**LABEL, "rival": "torque_offset"}
+    assert answer_of("chosen", ACCOUNT, known, label, 0).told_apart is apart
+    assert answer_of("chosen", ACCOUNT, known, LABEL, 0).told_apart is None
+
+
 def test_where_nothing_is_hidden_silence_is_right() -> None:
     label = {"group": "nothing", "effects": []}
     assert answer_of("chosen", ACCOUNT, step(), label, 0).leader_right
@@ -144,14 +167,14 @@ def test_reliability_and_rows_are_counted() -> None:
     assert low == ("50 to 80 %", 2, pytest.approx(0.6), 0.5)
     assert high[1] == 3
     assert high[3] == pytest.approx(2 / 3)
-    before = Answer("chosen", False, (), False, 0.0, "", 0)
+    before = Answer("chosen", False, (), False, None, 0.0, "", 0)
     answers = (
-        Answer("chosen", True, (), True, 40.0, "settled", 0),
-        Answer("random", False, ("x",), False, 120.0, "", 1),
+        Answer("chosen", True, (), True, True, 40.0, "settled", 0),
+        Answer("random", False, ("x",), False, False, 120.0, "", 1),
     )
     summary = loop_summary([LoopCase(0, "", LABEL, before, answers, forecasts)])
     rows = {(row[0], row[1]): row[2:] for row in loop_rows(summary)}
-    assert rows["confusable", "chosen"] == ("1 of 1", "1 of 1", "0 of 1", "40", "0")
-    assert rows["confusable", "random"] == ("0 of 1", "0 of 1", "1 of 1", "120", "1")
-    assert rows["all", "before"][0] == "0 of 1"
+    assert rows["confusable", "chosen"] == ("1 of 1", "1 of 1", "1 of 1", "0 of 1", "40", "0")
+    assert rows["confusable", "random"] == ("0 of 1", "0 of 1", "0 of 1", "1 of 1", "120", "1")
+    assert rows["all", "before"][:3] == ("0 of 1", "0 of 1", "–")
     assert len(reliability_rows(summary)) == 2
