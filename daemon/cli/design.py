@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from daemon.motion.clearance import Room
     from identification.excitation import FourierTrajectory, Trajectory
     from identification.excitation.design import DesignProgress
     from identification.excitation.effect_report import ShownEffect
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from identification.excitation.prediction import NoiseColour, PredictedDeviations
     from identification.physical_parameters import PhysicalParameters
     from identification.robots import RobotModel
+    from identification.robots.installation import Installation
 
     FloatArray = npt.NDArray[np.float64]
 
@@ -97,8 +99,6 @@ def design(
     """
     import numpy as np
 
-    from daemon.motion.clearance import room_of, safe_in
-    from daemon.motion.workspace import load_surroundings
     from identification.excitation import limits_of_robot
     from identification.excitation.design import design_excitation
     from identification.excitation.local_search import DesignSettings
@@ -120,22 +120,14 @@ def design(
     has_shape = model.name in BUILT_IN_ROBOTS
     if not has_shape and (workspace is not None or start is not None):
         raise typer.BadParameter(f"--workspace and --from need the shape of the arm, and {robot} has none here.")
-    acceptable: Callable[[Trajectory], bool] | None = None
-    room = None
+    acceptable, room = None, None
     if has_shape:
-        around = load_surroundings(model.name, workspace)
-        pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
-        acceptable = safe_in(around, model.name, pose, stand)
-        if workspace is not None or start is not None:
-            room = room_of(around, pose, period)
+        acceptable, room = _surroundings(model, stand, workspace, start, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     if reference is not None:
         motion = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
         document = _write(motion, target, table)
-        if json_file is not None:
-            write_json(json_file, document)
-        if not wants_json_on_stdout(json_file):
-            data(f"Reference motion '{reference}' of {motion.period_s:g} s for {model.name} written to {target}")
+        _say_reference(document, f"'{reference}' of {motion.period_s:g} s for {model.name}", target, json_file)
         return
     colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
     noise_nm = None
@@ -175,12 +167,29 @@ def design(
     if room is not None:
         _show_price_of_the_cell(model, motion, promise.predicted, colour)
     show_verified(result.verified)
-    if for_payload:
-        _show_weighed(promise.weighed, motion.period_s)
-    else:
-        _show_predicted(promise.predicted, model.units)
-    if promise.effects:
-        _show_effects(promise.effects, periods)
+    _show_promise(promise, model.units, motion.period_s, periods)
+
+
+def _surroundings(
+    model: RobotModel, stand: Installation, workspace: Path | None, start: str | None, period_s: float
+) -> tuple[Callable[[Trajectory], bool], Room | None]:
+    """Whether a built-in arm keeps clear of all around it, and the room to begin in where any was told."""
+    import numpy as np
+
+    from daemon.motion.clearance import room_of, safe_in
+    from daemon.motion.workspace import load_surroundings
+
+    around = load_surroundings(model.name, workspace)
+    pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
+    told = workspace is not None or start is not None
+    return safe_in(around, model.name, pose, stand), room_of(around, pose, period_s) if told else None
+
+
+def _say_reference(document: dict[str, Any], motion: str, target: Path, json_file: Path | None) -> None:
+    if json_file is not None:
+        write_json(json_file, document)
+    if not wants_json_on_stdout(json_file):
+        data(f"Reference motion {motion} written to {target}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +233,15 @@ def _promise(
     predicted = predict_deviations(regressor, motion, noise_nm=noise_nm, periods=periods, colour=colour)
     effects = () if nominal is None else effects_shown(regressor, motion, nominal, noise_nm, periods, colour)
     return _Promise(predicted, effects, {})
+
+
+def _show_promise(promise: _Promise, units: Sequence[str], seconds: float, periods: int) -> None:
+    if promise.weighed:
+        _show_weighed(promise.weighed, seconds)
+    else:
+        _show_predicted(promise.predicted, units)
+    if promise.effects:
+        _show_effects(promise.effects, periods)
 
 
 def _show_price_of_the_cell(

@@ -33,6 +33,7 @@ from identification.mismatch.changes.repeated_contact import (
 )
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
+from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis, Verdict
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.nominal import (
@@ -128,9 +129,7 @@ def diagnose(
     refuse_followers(robot, "diagnose")
     recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
-    split = None
-    if not heldout and not any(recording.repeats for recording in recordings):
-        split = default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)
+    split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)
     audited = None if model is None else _audited(recordings, robot, model)
     report("nominal model", 0.02)
@@ -155,38 +154,22 @@ def diagnose(
     inactive = now.library.candidates()[1]
     now = _with_push(now, unseen_by, settings)
     now = _with_drift(now, {item.joint for item in refused}, settings)
-    problem, result = now.problem, now.result
     report("held-out check", 0.8)
-    unseen = unseen_by(now.regressor, problem, result.trial)
+    unseen = unseen_by(now.regressor, now.problem, now.result.trial)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
     dependence = find_dependence(now.fitted, unseen) if physics else None
-    claims = build_findings(problem, result.library, result, now.fitted, unseen, settings, dependence)
+    claims = build_findings(now.problem, now.result.library, now.result, now.fitted, unseen, settings, dependence)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
-    chance = result.before.power.probability.min(axis=1) if problem.noise_is_measured else _predicted_by_chance(claims)
-    found = chance < settings.consistency_probability
-    diagnosis = summarise(
-        problem,
-        result.library,
-        result,
-        inactive,
-        claims,
-        _baseline(nominal, plain, found, claims, problem.noise_is_measured),
-        now.fitted,
-        unseen,
-        rows.faults,
-        nominal,
-        after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm,
-        settings,
-    )
+    diagnosis = _summarised(now, unseen, claims, nominal, plain, inactive, rows.faults, settings)
     if given is not None:
         compared = compare_model(
-            *given, now.fitted.evidences, problem, claims.extension, claims.after, plain.rms_nm, now.regressor
+            *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
         diagnosis = _with_model(diagnosis, compared, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if dependence is not None:
-        judgement = judge(dependence, now.fitted, unseen, claims, problem, result.candidates)
+        judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
         diagnosis = with_changes(_with_classes(diagnosis, judgement), refused)
     if audited is None and rows.fit is not None and diagnosis.heldout is not None:
         other = _other_set_up(diagnosis, rows.fit, rows.fitted, rows.unseen, robot)
@@ -215,6 +198,37 @@ def _examined(
     if any(item is not given for item, given in zip(to_fit, recordings, strict=True)):
         fit = nominal_fit(to_fit, robot, settings)
     return Examined(to_fit, to_check, fit, tuple(chain(*faults)), any(map(stops_physics, faults[:count])))
+
+
+def _split_of(
+    recordings: Sequence[Recording], heldout: Sequence[Recording], settings: DiagnosisSettings
+) -> Split | None:
+    """Which rows are held out where neither other recordings are nor periods tell the noise."""
+    if heldout or any(recording.repeats for recording in recordings):
+        return None
+    return default_split(recordings, settings) if settings.split is None else Split.parse(settings.split)
+
+
+def _summarised(
+    now: Explained,
+    unseen: Prepared | None,
+    claims: Claims,
+    nominal: Nominal,
+    plain: Residuals,
+    inactive: Sequence[tuple[Effect, Place]],
+    faults: tuple[DataFault, ...],
+    settings: DiagnosisSettings,
+) -> Diagnosis:
+    """All that is said beside the findings. plain: what the nominal model leaves. inactive: effects without torque."""
+    measured = now.problem.noise_is_measured
+    chance = now.result.before.power.probability.min(axis=1) if measured else _predicted_by_chance(claims)
+    found = chance < settings.consistency_probability
+    after = after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm
+    baseline = _baseline(nominal, plain, found, claims, measured)
+    library, fitted = now.result.library, now.fitted
+    return summarise(
+        now.problem, library, now.result, inactive, claims, baseline, fitted, unseen, faults, nominal, after, settings
+    )
 
 
 def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit | None) -> Diagnosis:
