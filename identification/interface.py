@@ -171,7 +171,7 @@ class Answer(_Printed):
             verdict_sentence(result),
             *(fault.sentence for fault in result.data_faults),
             *(finding.sentence for finding in result.findings),
-            *(claim.sentence for claim in result.classes),
+            *(claim.sentence for claim in result.unnamed),
             result.remaining,
         )
         return Table(

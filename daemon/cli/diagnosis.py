@@ -50,6 +50,7 @@ NOT_MEASURED = (
     "RMS by joint, is noise cannot be told. Effects near the noise cannot be found, nor what changes from period to "
     "period (drift, pushes)."
 )
+WITHOUT_NAME = "Unexplained: there is a mismatch without a name. What the torque depends on is said instead."
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 NAMED = "What differs between the recordings stands above, under Set-up; the model itself is not in question."
 SETTLED = "Explained: the recordings differ by what is named here, and with that put in nothing but noise remains."
@@ -163,6 +164,8 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
         data(f"{number}. {finding.sentence}")
         for line in finding_lines(finding, diagnosis.torque_units):
             data(f"   {line}")
+    for claim in diagnosis.unnamed:
+        data(claim.sentence)
     for line in one_a_line(remaining):
         data(line)
     show_table(joint_table(diagnosis))
@@ -195,6 +198,8 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
         sentence = f"{SETTLED} {NAMED}"
     elif diagnosis.verdict == "unexplained" and not baseline.detected.any():
         sentence = f"{DISAGREE} {NAMED}" if named else DISAGREE
+    elif diagnosis.verdict == "unexplained" and diagnosis.unnamed:
+        sentence = WITHOUT_NAME
     elif differs:
         sentence += " The held-out recordings disagree with the fitted ones."
     if any(item.effect == "payload" for item in named):

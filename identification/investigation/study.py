@@ -81,11 +81,10 @@ class Study:
     @property
     def answer(self) -> str:
         """What is known, in one sentence."""
-        found = [finding.sentence for finding in self.diagnosis.findings]
-        if found:
-            return " ".join(found)
-        if self.diagnosis.classes:
-            return " ".join(item.sentence for item in self.diagnosis.classes)
+        said = [item.sentence for item in self.diagnosis.findings]
+        said += [item.sentence for item in self.diagnosis.unnamed]
+        if said:
+            return " ".join(said)
         if self.diagnosis.verdict == "no_mismatch":
             return "No effect of the library stands out from the nominal model and its noise."
         return "More is left than noise explains, and no effect of the library stands out from it."
@@ -263,7 +262,7 @@ def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question
         )
     settled = {item.place.joint for item in diagnosis.findings}
     near = [item for item in assessment.alive if item.effect is not None and item.place.joint not in settled]
-    for claim in diagnosis.classes:
+    for claim in diagnosis.unnamed:
         forms = [item.name for item in near if item.place.joint == claim.joint]
         if not found and forms and claim.joint not in settled:
             found.append(Question(f"{forms[0].capitalize()}, or a torque of joint {claim.joint} without such a form?"))

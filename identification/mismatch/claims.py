@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,7 @@ from identification.mismatch.figures import Curve
 from identification.mismatch.findings import Alternative, Finding
 from identification.mismatch.heldout import Residuals, share_removed, worsened
 from identification.mismatch.names.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
-from identification.mismatch.names.earned import earned
+from identification.mismatch.names.earned import earned, held_beside_names
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.tenable import recurring, tenable
 from identification.mismatch.names.verdict import (
@@ -53,7 +53,7 @@ class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
     heldout_searched: with all that the search found, also what may not be named.
-
+    beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     """
 
@@ -66,6 +66,7 @@ class Claims:
     heldout_after: Residuals | None
     heldout_searched: Residuals | None
     remarks: tuple[str, ...]
+    beside: Mapping[int, frozenset[str]] = field(default_factory=dict)
 
 
 def build_findings(
@@ -108,6 +109,7 @@ def build_findings(
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
+        {} if dependence is None else held_beside_names(exam, trial, dependence),
     )  # fmt: skip
 
 

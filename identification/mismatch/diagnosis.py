@@ -34,7 +34,7 @@ from identification.mismatch.changes.repeated_contact import (
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
 from identification.mismatch.effects.base import Effect, Place
-from identification.mismatch.findings import Baseline, DataFault, Diagnosis, Verdict
+from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.nominal import (
     Nominal,
@@ -57,8 +57,8 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.dependence import find_dependence
-from identification.mismatch.unknown.judgement import Judgement, judge
-from identification.mismatch.unknown.over_time import Refused, earned_over_time
+from identification.mismatch.unknown.judgement import judge
+from identification.mismatch.unknown.over_time import changing, earned_over_time
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.model_file import Model
 from identification.recordings.independence import recording_names, refuse_shared_samples
@@ -161,16 +161,20 @@ def diagnose(
     claims = build_findings(now.problem, now.result.library, now.result, now.fitted, unseen, settings, dependence)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
-    diagnosis = _summarised(now, unseen, claims, nominal, plain, inactive, rows.faults, settings)
+    judgement = None
+    if dependence is not None:
+        judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
+    classes = () if judgement is None else (*judgement.claims, *changing(refused))
+    diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, inactive, rows.faults, settings)
     if given is not None:
         compared = compare_model(
             *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
         diagnosis = _with_model(diagnosis, compared, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
-    if dependence is not None:
-        judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
-        diagnosis = with_changes(_with_classes(diagnosis, judgement), refused)
+    if judgement is not None:
+        notes = (*diagnosis.notes, *judgement.notes)
+        diagnosis = replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
     if audited is None and rows.fit is not None and diagnosis.heldout is not None:
         other = _other_set_up(diagnosis, rows.fit, rows.fitted, rows.unseen, robot)
         diagnosis = settled(replace(diagnosis, audit=other))
@@ -213,6 +217,7 @@ def _summarised(
     now: Explained,
     unseen: Prepared | None,
     claims: Claims,
+    classes: tuple[ClassClaim, ...],
     nominal: Nominal,
     plain: Residuals,
     inactive: Sequence[tuple[Effect, Place]],
@@ -224,11 +229,11 @@ def _summarised(
     chance = now.result.before.power.probability.min(axis=1) if measured else _predicted_by_chance(claims)
     found = chance < settings.consistency_probability
     after = after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm
-    baseline = _baseline(nominal, plain, found, claims, measured)
-    library, fitted = now.result.library, now.fitted
+    baseline = _baseline(nominal, plain, found, claims, classes, measured)
     return summarise(
-        now.problem, library, now.result, inactive, claims, baseline, fitted, unseen, faults, nominal, after, settings
-    )
+        now.problem, now.result, inactive, claims, classes, baseline, now.fitted, unseen, faults, nominal, after,
+        settings,
+    )  # fmt: skip
 
 
 def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit | None) -> Diagnosis:
@@ -239,40 +244,12 @@ def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit 
     return replace(diagnosis, model_comparison=compared, notes=notes, audit=audited)
 
 
-def _with_classes(diagnosis: Diagnosis, judgement: Judgement) -> Diagnosis:
-    """With the classes of what no name explains, their model, and whether it is offered."""
-    return replace(
-        diagnosis,
-        classes=judgement.claims,
-        class_model=judgement.model,
-        offer=judgement.offer,
-        notes=(*diagnosis.notes, *judgement.notes),
-    )
-
-
 def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit | None:
     """What in the set-up differs from the model; None where the recordings are too short to be asked."""
     try:
         return audit(recordings, robot, model, called)
     except RecordingError:
         return None
-
-
-def with_changes(diagnosis: Diagnosis, refused: Sequence[Refused]) -> Diagnosis:
-    """With a class for each joint whose torque changes over the recording without a name: that is no mere noise."""
-    found: dict[int, ClassClaim] = {}
-    for claim in filter(None, (item.claim for item in refused)):
-        found[claim.joint] = max(found.get(claim.joint, claim), claim, key=lambda item: item.significance)
-    if not found:
-        return diagnosis
-    verdict: Verdict = "partly_explained" if diagnosis.findings else "unexplained"
-    known = "" if diagnosis.verdict in ("no_mismatch", "explained") else f"{diagnosis.remaining} "
-    return replace(
-        diagnosis,
-        verdict=verdict,
-        classes=(*diagnosis.classes, *found.values()),
-        remaining=known + " ".join(claim.sentence for claim in found.values()),
-    )
 
 
 def _other_set_up(
@@ -303,7 +280,11 @@ def settled(diagnosis: Diagnosis) -> Diagnosis:
     audit, heldout = diagnosis.audit, diagnosis.heldout
     if audit is None or heldout is None or not (audit.verdict == "named" and audit.holds):
         return diagnosis
-    stays = bool(diagnosis.curves or diagnosis.classes) or not all(item.differs for item in heldout.misfits)
+    stays = (
+        bool(diagnosis.curves)
+        or not all(item.named for item in diagnosis.classes)
+        or not all(item.differs for item in heldout.misfits)
+    )
     unnamed = not diagnosis.findings and bool(diagnosis.baseline.detected.any())
     if stays or unnamed or diagnosis.verdict not in ("unexplained", "partly_explained"):
         return diagnosis
@@ -373,16 +354,18 @@ def _predicted_by_chance(claims: Claims) -> FloatArray:
     return np.asarray(fisher.sf(ratio, before.freedom, after.freedom), dtype=np.float64)
 
 
-def _baseline(nominal: Nominal, left: Residuals, found: BoolArray, claims: Claims, measured: bool) -> Baseline:
+def _baseline(
+    nominal: Nominal, left: Residuals, found: BoolArray, claims: Claims, classes: Sequence[ClassClaim], measured: bool
+) -> Baseline:
     """RMS and noise as the fit states them; the excess from the rows of the diagnosis, which the fit's are among.
 
-    found: (n,) where misfit shows; a finding's joint is one in any case.
+    found: (n,) where misfit shows; the joint of a finding or of a class is one in any case.
     """
     excess, deviation = left.excess_energy, left.excess_deviation
     detected = found.copy()
-    for finding in claims.findings:
-        if finding.place.joint is not None:
-            detected[finding.place.joint - 1] = True
+    for joint in (*(item.place.joint for item in claims.findings), *(item.joint for item in classes)):
+        if joint is not None:
+            detected[joint - 1] = True
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
     noise = np.where(np.isfinite(nominal.noise_floor_nm), nominal.noise_floor_nm, left.noise_floor_nm)
     return Baseline(nominal.rms_nm, noise, left.excess_nm, low, high, detected, measured)

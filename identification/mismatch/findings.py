@@ -295,6 +295,11 @@ class Diagnosis:
     class_model: ClassModel | None = None
     offer: Offer | None = None
 
+    @property
+    def unnamed(self) -> tuple[ClassClaim, ...]:
+        """The classes of which the names leave something."""
+        return tuple(item for item in self.classes if not item.named)
+
     def to_json(self) -> dict[str, Any]:
         """`diagnosis.json`, contract §6. Numbers that are not known are null."""
         differences = () if self.audit is None else self.audit.differences

@@ -30,19 +30,20 @@ from identification.mismatch.names.verdict import much_is_left, verdict_of
 from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
-from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.claims import ClassClaim
 
 FloatArray = npt.NDArray[np.float64]
 
 
 def summarise(
     problem: Problem,
-    library: Library,
     result: SearchResult,
     inactive: Sequence[tuple[Effect, Place]],
     claims: Claims,
+    classes: tuple[ClassClaim, ...],
     baseline: Baseline,
     fitted: Prepared,
     unseen: Prepared | None,
@@ -51,13 +52,13 @@ def summarise(
     rms_after_nm: FloatArray,
     settings: DiagnosisSettings,
 ) -> Diagnosis:
-    """Everything a diagnosis says beside its findings."""
+    """Everything a diagnosis says beside its findings. classes: what the torque of a joint depends on."""
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
     left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
     heldout = _held_out(claims, fitted, unseen, settings)
     elsewhere = heldout is not None and bool(heldout.misfits)
     much = much_is_left(claims.after.rms_nm, fitted.evidences)
-    verdict = verdict_of(claims.findings, baseline, left.tolist(), elsewhere, much=much)
+    verdict = verdict_of(claims.findings, baseline, left.tolist(), elsewhere, classes=classes, much=much)
     curves = _curves(fitted.evidences[0], claims.trial.weighted, left) if bool(left.any()) else ()
     return Diagnosis(
         robot=nominal.regressor.robot.name,
@@ -70,7 +71,7 @@ def summarise(
         minimum_detectable=detectable,
         heldout=heldout,
         parameter_shift=_shift(nominal, claims),
-        remaining=_remaining(claims, baseline, left, curves, faults, heldout),
+        remaining=_remaining(claims, classes, baseline, left, curves, faults, heldout),
         curves=curves,
         spectra=tuple(_spectra(fitted.evidences, claims.before, claims.after)),
         series=tuple(_series(fitted.evidences, claims.before, claims.after)),
@@ -79,8 +80,9 @@ def summarise(
         else tuple(_series(unseen.evidences, claims.heldout_before, claims.heldout_after)),
         rms_after_nm=rms_after_nm,
         notes=_notes(fitted, unseen),
+        classes=classes,
         provenance={
-            "library": len(library.effects),
+            "library": len(result.library.effects),
             "candidates": len(result.candidates),
             "regressor": nominal.regressor.options.to_json(),
             "low_pass_hz": settings.low_pass_hz,
@@ -155,6 +157,7 @@ def _curves(evidence: Evidence, weighted: Problem, left: npt.NDArray[np.bool_]) 
 
 def _remaining(
     claims: Claims,
+    classes: Sequence[ClassClaim],
     baseline: Baseline,
     left: npt.NDArray[np.bool_],
     curves: Sequence[Curve],
@@ -163,10 +166,14 @@ def _remaining(
 ) -> str:
     parts = [fault.sentence for fault in faults]
     misfits = () if heldout is None else heldout.misfits
+    # What these joints' torque depends on is said, which is more than over what it is best drawn.
+    unnamed = {item.joint for item in classes if not item.named}
     parts.extend(filter(None, (difference_sentence(misfits), *(item.sentence for item in misfits))))
     if not baseline.noise_is_measured:
         rms = ", ".join(f"{value:.2g}" for value in claims.after.rms_nm)
         parts.append(f"The model leaves {rms} Nm RMS by joint; how much of it is noise was not measured.")
+    elif not left.any() and unnamed:
+        pass
     elif not left.any() and misfits:
         parts.append("On the fitted recordings nothing above the noise remains.")
     elif not left.any():
@@ -179,7 +186,7 @@ def _remaining(
     excess = claims.after.excess_nm
     for curve in curves:
         joint = curve.joint - 1
-        if baseline.noise_is_measured or baseline.detected[joint]:
+        if curve.joint not in unnamed and (baseline.noise_is_measured or baseline.detected[joint]):
             parts.append(
                 f"Joint {curve.joint}: {excess[joint]:.2g} Nm RMS stay unexplained; a curve over {curve.coordinate} "
                 "describes them best, which names no cause."

@@ -51,6 +51,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         differs = "" if diagnosis.audit is None else " ".join(item.sentence for item in diagnosis.audit.differences)
         begun = sentences["explained"] if diagnosis.findings else "The model explains the fitted recordings."
         sentences["explained"] = f"{begun} The held-out recordings differ from them by what is named: {differs}"
+    if diagnosis.unnamed:
+        said = " What the torque depends on is said below, whatever its form."
+        sentences["unexplained"] += said
+        sentences["partly_explained"] += said
     if diagnosis.heldout is None and diagnosis.findings:
         for verdict in ("explained", "partly_explained"):
             sentences[verdict] += " No held-out recording has confirmed it."

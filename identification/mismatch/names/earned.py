@@ -1,4 +1,4 @@
-"""Names against classes: which of the members that passed so far stand out from what a joint's torque depends on."""
+"""Names against classes: which members stand out from what a joint's torque depends on, and what stays beside them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from identification.mismatch.heldout import worsened
 from identification.mismatch.names.abstention import Examination, name_of, without
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.unknown.dependence import Dependence
-from identification.mismatch.unknown.named import Standing, named, standings
+from identification.mismatch.unknown.named import Standing, held_beside, named, standings
 from identification.mismatch.unknown.settings import ClaimSettings
 
 BoolArray = npt.NDArray[np.bool_]
@@ -38,6 +38,16 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Tri
         remarks.append(f"{name_of(member.effect.name, member.place.joint)} {_why(found[worst], settings)}")
         trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
     return trial, remarks
+
+
+def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -> dict[int, frozenset[str]]:
+    """Joint (from 0) → classes that it holds beside the members of a trial; empty without members."""
+    if not trial.members:
+        return {}
+    elsewhere = None if exam.unseen is None else exam.unseen.library
+    coefficients = exam.check(trial.members).extension.coefficients
+    pairs = zip(trial.members, coefficients, strict=True)
+    return held_beside(dependence.every, [named(*pair, elsewhere, dependence.every) for pair in pairs], ClaimSettings())
 
 
 def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolArray:

@@ -22,6 +22,7 @@ from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import Screen, gains, narrowed
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.claims import ClassClaim
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -166,12 +167,20 @@ def contrast_by_band(
 
 
 def verdict_of(
-    findings: Sequence[Finding], baseline: Baseline, left: Sequence[bool], elsewhere: bool, *, much: bool
+    findings: Sequence[Finding],
+    baseline: Baseline,
+    left: Sequence[bool],
+    elsewhere: bool,
+    *,
+    classes: Sequence[ClassClaim] = (),
+    much: bool,
 ) -> Verdict:
     """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings.
 
+    classes: what the torque depends on; one of which the names leave something is a mismatch without a name.
     much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`).
     """
+    elsewhere = elsewhere or not all(item.named for item in classes)
     if findings:
         return "partly_explained" if any(left) or elsewhere else "explained"
     if bool(np.any(baseline.detected)) or elsewhere:

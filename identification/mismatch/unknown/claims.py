@@ -55,7 +55,7 @@ class ClassClaim:
     name: class name of contract §6. joint: from 1. rms_nm: of the part that base parameters cannot take up, on the
     fitted rows, with its 95 % interval. significance: nats of evidence lost without it. heldout_gain_nm: (n,) Nm, RMS
     without it minus RMS with it on held-out rows, all weights from the fitted ones; empty without any. alternatives:
-    classes that could stand in its place.
+    classes that could stand in its place. named: the names that stand on the joint leave nothing of it.
     """
 
     name: str
@@ -68,6 +68,7 @@ class ClassClaim:
     nearest_forms: tuple[NearestForm, ...]
     sentence: str
     curve: ClassCurve | None = None
+    named: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """The claim as contract §6 has it, with its curve."""
@@ -80,6 +81,7 @@ class ClassClaim:
             "heldout_gain_nm": [_number(float(value)) for value in self.heldout_gain_nm],
             "alternatives": list(self.alternatives),
             "nearest_forms": [{"effect": form.effect, "share": _number(form.share)} for form in self.nearest_forms],
+            "named": self.named,
             "sentence": self.sentence,
             "curve": None if self.curve is None else self.curve.to_json(),
         }

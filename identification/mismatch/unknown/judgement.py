@@ -7,7 +7,7 @@ variances of the fitted rows alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +77,7 @@ def judge(
         chance = names.trial.power.probability.min(axis=1)
         beyond = chance < DiagnosisSettings().consistency_probability
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
+    claims = [_with_names(claim, names) for claim in claims]
     before, after = found.before, found.after
     model = ClassModel(before[0], after[0], before[1], after[1])
     notes = [refusal(given_up)] if given_up else []
@@ -124,6 +125,14 @@ def _claims(
             # What may as well be nothing on the fitted rows is no finding.
             claims.append(claim)
     return claims
+
+
+def _with_names(claim: ClassClaim, names: Claims) -> ClassClaim:
+    """A claim that knows whether the names leave any of it; torque on one joint may come from a name on another."""
+    if claim.name == "broadband" or not names.trial.members:
+        return claim
+    left = names.beside.get(claim.joint - 1, frozenset())
+    return replace(claim, named=not left & {claim.name, *claim.alternatives})
 
 
 def _background(joints: Sequence[int]) -> str:

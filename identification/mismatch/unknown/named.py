@@ -78,17 +78,37 @@ def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int
 
 def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> list[Standing]:
     """Each name beside all others."""
-    rows = every.with_columns([(name.columns, name.size) for name in names])
-    whole = Selection.of(rows, range(rows.folds + rows.heldout), settings)
-    for joint in range(rows.problem.n):
-        if rows.asked[joint] and whole.asks(joint):
-            whole.states[joint] = whole.eliminated(joint)
+    whole = _together(every, names, settings)
     found, first = [], every.prior.size
     for name in names:
         own = np.arange(first, first + name.size.size)
         first += name.size.size
         found.append(_standing(whole, name, own, settings))
     return found
+
+
+def held_beside(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> dict[int, frozenset[str]]:
+    """Joint (from 0) → the particular classes that it holds once all the names are in."""
+    whole = _together(every, names, settings)
+    losses = {joint: _losses(whole, joint) for joint in range(every.problem.n) if every.asked[joint]}
+    return {
+        joint: frozenset(
+            CLASSES[number].within or CLASSES[number].name
+            for number, loss in own.items()
+            if loss >= settings.speak and not CLASSES[number].background
+        )
+        for joint, own in losses.items()
+    }
+
+
+def _together(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> Selection:
+    """All names, and the classes that the joints hold beside them."""
+    rows = every.with_columns([(name.columns, name.size) for name in names])
+    whole = Selection.of(rows, range(rows.folds + rows.heldout), settings)
+    for joint in range(rows.problem.n):
+        if rows.asked[joint] and whole.asks(joint):
+            whole.states[joint] = whole.eliminated(joint)
+    return whole
 
 
 def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSettings) -> Standing:

@@ -78,6 +78,14 @@ class Refused:
         return ClassClaim("time", self.joint, *size, self.nats, np.zeros(0), (), (), sentence, None)
 
 
+def changing(refused: Sequence[Refused]) -> list[ClassClaim]:
+    """The strongest class of each joint whose torque changes over the recording without a name."""
+    found: dict[int, ClassClaim] = {}
+    for claim in filter(None, (item.claim for item in refused)):
+        found[claim.joint] = max(found.get(claim.joint, claim), claim, key=lambda item: item.significance)
+    return list(found.values())
+
+
 def _words(classes: Sequence[str]) -> str:
     return " and ".join(name.replace("_", " ") for name in classes) or "nothing that is known"
 

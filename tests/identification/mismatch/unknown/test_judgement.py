@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daemon.cli.diagnosis import show_diagnosis
 from identification.errors import ModelFileError
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
@@ -46,6 +47,55 @@ def test_a_torque_of_no_known_form_is_given_its_class_on_its_joint_and_no_other(
     assert claim.interval_nm[0] < claim.rms_nm < claim.interval_nm[1]
 
 
+@pytest.fixture(scope="module")
+def faint(iiwa14: RobotModel, table3: PhysicalParameters) -> Diagnosis:
+    """The hump so small that no joint's misfit stands out of its noise, summed over all lines."""
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return 0.2 * hump(q, dq, torque)
+
+    fitted = record(iiwa14, table3, hidden, motion=9)
+    return diagnose([fitted], iiwa14, heldout=[record(iiwa14, table3, hidden, periods=4, motion=3, seed=2)])
+
+
+@pytest.mark.parametrize("name", ["humped", "faint"])
+def test_a_class_is_a_mismatch_and_is_said_in_the_terminal(
+    name: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was: "No mismatch: the nominal model explains these recordings", beside a class of 30 nats in the file."""
+    diagnosis: Diagnosis = request.getfixturevalue(name)
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.unnamed == diagnosis.classes != ()
+    assert diagnosis.baseline.detected[2]
+    show_diagnosis(diagnosis)
+    said = capsys.readouterr().out
+    assert said.startswith("Unexplained: there is a mismatch without a name.")
+    assert said.count("Joint 3: a torque that depends on its own position") == 1
+    assert "No mismatch" not in said
+    assert "names no cause" not in said
+
+
+def test_a_class_that_a_name_takes_is_no_mismatch_of_its_own(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    def spring(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        del dq, torque
+        return on_joint(3, 0.3 * q[:, 2])
+
+    def both(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return spring(q, dq, torque) + 0.2 * on_joint(5, hump(q[:, [0, 1, 4]], dq, torque)[:, 2])
+
+    recordings = {
+        hidden: (record(iiwa14, table3, hidden, motion=9), record(iiwa14, table3, hidden, periods=4, motion=3, seed=2))
+        for hidden in (spring, both)
+    }
+    named, beside = (diagnose([first], iiwa14, heldout=[second]) for first, second in recordings.values())
+    assert [(item.effect, item.place.joint) for item in named.findings] == [("cable_spring", 3)]
+    assert [(item.name, item.joint, item.named) for item in named.classes] == [("own_position", 3, True)]
+    assert named.verdict == "explained"
+    assert {item.joint for item in beside.classes if item.named} == {3}
+    assert {item.joint for item in beside.unnamed} == {5}
+    assert beside.verdict == "partly_explained"
+
+
 def test_a_class_lowers_the_error_of_a_motion_that_was_not_fitted(humped: Diagnosis) -> None:
     model = humped.class_model
     assert model is not None
@@ -71,7 +121,7 @@ def test_the_contract_s_fields_are_there(humped: Diagnosis) -> None:
     data = json.loads(json.dumps(humped.to_json(), allow_nan=False))
     assert {
         "class", "joint", "rms_nm", "ci95_nm", "significance", "heldout_gain_nm", "alternatives", "nearest_forms",
-        "sentence",
+        "sentence", "named",
     } <= set(data["classes"][0])  # fmt: skip
     assert len(data["classes"][0]["heldout_gain_nm"]) == 7
 

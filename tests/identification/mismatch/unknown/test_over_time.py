@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.mismatch.diagnosis import with_changes
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.names.verdict import verdict_of
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.over_time import Refused, earned_over_time
+from identification.mismatch.unknown.over_time import Refused, changing, earned_over_time
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
@@ -72,8 +72,9 @@ def test_a_joint_that_changes_without_a_name_is_not_passed_as_one_without_mismat
     assert clean_diagnosis.verdict == "no_mismatch"
     gain = Refused("thermal_friction", 4, ("own_load",), 0.012, (0.008, 0.015), 21.0)
     load = Refused("payload_change", None, ("own_load",), 0.0, (0.0, 0.0), 12.0)
-    diagnosis = with_changes(clean_diagnosis, [gain, load])
-    assert diagnosis.verdict == "unexplained"
-    assert [(item.name, item.joint) for item in diagnosis.classes] == [("time", 4)]
-    assert "Joint 4: a torque that changes over the recording and depends on own load" in diagnosis.remaining
-    assert with_changes(clean_diagnosis, [load]) is clean_diagnosis
+    (claim,) = changing([gain, load])
+    assert (claim.name, claim.joint) == ("time", 4)
+    assert "Joint 4: a torque that changes over the recording and depends on own load" in claim.sentence
+    plain = clean_diagnosis.baseline
+    assert verdict_of((), plain, [False] * 7, False, classes=[claim], much=False) == "unexplained"
+    assert verdict_of((), plain, [False] * 7, False, classes=changing([load]), much=False) == "no_mismatch"
