@@ -46,7 +46,8 @@ class Standing:
 
     kept: most nats that a rival which lost half of them to the name keeps. beside: classes that the name's joints hold
     once it is in, with their nats. agree: chance that its coefficients differ
-    so much between fitted and held-out rows; 1 without any. earned: whether it stands.
+    so much between fitted and held-out rows; 1 without any. earned: whether it stands. Beside a torque of no known form
+    that weighs more than the name does, the name may be what that torque's functions fail to describe.
     """
 
     odds: float
@@ -137,11 +138,17 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
             if left.get(number, 0.0) <= settings.rival * loss:
                 kept = max(kept, left.get(number, 0.0))
     agree = _agreement(whole, own)
+    # A function of unknown form has a mean of its own: a constant beside one is part of it.
+    part = any(CLASSES[number].name == "constant" for number in described) and any(
+        loss >= settings.speak and not CLASSES[number].background
+        for joint in name.joints for number, loss in _losses(whole, joint).items()
+    )  # fmt: skip
     earned = (
         odds >= settings.alternative
-        and worth >= _background(whole)
+        and worth >= max(_background(whole), *beside.values(), 0.0)
         and kept <= max(settings.speak, odds)
         and agree >= settings.invariance
+        and not part
     )
     return Standing(odds, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
 

@@ -97,6 +97,22 @@ def test_right_names_stand_beside_each_other_on_one_joint(prepared: Callable) ->
     assert [item.earned for item in asked(prepared(forms), forms)] == [True, True]
 
 
+def test_the_mean_of_a_function_of_no_known_form_is_no_offset(prepared: Callable) -> None:
+    def constant(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        del dq
+        return np.ones(len(q))
+
+    def product(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """Of the positions of two other joints, with a mean."""
+        del dq
+        return np.cos(1.5 * q[:, 1] + q[:, 3])
+
+    (alone,) = asked(prepared({constant: 0.3}), {constant: 0.3}, "torque_offset")
+    (beside,) = asked(prepared({product: 0.3}), {constant: 0.2}, "torque_offset")
+    assert alone.earned
+    assert not beside.earned
+
+
 def test_a_size_that_another_motion_does_not_have_is_not_earned(prepared: Callable) -> None:
     (standing,) = asked(prepared({spring: 0.6}, {spring: 0.2}), {spring: 0.5})
     assert standing.agree < 1e-3
