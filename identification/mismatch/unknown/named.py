@@ -146,7 +146,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     earned = (
         odds >= settings.alternative
         and worth >= max(_background(whole), *beside.values(), 0.0)
-        and kept <= max(settings.speak, odds)
+        and kept <= odds
         and agree >= settings.invariance
         and not part
     )
