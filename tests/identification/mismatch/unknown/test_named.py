@@ -122,3 +122,13 @@ def test_a_size_that_another_motion_does_not_have_is_not_earned(prepared: Callab
 def test_nothing_is_earned_where_nothing_is(prepared: Callable) -> None:
     (standing,) = asked(prepared({}), {spring: 0.02})
     assert not standing.earned
+
+
+def test_a_name_weighs_as_much_as_what_no_name_takes_beside_it(prepared: Callable) -> None:
+    """What functions of no known form fail to describe may have any form."""
+    (alone,) = asked(prepared({stribeck: 0.06}), {stribeck: 0.06})
+    (beside,) = asked(prepared({stribeck: 0.06, slack: 0.6}), {stribeck: 0.06})
+    assert alone.earned
+    assert beside.odds > 3.0
+    assert "own_position" in beside.beside
+    assert not beside.earned
