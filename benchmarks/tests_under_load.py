@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -37,6 +38,8 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=1, help="in which all files run at once; 1: file by file")
     parser.add_argument("files", nargs="*", help="default: all with processes, threads, sockets or signals")
     arguments = parser.parse_args()
+    # Ended from outside, the busy loops must not go on: they would load whatever runs next.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     files = arguments.files or files_at_risk()
     failed: Counter[str] = Counter()
     with busy_loops(arguments.busy):

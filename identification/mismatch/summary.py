@@ -59,9 +59,7 @@ def summarise(
     elsewhere = heldout is not None and bool(heldout.misfits)
     much = much_is_left(claims.after.rms_nm, fitted.evidences)
     verdict = verdict_of(claims.findings, baseline, left.tolist(), elsewhere, classes=classes, much=much)
-    # A class has a curve of its own, over what the torque depends on.
-    drawn = [item.joint - 1 for item in classes if item.curve is not None and not item.named]
-    curves = _curves(fitted.evidences[0], claims.trial.weighted, left & ~np.isin(np.arange(left.size), drawn))
+    curves = _curves(fitted.evidences[0], claims.trial.weighted, left)
     return Diagnosis(
         robot=nominal.regressor.robot.name,
         verdict=verdict,

@@ -96,11 +96,14 @@ def _findings(diagnosis: Diagnosis) -> Section:
         blocks += finding_blocks(number, finding, diagnosis)
     blocks.append(Heading("What remains"))
     blocks.extend(map(Paragraph, one_a_line(diagnosis.remaining)))
-    if diagnosis.curves:
+    # A class has a curve of its own, over what the torque depends on.
+    drawn = {item.joint for item in diagnosis.unnamed if item.curve is not None}
+    curves = [curve for curve in diagnosis.curves if curve.joint not in drawn]
+    if curves:
         blocks.append(
             Figure(
                 "What stays unexplained, as a curve over what describes it best (no cause is named)",
-                tuple(curve_panel(curve, f"Joint {curve.joint}") for curve in diagnosis.curves),
+                tuple(curve_panel(curve, f"Joint {curve.joint}") for curve in curves),
                 (("after", "residual, mean of each bin ± its noise"),),
             )
         )
