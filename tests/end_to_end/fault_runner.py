@@ -245,10 +245,13 @@ def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -
 
 
 def _inject(step: Step, family: dict[str, psutil.Process], timers: list[threading.Timer]) -> None:
+    """Send the signal. Several that are to end at once are stopped first: none sees another gone before it ends."""
     chosen = [family[target] for target in step.targets if target in family]
-    for each in chosen:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            each.send_signal(step.number)
+    at_once = len(chosen) > 1 and step.number == signal.SIGKILL
+    for number in (signal.SIGSTOP, step.number) if at_once else (step.number,):
+        for each in chosen:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.send_signal(number)
     if step.resume_after_s is not None:
         timers.append(threading.Timer(step.resume_after_s, _resume, (chosen,)))
         timers[-1].start()
