@@ -40,6 +40,8 @@ START = 0.1
 """Share of a joint's misfit that each group is given to begin with."""
 GRID = 12
 """Variances that a class is tried with before it is put in."""
+EXCHANGES = 3
+"""Classes of one joint that another may take the place of."""
 WEAK = 0.1
 """Nats below which several classes are dropped at once."""
 
@@ -333,7 +335,7 @@ class Selection:
         Classes that lose less than `speak` nats stay in the model but are not held.
         """
         for joint in joints:
-            for _ in range(3):
+            for turn in range(EXCHANGES + 1):
                 state, score = self.states[joint], self.score(joint, self.states[joint])
                 found: list[Held] = []
                 better: JointState | None = None
@@ -355,7 +357,8 @@ class Selection:
                             as_good.append((value, other))
                     names = tuple(other for _, other in sorted(as_good, reverse=True))
                     found.append(Held(number, joint, loss, names))
-                if better is None:
+                if better is None or turn == EXCHANGES:
+                    # What is held is what stands: never the state before the last exchange.
                     break
                 self.states[joint] = better
             self.held += found
