@@ -104,7 +104,8 @@ def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajecto
             "run", short_trajectory, "--periods", 3, "--bind", f"127.0.0.1:{port}", "--out", folder
         )
         status_file = folder / "worker_status.json"
-        wait_until(status_file.exists)
+        # The first status is the supervisor's, before the worker is a process of its own: that one has a pid.
+        wait_until(lambda: status_file.exists() and json.loads(status_file.read_text())["pid"] > 0)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     wait_until(lambda: json.loads(status_file.read_text())["phase"] in ("done", "failed"))
