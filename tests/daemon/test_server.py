@@ -206,7 +206,8 @@ def test_a_finished_run_is_fitted_and_a_fit_survives_the_service(tmp_path: Path)
             job = submit(running, trajectory, periods=3, fit=True)
             assert running.wait_phase(job, "done", "failed", "stopped", "refused").phase == "done"
         running.wait_phase(f"{job}-fit", "running", "done")
-        wait_for(lambda: (running.output / job / "worker_status.json").exists())
+        status_file = running.output / job / "worker_status.json"
+        wait_for(lambda: status_file.exists() and json.loads(status_file.read_text())["pid"] > 0)
         running.process.send_signal(signal.SIGKILL)
         running.process.wait()
         running.start()
