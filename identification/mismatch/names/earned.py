@@ -59,7 +59,7 @@ def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolAr
     now = exam.check(trial.members).heldout_after
     if exam.problem.noise_is_measured or now is None:
         return dependence.predicts
-    classes = replace(now, rows=dependence.left.of_rows(dependence.alone)[1])
+    classes = replace(now, rows=dependence.left.of_rows(dependence.rival)[1])
     return dependence.predicts & worsened(classes, now)
 
 

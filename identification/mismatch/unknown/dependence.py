@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.left import Left
+from identification.mismatch.unknown.predictive import Dropped, predictive, refused
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Held, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -24,7 +25,10 @@ BoolArray = npt.NDArray[np.bool_]
 class Dependence:
     """every: rows of both roles, all classes. held: what stands. alone: the same, weights of the fitted rows alone.
 
-    before, after: RMS (n,) Nm on the fitted and on the held-out rows, without and with the classes.
+    before, after: RMS (n,) Nm on the fitted and on the held-out rows, without and with the classes. dropped: classes
+    that the rows ask for and that predict others worse; only where the noise is not known. rival: the classes as names
+    are judged against them, weights of the fitted rows alone; predicts: (n,) joints where they do not make rows that
+    were not fitted worse.
     """
 
     every: Rows
@@ -33,13 +37,9 @@ class Dependence:
     left: Left
     before: tuple[FloatArray, FloatArray]
     after: tuple[FloatArray, FloatArray]
-
-    @property
-    def predicts(self) -> BoolArray:
-        """(n,) joints whose classes do not make rows that were not fitted worse."""
-        if not self.every.heldout:
-            return np.ones(self.every.problem.n, dtype=np.bool_)
-        return np.asarray(self.after[1] < self.before[1])
+    dropped: tuple[Dropped, ...]
+    rival: Selection
+    predicts: BoolArray
 
 
 def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings | None = None) -> Dependence:
@@ -47,15 +47,29 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
     settings = settings if settings is not None else ClaimSettings()
     every = build_rows(fitted, unseen, settings)
     together = Selection.of(every, range(every.folds + every.heldout), settings).run()
-    alone = weighed(every.limited([state.groups for state in together.states]), settings)
-    left = Left.of(alone.rows)
-    plain = Selection.of(alone.rows, range(alone.rows.folds), settings)
-    return Dependence(every, tuple(together.held), alone, left, left(plain), left(alone))
+    rows = every.limited([state.groups for state in together.states])
+    rival, left, dropped = weighed(rows, settings), Left.of(rows), tuple[Dropped, ...]()
+    before, after = left(Selection.of(rows, range(rows.folds), settings)), left(rival)
+    predicts = after[1] < before[1] if every.heldout else np.ones(every.problem.n, dtype=np.bool_)
+    alone = rival
+    if every.heldout and not every.problem.noise_is_measured:
+        # Rows whose noise is not known are no proof for each other: there a class has to predict. And noise estimated
+        # band by band would take the weight from rows of which no class explains much.
+        before = left(Selection.nominal(rows, range(rows.folds), settings))
+
+        def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
+            rise = left(selection)[1] / before[1] - 1.0
+            return rise, refused(selection, rise)
+
+        alone, dropped = predictive(weighed(rows, settings, one_noise=True), judge)
+        after = left(alone)
+    held = tuple(item for item in together.held if item.number in alone.families(item.joint, alone.states[item.joint]))
+    return Dependence(every, held, alone, left, before, after, dropped, rival, predicts)
 
 
-def weighed(rows: Rows, settings: ClaimSettings) -> Selection:
+def weighed(rows: Rows, settings: ClaimSettings, *, one_noise: bool = False) -> Selection:
     """All classes of the rows, with variances and weights of the fitted rows alone."""
-    alone = Selection.of(rows, range(rows.folds), settings)
+    alone = Selection.of(rows, range(rows.folds), settings, one_noise=one_noise)
     for turn in range(2):
         for joint in range(rows.problem.n):
             if rows.asked[joint]:

@@ -167,10 +167,19 @@ def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
     return Posterior(weights, base, covariance, left, joint.gram.reshape(len(left), -1) @ padded.ravel())
 
 
-def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_rows: float, odds: float) -> Hyper:
+def updated(
+    joint: JointGram,
+    hyper: Hyper,
+    now: Posterior,
+    cap: float,
+    noise_rows: float,
+    odds: float,
+    *,
+    one_noise: bool = False,
+) -> Hyper:
     """One step of the fixed point. cap: largest variance. noise_rows: worth of the measured noise, 0 without any.
 
-    odds: that a band's noise is not the measured one, beforehand.
+    odds: that a band's noise is not the measured one, beforehand. one_noise: the same for all bands.
     """
     variance = hyper.variance.copy()
     diagonal = np.diag(now.covariance)
@@ -181,7 +190,10 @@ def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_ro
         variance[number] = min(max(square / max(determined, 1e-3), 1e-6 * cap), cap)
     trust = noise_rows * as_measured(hyper.noise, noise_rows, odds)
     freedom = np.maximum(joint.count - now.spread / hyper.noise, LEAST_FREEDOM * joint.count)
-    noise = (now.left + trust) / np.maximum(freedom + trust, 1e-9)
+    squares, rows = now.left + trust, freedom + trust
+    if one_noise:
+        squares, rows = np.full_like(squares, squares.sum()), np.full_like(rows, rows.sum())
+    noise = squares / np.maximum(rows, 1e-9)
     return Hyper(variance, np.where(joint.count > 0.0, np.maximum(noise, LEAST_NOISE), 1.0))
 
 

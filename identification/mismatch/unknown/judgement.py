@@ -27,6 +27,7 @@ from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
+from identification.mismatch.unknown.predictive import Dropped
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -40,7 +41,7 @@ CURVE_POINTS = 61
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
     """claims: what is said of classes. model: what all that stands, said or not, is worth. offer: for `model.json`.
-    notes: joints whose torque without a name is not part of it.
+    notes: torque without a name that is not part of it.
     """
 
     claims: tuple[ClassClaim, ...]
@@ -64,14 +65,15 @@ def judge(
     """
     settings = settings if settings is not None else ClaimSettings()
     offered: Offer | None = None
-    given_up: tuple[int, ...] = ()
+    dropped = found.dropped
     if unseen is not None and names.heldout_after is not None:
         beside = _beside_names(found.alone, fitted, unseen, names, settings)
-        offered, given_up = offer(beside, found.left, names.heldout_after)
+        offered, more = offer(beside, found.left, names.heldout_after)
+        dropped += more
     smooth = [item for item in found.held if CLASSES[item.number].background and item.loss >= settings.speak]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max([settings.speak, *(item.loss for item in smooth)])
-    claims = _claims(found, needed, given_up, problem, candidates)
+    claims = _claims(found, needed, dropped, problem, candidates)
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
         chance = names.trial.power.probability.min(axis=1)
@@ -80,7 +82,7 @@ def judge(
     claims = [_with_names(claim, names) for claim in claims]
     before, after = found.before, found.after
     model = ClassModel(before[0], after[0], before[1], after[1])
-    notes = [refusal(given_up)] if given_up else []
+    notes = [refusal(dropped)] if dropped else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
@@ -93,17 +95,19 @@ def _beside_names(
     if not names.extension.members:
         return alone
     roles = (without_members(item, names.extension, Library(EFFECTS, item.evidences)) for item in (fitted, unseen))
-    return weighed(alone.rows.with_torque([rows for role in roles for rows in role.torque], settings), settings)
+    rows = alone.rows.limited([state.groups for state in alone.states])
+    rows = rows.with_torque([torque for role in roles for torque in role.torque], settings)
+    return weighed(rows, settings, one_noise=alone.one_noise)
 
 
 def _claims(
     found: Dependence,
     needed: float,
-    given_up: Sequence[int],
+    dropped: Sequence[Dropped],
     problem: Problem,
     candidates: Sequence[EffectRows],
 ) -> list[ClassClaim]:
-    """What weighs at least so many nats and may be said, weightiest first. given_up: joints (from 1) not offered."""
+    """What weighs at least so many nats and may be said, weightiest first. dropped: what the model was not offered."""
     alone, claims = found.alone, []
     for item in sorted(found.held, key=lambda item: -item.loss):
         state = alone.states[item.joint]
@@ -117,7 +121,8 @@ def _claims(
         gain = np.zeros(0)
         if alone.rows.heldout:
             gain = found.left(shortened(alone, item.joint, family))[1] - found.after[1]
-        if not problem.noise_is_measured and (item.joint + 1 in given_up or (gain.size and gain[item.joint] <= 0.0)):
+        predicts = (item.joint, item.number) not in dropped and (not gain.size or gain[item.joint] > 0.0)
+        if not (problem.noise_is_measured or predicts):
             # Rows whose noise is not known are no proof for each other: there a class has to predict.
             continue
         claim = _claim(alone.rows, alone, item, state, gain, problem, candidates)

@@ -1,13 +1,14 @@
 """What of the classes goes into the extended model: terms beside the names that stand, where no joint gets worse.
 
 Names keep their sizes; classes are chosen on what they leave, weights and base parameters come from the fitted rows,
-and held-out rows say which joints may keep their terms. Without held-out rows nothing is offered.
+and held-out rows say which terms may stay. Without held-out rows nothing is offered.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +18,17 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.search.extension import OPEN, Extension, nominal_factor, predicted
 from identification.mismatch.search.library import Library
 from identification.mismatch.unknown.claims import Offer
-from identification.mismatch.unknown.evidence import Hyper
+from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
-from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
+from identification.mismatch.unknown.predictive import Dropped, predictive, refused
+from identification.mismatch.unknown.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
-LEAST_RISE = 0.01
-"""Rise of a held-out RMS, as a share of it, that base parameters of another joint's terms may cause."""
+LISTED = 3
+"""Classes of a joint that a sentence lists by name."""
 
 
 def without_members(role: Prepared, extension: Extension, library: Library) -> Prepared:
@@ -42,47 +45,46 @@ def without_members(role: Prepared, extension: Extension, library: Library) -> P
     )
 
 
-def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[int, ...]]:
-    """The terms that predict held-out rows, None where none are left; and the joints (from 1) whose terms do not.
+def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[Dropped, ...]]:
+    """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
 
-    A joint keeps its terms where they lower its RMS there, and no other joint may get worse beyond what its rows allow.
-    alone: classes with the weights of the fitted rows, beside the names. before: what the model with its names leaves
-    of the held-out rows.
+    Terms stay where they lower the RMS of their joint there, and no other joint may get worse beyond what its rows
+    allow. alone: classes with the weights of the fitted rows, beside the names. before: what the model with its names
+    leaves of the held-out rows. Terms have to do better than that, and better than the same model of the rows of
+    `alone`: it is open in the same directions of the base parameters as they are.
     """
-    selection, given_up = alone, set[int]()
-    while any(state.groups for state in selection.states):
+    nominal = Selection.nominal(alone.rows, range(alone.rows.folds), alone.settings)
+    rivals = (before, replace(before, rows=left.of_rows(nominal)[1]))
+    best = np.minimum(*(rival.rms_nm for rival in rivals))
+
+    def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
         now = replace(before, rows=left.of_rows(selection)[1])
-        rise = now.rms_nm / before.rms_nm - 1.0
-        held = np.array([bool(state.groups) for state in selection.states])
-        refused = worsened(before, now) | (rise >= np.where(held, 0.0, LEAST_RISE))
-        if not refused.any():
-            fitted, unseen = left(selection)
-            found = Offer(terms_of(selection), *base_parameters(selection), fitted, unseen)
-            return found, tuple(sorted(given_up))
-        # A joint without terms gets worse through base parameters: then the one that gains least by its own gives in.
-        own = refused & held
-        joint = int(np.argmax(np.where(own if own.any() else held, rise, -np.inf)))
-        given_up.add(joint + 1)
-        selection = _without_terms(selection, joint)
-    return None, tuple(sorted(given_up))
+        rise = now.rms_nm / best - 1.0
+        return rise, refused(selection, rise) | worsened(rivals[0], now) | worsened(rivals[1], now)
+
+    selection, dropped = predictive(alone, judge)
+    if not any(state.groups for state in selection.states):
+        return None, dropped
+    fitted, unseen = left(selection)
+    return Offer(terms_of(selection), *base_parameters(selection), fitted, unseen), dropped
 
 
-def _without_terms(selection: Selection, joint: int) -> Selection:
-    """A selection without the classes of one joint, all joints estimated anew."""
-    empty = Hyper(np.zeros(0), selection.states[joint].hyper.noise)
-    result = selection.with_state(joint, selection.state(joint, (), empty))
-    for other in range(len(result.states)):
-        result.states[other] = result.settled(other, result.states[other], FULL_ROUNDS)
-    return result
-
-
-def refusal(joints: Sequence[int]) -> str:
-    """Why joints (from 1) have no terms in the model, in words."""
-    named = ", ".join(map(str, joints))
+def refusal(dropped: Sequence[Dropped]) -> str:
+    """What of the torque without a name is not in the model, and why, in words."""
+    listed = [
+        f"joint {joint + 1}: {_short([CLASSES[number].name.replace('_', ' ') for _, number in group])}"
+        for joint, group in groupby(sorted(dropped), key=lambda place: place[0])
+    ]
     return (
-        f"Joint{'s' if len(joints) > 1 else ''} {named}: torque without a name is not part of the extended model: it "
-        "makes the error on data that were not fitted larger. Fit a motion that covers the range of the other one."
+        f"Some torque without a name is not part of the extended model ({'; '.join(listed)}): with it the error on "
+        "data that were not fitted is larger. Fit a motion that covers the range of the other one."
     )
+
+
+def _short(names: Sequence[str]) -> str:
+    if len(names) > LISTED:
+        return f"{', '.join(names[:LISTED])} and {len(names) - LISTED} more"
+    return ", ".join(names)
 
 
 def base_parameters(selection: Selection) -> tuple[FloatArray, FloatArray]:

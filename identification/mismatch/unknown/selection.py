@@ -75,7 +75,7 @@ class Selection:
     """The state of all joints while classes are put in and taken out.
 
     worlds: sets of parts whose evidence counts; the first holds all, and is what variances are estimated on. signs:
-    how often each counts.
+    how often each counts. one_noise: a joint's noise is the same in all bands.
     """
 
     rows: Rows
@@ -85,19 +85,28 @@ class Selection:
     states: list[JointState] = field(default_factory=list)
     held: list[Held] = field(default_factory=list)
     banned: frozenset[int] = frozenset()
+    one_noise: bool = False
 
     @classmethod
-    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings) -> Selection:
-        """No class on any joint; noise estimated."""
+    def nominal(
+        cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, one_noise: bool = False
+    ) -> Selection:
+        """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
         total = rows.of(parts)
         worlds, signs = [total], [1.0]
         if not rows.problem.noise_is_measured and len(parts) > 1:
             worlds += [rows.of([other for other in parts if other != part]) for part in parts]
             signs = [float(len(parts)), *(-1.0 for _ in parts)]
-        result = cls(rows, settings, tuple(worlds), tuple(signs))
+        result = cls(rows, settings, tuple(worlds), tuple(signs), one_noise=one_noise)
         bands = total[0].gram.shape[0]
         start = np.ones(bands)
         result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
+        return result
+
+    @classmethod
+    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, one_noise: bool = False) -> Selection:
+        """No class on any joint; noise estimated."""
+        result = cls.nominal(rows, parts, settings, one_noise=one_noise)
         for _ in range(FULL_ROUNDS):
             for joint in range(rows.problem.n):
                 result.states[joint] = result.settled(joint, result.states[joint], 1)
@@ -120,7 +129,7 @@ class Selection:
         """A copy with another state of one joint."""
         states = list(self.states)
         states[joint] = state
-        return Selection(self.rows, self.settings, self.worlds, self.signs, states)
+        return replace(self, states=states, held=[])
 
     def part(self, joint: int, state: JointState, world: int) -> Marginal:
         """A joint's rows of one world under a state."""
@@ -148,7 +157,7 @@ class Selection:
             part = marginal(state.gram, hyper)
         for _ in range(rounds):
             now = posterior(state.gram, part, beside.plus(part))
-            hyper = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds)
+            hyper = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds, one_noise=self.one_noise)
             part = marginal(state.gram, hyper)
         return JointState(state.groups, state.gram, hyper, part)
 

@@ -1,0 +1,91 @@
+"""Classes go one at a time where a joint is predicted worse by them. Truth: a judge written down here."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.base_parameters import BaseRegressor
+from identification.mismatch.prepared import prepare
+from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.dependence import weighed
+from identification.mismatch.unknown.predictive import LEAST_RISE, predictive, refused
+from identification.mismatch.unknown.rows import build_rows
+from identification.mismatch.unknown.selection import Selection
+from identification.mismatch.unknown.settings import ClaimSettings
+from identification.physical_parameters import PhysicalParameters
+from identification.robots import RobotModel
+from tests.identification.mismatch.plant import on_joint, record
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+def bends(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    del torque
+    return on_joint(3, 0.3 * np.tanh(q[:, 2] / 0.2) + 0.3 * np.abs(dq[:, 2]))
+
+
+def held(selection: Selection, joint: int) -> set[str]:
+    return {CLASSES[number].name for number in selection.families(joint, selection.states[joint])}
+
+
+def all_classes(robot: RobotModel, base: BaseRegressor, truth: PhysicalParameters) -> Selection:
+    settings = ClaimSettings()
+    fitted = prepare([record(robot, truth, bends)], robot, base, DiagnosisSettings(), None)
+    return weighed(build_rows(fitted, None, settings), settings)
+
+
+def test_only_the_class_that_spoils_a_joint_goes(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    selection = all_classes(iiwa14, iiwa14_base, table3)
+    before = held(selection, 2)
+    assert {"own_position", "own_velocity", "path_memory"} <= before
+
+    def judge(now: Selection) -> tuple[FloatArray, BoolArray]:
+        rise = np.full(7, -0.5)
+        rise[2] = 0.2 if "path_memory" in held(now, 2) else -0.1
+        return rise, refused(now, rise)
+
+    kept, dropped = predictive(selection, judge)
+    assert [(joint + 1, CLASSES[number].name) for joint, number in dropped] == [(3, "path_memory")]
+    assert held(kept, 2) == before - {"path_memory"}
+
+
+def test_a_joint_that_is_always_predicted_worse_loses_every_class_and_no_other_joint_does(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    selection = all_classes(iiwa14, iiwa14_base, table3)
+    others = {joint: held(selection, joint) for joint in range(7) if joint != 2}
+
+    def judge(now: Selection) -> tuple[FloatArray, BoolArray]:
+        rise = np.full(7, -0.5)
+        rise[2] = 0.5 * LEAST_RISE
+        return rise, refused(now, rise)
+
+    kept, dropped = predictive(selection, judge)
+    assert not held(kept, 2)
+    assert {joint for joint, _ in dropped} == {2}
+    assert {joint: held(kept, joint) for joint in others} == others
+
+
+def test_a_joint_without_classes_that_base_parameters_spoil_is_heard(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    selection = all_classes(iiwa14, iiwa14_base, table3)
+    free = 6
+    selection.states[free] = selection.without(
+        free, selection.states[free], list(selection.classes(free, selection.states[free]))
+    )
+
+    def judge(now: Selection) -> tuple[FloatArray, BoolArray]:
+        rise = np.full(7, -0.5)
+        rise[free] = 2.0 * LEAST_RISE if "own_velocity" in held(now, 2) else 0.0
+        return rise, refused(now, rise)
+
+    kept, dropped = predictive(selection, judge)
+    assert "own_velocity" not in held(kept, 2)
+    joint, number = dropped[-1]
+    assert (joint + 1, CLASSES[number].name) == (3, "own_velocity")
