@@ -29,7 +29,8 @@ class Step:
     """Once the operator has read `when` (a regular expression), `number` is sent to each of `targets`, and SIGCONT
     `resume_after_s` later, or when the robot has closed its session.
 
-    targets: supervisor, recorder, loop, worker. at_message: instead of `when`, once so many messages were received.
+    targets: supervisor, recorder, loop, worker. Instead of `when`, as the recorder tells it: at_message, once so many
+    messages were received; at_travel_rad, once commands have led a joint so far from where it stood.
     """
 
     when: str
@@ -37,6 +38,7 @@ class Step:
     number: signal.Signals
     resume_after_s: float | None = None
     at_message: int | None = None
+    at_travel_rad: float | None = None
     resume_after_robot: bool = False
 
 

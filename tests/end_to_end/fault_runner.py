@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.json_files import write_json
+from daemon.live.frame import LiveFrame, Seven
 from daemon.live.subscription import LiveSubscription
 from identification.excitation import FourierTrajectory, default_trajectory
 from tests.end_to_end.fault_account import (
@@ -213,8 +214,8 @@ def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
     )  # fmt: skip
     assert process.stdout is not None
-    steps = [step for step in case.steps if step.at_message is None]
-    moments = [step for step in case.steps if step.at_message is not None]
+    steps = [step for step in case.steps if step.when]
+    moments = [step for step in case.steps if not step.when]
     lines: list[str] = []
     family: dict[str, psutil.Process] = {}
     timers: list[threading.Timer] = []
@@ -265,15 +266,15 @@ def _at_moments(
     timers: list[threading.Timer],
     is_over: threading.Event,
 ) -> None:
-    """Inject each step once the recorder has told of so many messages; then end what stays stopped when all else is
-    over.
-    """
+    """Inject each step once the recorder has told that it is due; then end what stays stopped when all else is over."""
+    stood: Seven | None = None
     with LiveSubscription(port) if steps else contextlib.nullcontext() as live:
         while live is not None and steps and not is_over.is_set():
             family.update(_family(pid))
-            frames = live.receive(0.02)
-            if frames and frames[-1].received >= (steps[0].at_message or 0):
-                _inject(steps.pop(0), family, timers)
+            for frame in live.receive(0.02):
+                stood = stood or frame.command
+                if steps and _is_due(steps[0], frame, stood):
+                    _inject(steps.pop(0), family, timers)
     while not is_over.wait(0.2):
         states = {each: _state(each) for each in list(family.values())}
         if (
@@ -284,6 +285,14 @@ def _at_moments(
             for each in states:
                 with contextlib.suppress(psutil.NoSuchProcess):
                     each.kill()
+
+
+def _is_due(step: Step, frame: LiveFrame, stood: Seven | None) -> bool:
+    if step.at_message is not None:
+        return frame.received >= step.at_message
+    if frame.command is None or stood is None or step.at_travel_rad is None:
+        return False
+    return max(abs(now - then) for now, then in zip(frame.command, stood, strict=True)) >= step.at_travel_rad
 
 
 def _state(process: psutil.Process) -> str:
