@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from fri_client.handover.ring import HandoverRing
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
-from .service_runs import REPOSITORY, free_port
+from .service_runs import REPOSITORY
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def ring() -> Iterator[HandoverRing]:
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[tuple[int, Path]]:
     """Port that the fake robot sends to, and the file of its summary."""
-    port, summary = free_port(), tmp_path / "robot.json"
+    port, summary = free_udp_port(), tmp_path / "robot.json"
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -20,16 +19,11 @@ from daemon.queue.control_api import ControlReply, ControlRequest, GetJobs, GetS
 from daemon.queue.control_socket import ServiceUnreachableError, ask
 from daemon.runtime_folder import default_endpoint
 from identification.excitation import FourierTrajectory, default_trajectory
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def iiwa_ident(*words: object) -> subprocess.CompletedProcess[str]:
@@ -66,7 +60,7 @@ class ServiceProcess:
 
     def __init__(self, folder: Path, *, control: dict[str, str] | None = None, **fri: Any) -> None:
         self.folder = folder
-        self.port = free_port()
+        self.port = free_udp_port()
         self.output = folder / "runs"
         settings = {"bind_port": self.port, "start_timeout_s": 120.0, "receive_timeout_s": 60.0, **fri}
         self.config = folder / "service.yaml"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -35,12 +34,6 @@ RUN_CODE = (
 
 PATIENT = {"start_timeout_s": 120.0, "receive_timeout_s": 60.0, "supervisor_timeout_s": 60.0}
 """What a machine that does something else may hold up is no fault of the run's."""
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def gentle_request(folder: Path, port: int, **changes: Any) -> RunRequest:

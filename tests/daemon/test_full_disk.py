@@ -21,6 +21,7 @@ import pytest
 from daemon.api import RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
 from daemon.run.service import run_acquisition
+from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
 from .service_runs import (
@@ -28,7 +29,6 @@ from .service_runs import (
     WATCHDOG_S,
     assert_nothing_missing,
     child_of,
-    free_port,
     gentle_request,
 )
 
@@ -74,7 +74,7 @@ sys.exit(outcome.exit_code)
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[int]:
     """The port that a fake robot sends to."""
-    port = free_port()
+    port = free_udp_port()
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
@@ -137,7 +137,7 @@ def test_a_disk_that_stays_full_ends_the_motion_and_the_rest_is_kept_in_the_temp
 
 
 def test_a_read_only_folder_is_said_before_anything_moves(tmp_path: Path) -> None:
-    request = gentle_request(tmp_path, free_port())
+    request = gentle_request(tmp_path, free_udp_port())
     process, left = run_on("ro", request, tmp_path, FILL_AND_RUN)
     assert "Read-only file system" in process.stderr
     assert "LogIOError" in process.stderr

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -19,16 +18,11 @@ from daemon.doctor.doctor import examine
 from daemon.doctor.link_observation import Mirror
 from fri_client.messages import ConnectionInfo, FriVersion, MonitoringMessage, SessionState
 from fri_client.wire.codec import Codec
+from tests.ports import free_udp_port
 
 from .producer import Producer
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def monitoring(version: FriVersion, state: SessionState, counter: int = 0) -> bytes:
@@ -73,7 +67,7 @@ def test_garbage_and_unknown_versions_get_no_answer() -> None:
 
 
 def test_the_robot_grades_an_answered_link(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_udp_port()
     summary = tmp_path / "robot.json"
     robot = subprocess.Popen(
         [

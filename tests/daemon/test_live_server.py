@@ -33,6 +33,7 @@ from daemon.live.server import layouts_folder
 from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from fri_client.handover.ring import EventCode, HandoverRing
+from tests.ports import free_tcp_port
 from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job
@@ -40,12 +41,6 @@ from .producer import Producer, make_job
 REPOSITORY = Path(__file__).resolve().parents[2]
 PORT = 30988
 SUBPROTOCOL = "foxglove.sdk.v1"
-
-
-def free_tcp_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import Codec
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 ROWS = 500
@@ -33,18 +34,12 @@ def short_table() -> np.ndarray:
     return home + 0.005 * np.sin(2 * np.pi * np.arange(ROWS) / ROWS)[:, None]
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def request_in(folder: Path, table: np.ndarray | None = None, **changes: Any) -> RunRequest:
     np.save(folder / "table.npy", short_table() if table is None else table)
     options: dict[str, Any] = {
         "periods": 1,
         "lead_in_s": 0.1,
-        "bind_port": free_port(),
+        "bind_port": free_udp_port(),
         "receive_timeout_s": 60.0,
         "realtime_priority": 0,
         "table_file": str(folder / "table.npy"),

@@ -46,7 +46,8 @@ from tests.daemon.service_process import (
     short_trajectory,
     wait_for,
 )
-from tests.daemon.test_service import free_port, gentle_request
+from tests.daemon.test_service import gentle_request
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 
@@ -178,7 +179,7 @@ def test_sigterm_ramps_the_arm_down_and_then_the_service_ends_and_systemd_is_tol
 
 
 def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_udp_port()
     # The control thread hangs from the second period on.
     hangs = threading.Event()
 

@@ -26,6 +26,7 @@ from daemon.errors import (
 )
 from daemon.json_files import read_json
 from daemon.run.service import run_acquisition
+from tests.ports import free_udp_port
 
 from .recorder_results import read_states
 from .service_runs import (
@@ -34,7 +35,6 @@ from .service_runs import (
     WATCHDOG_S,
     assert_nothing_missing,
     commands_of,
-    free_port,
     gentle_request,
     words_of,
 )
@@ -89,7 +89,7 @@ def test_an_observer_that_fails_ends_no_run(robot: tuple[int, Path], tmp_path: P
 
 
 def test_no_robot_is_said_within_the_time_allowed_with_exit_code_69(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_udp_port()
     outcome = run_acquisition(gentle_request(tmp_path, port, start_timeout_s=0.3), observe=lambda _: None)
     assert (outcome.exit_code, outcome.outcome) == (69, "no_robot")
     assert str(port) in " ".join(outcome.sentences) or "0.3" in " ".join(outcome.sentences)
@@ -107,14 +107,16 @@ def test_another_fri_version_is_a_mismatch_with_exit_code_76(robot: tuple[int, P
 
 def test_a_start_that_failed_can_be_repeated_into_the_same_folder(tmp_path: Path) -> None:
     for number in (0, 1):
-        outcome = run_acquisition(gentle_request(tmp_path, free_port(), start_timeout_s=0.2), observe=lambda _: None)
+        outcome = run_acquisition(
+            gentle_request(tmp_path, free_udp_port(), start_timeout_s=0.2), observe=lambda _: None
+        )
         assert outcome.exit_code == 69
         assert len(list((tmp_path / "run").glob("failed-start-*"))) == number
 
 
 @pytest.fixture(params=["2.5", "2.7"])
 def newer_robot(request: pytest.FixtureRequest) -> Iterator[tuple[int, str]]:
-    port = free_port()
+    port = free_udp_port()
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
@@ -142,7 +144,7 @@ def test_the_version_is_heard_before_anything_is_started(newer_robot: tuple[int,
 def test_nobody_to_hear_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(RobotUnreachableError):
         run_acquisition(
-            gentle_request(tmp_path, free_port(), fri_version="auto", start_timeout_s=0.2), observe=lambda _: None
+            gentle_request(tmp_path, free_udp_port(), fri_version="auto", start_timeout_s=0.2), observe=lambda _: None
         )
     assert not (tmp_path / "run").exists()
 
@@ -172,7 +174,7 @@ def test_a_port_in_use_is_said_before_any_process_is_started(tmp_path: Path) -> 
 
 
 def test_a_folder_with_a_recording_is_never_written_over(tmp_path: Path) -> None:
-    request = gentle_request(tmp_path, free_port())
+    request = gentle_request(tmp_path, free_udp_port())
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "recording.mcap").write_bytes(b"precious")
     with pytest.raises(ConfigurationError):
@@ -181,7 +183,7 @@ def test_a_folder_with_a_recording_is_never_written_over(tmp_path: Path) -> None
 
 
 def test_an_absent_table_is_missing_input(tmp_path: Path) -> None:
-    request = gentle_request(tmp_path, free_port())
+    request = gentle_request(tmp_path, free_udp_port())
     os.remove(request.table_file)
     with pytest.raises(MissingInputError) as caught:
         run_acquisition(request, observe=lambda _: None)

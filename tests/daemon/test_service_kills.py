@@ -25,6 +25,7 @@ from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.run.account import account_for_folder
 from daemon.run.service import run_acquisition
+from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
 from .service_runs import (
@@ -34,7 +35,6 @@ from .service_runs import (
     WATCHDOG_S,
     assert_nothing_missing,
     child_of,
-    free_port,
     gentle_request,
     has_begun_period,
     kill_together,
@@ -233,7 +233,7 @@ def test_all_processes_killed_at_once_leave_all_but_the_last_chunk_and_recover_s
     process.communicate(timeout=WATCHDOG_S)
     wait_gone(children)
     with pytest.raises(ConfigurationError, match="recover"):
-        run_acquisition(gentle_request(tmp_path, free_port()), observe=lambda _: None)
+        run_acquisition(gentle_request(tmp_path, free_udp_port()), observe=lambda _: None)
     report = recover(tmp_path / "run")
     outcome = account_for_folder(tmp_path / "run", report)
     assert outcome is not None

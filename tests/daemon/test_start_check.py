@@ -30,6 +30,7 @@ from safety.collision import Plane, Workspace, workspace_clearances
 from safety.geometry import load_geometry
 from safety.limits import limits_for
 from safety.ramps import plan_stop_ramp
+from tests.ports import free_udp_port
 
 from .producer import make_request
 
@@ -181,16 +182,10 @@ def test_a_workspace_file_that_cannot_be_used_ends_the_run_before_it_begins(ring
         StartCheck(make_request(tmp_path, workspace_file=str(tmp_path / "cell.yaml")), ring.gate)
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
     """Port that a fake robot in T1 sends to, and how to end it and hear what it was commanded."""
-    port, summary, mode = free_port(), tmp_path / "robot.json", tmp_path / "t1.yaml"
+    port, summary, mode = free_udp_port(), tmp_path / "robot.json", tmp_path / "t1.yaml"
     mode.write_text("session: {operation_mode: 0}\n")
     process = subprocess.Popen(
         [

@@ -38,7 +38,7 @@ from tests.end_to_end.fault_account import (
     what_the_arm_did,
 )
 from tests.end_to_end.fault_case import FaultCase, Step
-from tests.end_to_end.processes import free_udp_port
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 __all__ = ["LEAD_IN_S", "robot_settings", "run_case", "short_motion"]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -32,14 +30,6 @@ def start_iiwa_ident(*words: object) -> subprocess.Popen[str]:
         [*COMMAND, *map(str, words)],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
     )  # fmt: skip
-
-
-def free_udp_port() -> int:
-    """A UDP port on loopback that nobody holds, and that the kernel gives to nobody who asks for any."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", secrets.choice(range(20_000, 32_000))))
-            return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager

@@ -21,7 +21,8 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from identification.excitation import FourierTrajectory, default_trajectory
-from tests.end_to_end.processes import fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+from tests.end_to_end.processes import fake_robot, iiwa_ident, start_iiwa_ident
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 PERIOD_S = 2.0

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from identification.excitation import default_trajectory
-from tests.end_to_end.processes import free_udp_port, iiwa_ident
+from tests.end_to_end.processes import iiwa_ident
+from tests.ports import free_udp_port
 
 COMMANDS = (
     "fake-robot", "check", "run", "doctor", "recover", "import", "fit", "validate", "design", "demo",

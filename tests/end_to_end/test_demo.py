@@ -16,7 +16,8 @@ import pytest
 
 from daemon.cli.demonstration import fresh_folder, is_right, judgement
 from daemon.errors import SealBrokenError
-from daemon.run.demonstration import fake_robot, free_udp_port, opened_effect
+from daemon.run.demonstration import fake_robot, opened_effect
+from tests.ports import free_udp_port
 
 
 def test_the_fake_robot_publishes_the_hash_of_what_its_summary_opens(tmp_path: Path) -> None:

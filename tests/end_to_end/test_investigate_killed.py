@@ -17,7 +17,8 @@ import psutil
 
 from daemon.investigate.account import Account, read_account
 from daemon.investigate.states import State
-from tests.end_to_end.processes import COMMAND, fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+from tests.end_to_end.processes import COMMAND, fake_robot, iiwa_ident, start_iiwa_ident
+from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 

@@ -11,7 +11,8 @@ import yaml
 
 from identification.recordings.reader import read_inputs
 from identification.recordings.recording import CLOCK_START
-from tests.end_to_end.processes import fake_robot, free_udp_port, iiwa_ident, start_iiwa_ident
+from tests.end_to_end.processes import fake_robot, iiwa_ident, start_iiwa_ident
+from tests.ports import free_udp_port
 
 LED_RAD = 0.4
 LED_PERIODS_S = (4.1, 4.7, 3.7, 3.1, 2.9, 2.3, 1.9)

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from identification.excitation import FourierTrajectory, default_trajectory
-from tests.end_to_end.processes import fake_robot, free_udp_port, iiwa_ident
+from tests.end_to_end.processes import fake_robot, iiwa_ident
+from tests.ports import free_udp_port
 
 LOAD = (2.5, 0.02, -0.015, 0.09)
 """kg, then m from the flange."""
