@@ -61,15 +61,15 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
             rise = left(selection)[1] / before[1] - 1.0
             return rise, refused(selection, rise)
 
-        alone, dropped = predictive(weighed(rows, settings, one_noise=True), judge)
+        alone, dropped = predictive(weighed(rows, settings, predicted=True), judge)
         after = left(alone)
     held = tuple(item for item in together.held if item.number in alone.families(item.joint, alone.states[item.joint]))
     return Dependence(every, held, alone, left, before, after, dropped, rival, predicts)
 
 
-def weighed(rows: Rows, settings: ClaimSettings, *, one_noise: bool = False) -> Selection:
+def weighed(rows: Rows, settings: ClaimSettings, *, predicted: bool = False) -> Selection:
     """All classes of the rows, with variances and weights of the fitted rows alone."""
-    alone = Selection.of(rows, range(rows.folds), settings, one_noise=one_noise)
+    alone = Selection.of(rows, range(rows.folds), settings, predicted=predicted)
     for turn in range(2):
         for joint in range(rows.problem.n):
             if rows.asked[joint]:

@@ -22,6 +22,8 @@ IntArray = npt.NDArray[np.int64]
 FREE = 1e-9
 """Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""
 LEAST_NOISE = 1e-6
+OPEN_BEYOND_NOISE = 5.0
+"""Deviations of the noise by which rows must leave a direction of the base parameters open for others to settle it."""
 LEAST_FREEDOM = 0.05
 """Share of a band's rows below which its freedom is not taken, however many columns describe it."""
 
@@ -41,6 +43,10 @@ class JointGram:
     def columns(self) -> int:
         """Number m of columns of B."""
         return int(self.group.size)
+
+    def less(self, other: JointGram) -> JointGram:
+        """The rows that are not among the other ones."""
+        return JointGram(self.gram - other.gram, self.count - other.count, self.group)
 
     def only(self, groups: Sequence[int]) -> JointGram:
         """The same rows with some groups, numbered anew in that order."""
@@ -167,19 +173,10 @@ def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
     return Posterior(weights, base, covariance, left, joint.gram.reshape(len(left), -1) @ padded.ravel())
 
 
-def updated(
-    joint: JointGram,
-    hyper: Hyper,
-    now: Posterior,
-    cap: float,
-    noise_rows: float,
-    odds: float,
-    *,
-    one_noise: bool = False,
-) -> Hyper:
+def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_rows: float, odds: float) -> Hyper:
     """One step of the fixed point. cap: largest variance. noise_rows: worth of the measured noise, 0 without any.
 
-    odds: that a band's noise is not the measured one, beforehand. one_noise: the same for all bands.
+    odds: that a band's noise is not the measured one, beforehand.
     """
     variance = hyper.variance.copy()
     diagonal = np.diag(now.covariance)
@@ -190,11 +187,27 @@ def updated(
         variance[number] = min(max(square / max(determined, 1e-3), 1e-6 * cap), cap)
     trust = noise_rows * as_measured(hyper.noise, noise_rows, odds)
     freedom = np.maximum(joint.count - now.spread / hyper.noise, LEAST_FREEDOM * joint.count)
-    squares, rows = now.left + trust, freedom + trust
-    if one_noise:
-        squares, rows = np.full_like(squares, squares.sum()), np.full_like(rows, rows.sum())
-    noise = squares / np.maximum(rows, 1e-9)
+    noise = (now.left + trust) / np.maximum(freedom + trust, 1e-9)
     return Hyper(variance, np.where(joint.count > 0.0, np.maximum(noise, LEAST_NOISE), 1.0))
+
+
+def squares_of(rows: JointGram, shared: Shared, now: Posterior, noise: FloatArray) -> tuple[float, float]:
+    """Squares that weights and base parameters of other rows leave of these, and how many of these count.
+
+    shared: what the other rows say of the base parameters. Directions of these that they leave open, by more than
+    OPEN_BEYOND_NOISE deviations of the noise on these rows, are settled here.
+    """
+    size = rows.columns
+    line = np.concatenate([-now.weights, -now.base, [1.0]])
+    gram = rows.gram.sum(axis=0)
+    factor = cholesky(shared.precision, lower=True, check_finite=False)
+    inverse = lapack.dtrtri(factor, lower=1)[0]
+    information = np.tensordot(1.0 / noise, rows.gram[:, size:-1, size:-1], axes=1)
+    values, vectors = np.linalg.eigh(inverse @ information @ inverse.T)
+    free = inverse.T @ vectors[:, values > OPEN_BEYOND_NOISE**2]
+    within, target = free.T @ gram[size:-1, size:-1] @ free, free.T @ (gram[size:-1] @ line)
+    settled = float(target @ np.linalg.lstsq(within, target, rcond=1e-12)[0]) if target.size else 0.0
+    return max(float(line @ gram @ line) - settled, 0.0), float(rows.count.sum()) - free.shape[1]
 
 
 def settled_variance(joint: JointGram, hyper: Hyper, beside: Shared, cap: float, rounds: int) -> FloatArray:

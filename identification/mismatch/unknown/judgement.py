@@ -6,8 +6,9 @@ variances of the fitted rows alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -70,10 +71,14 @@ def judge(
         beside = _beside_names(found.alone, fitted, unseen, names, settings)
         offered, more = offer(beside, found.left, names.heldout_after)
         dropped += more
-    smooth = [item for item in found.held if CLASSES[item.number].background and item.loss >= settings.speak]
+    gain = cache(partial(_gain, found))
+    heard = [item for item in found.held if item.loss >= settings.speak]
+    standing = {item: weight for item in heard if (weight := _weight(found, item, gain, dropped)) > 0.0}
+    smooth = [item for item in standing if CLASSES[item.number].background]
     # A smooth error that other joints show may have any form on this one, that of a class too.
-    needed = max([settings.speak, *(item.loss for item in smooth)])
-    claims = _claims(found, needed, dropped, problem, candidates)
+    needed = max((standing[item] for item in smooth), default=0.0)
+    chosen = [item for item, weight in standing.items() if weight >= needed]
+    claims = _claims(found, chosen, gain, problem, candidates)
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
         chance = names.trial.power.probability.min(axis=1)
@@ -97,35 +102,48 @@ def _beside_names(
     roles = (without_members(item, names.extension, Library(EFFECTS, item.evidences)) for item in (fitted, unseen))
     rows = alone.rows.limited([state.groups for state in alone.states])
     rows = rows.with_torque([torque for role in roles for torque in role.torque], settings)
-    return weighed(rows, settings, one_noise=alone.one_noise)
+    return weighed(rows, settings, predicted=alone.predicted)
+
+
+def _gain(found: Dependence, item: Held) -> FloatArray:
+    """(n,) Nm that a class takes off the RMS of held-out rows; empty without any."""
+    alone, joint = found.alone, item.joint
+    if not alone.rows.heldout:
+        return np.zeros(0)
+    family = alone.families(joint, alone.states[joint])[item.number]
+    return found.left(shortened(alone, joint, family))[1] - found.after[1]
+
+
+def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray], dropped: Sequence[Dropped]) -> float:
+    """Nats; where the noise is not known the logarithm of how many times larger the joint's held-out RMS is without it.
+
+    Fitted rows of an unknown noise are no proof for each other. What the model is not offered weighs nothing there.
+    """
+    if found.every.problem.noise_is_measured or not found.every.heldout:
+        return item.loss
+    if (item.joint, item.number) in dropped:
+        return 0.0
+    return float(np.log1p(gain(item)[item.joint] / found.after[1][item.joint]))
 
 
 def _claims(
     found: Dependence,
-    needed: float,
-    dropped: Sequence[Dropped],
+    chosen: Sequence[Held],
+    gain: Callable[[Held], FloatArray],
     problem: Problem,
     candidates: Sequence[EffectRows],
 ) -> list[ClassClaim]:
-    """What weighs at least so many nats and may be said, weightiest first. dropped: what the model was not offered."""
+    """What of some classes may be said, those of most nats first."""
     alone, claims = found.alone, []
-    for item in sorted(found.held, key=lambda item: -item.loss):
+    for item in sorted(chosen, key=lambda item: -item.loss):
         state = alone.states[item.joint]
-        if item.loss < needed or any(CLASSES[number].background for number in (item.number, *item.alternatives)):
+        if any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.
             continue
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        family = alone.families(item.joint, state)[item.number]
-        gain = np.zeros(0)
-        if alone.rows.heldout:
-            gain = found.left(shortened(alone, item.joint, family))[1] - found.after[1]
-        predicts = (item.joint, item.number) not in dropped and (not gain.size or gain[item.joint] > 0.0)
-        if not (problem.noise_is_measured or predicts):
-            # Rows whose noise is not known are no proof for each other: there a class has to predict.
-            continue
-        claim = _claim(alone.rows, alone, item, state, gain, problem, candidates)
+        claim = _claim(alone.rows, alone, item, state, gain(item), problem, candidates)
         if claim.interval_nm[0] > 0.0:
             # What may as well be nothing on the fitted rows is no finding.
             claims.append(claim)

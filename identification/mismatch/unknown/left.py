@@ -9,14 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.problem import off
-from identification.mismatch.unknown.evidence import FREE
+from identification.mismatch.unknown.evidence import FREE, OPEN_BEYOND_NOISE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 
 FloatArray = npt.NDArray[np.float64]
-
-OPEN_BEYOND_NOISE = 5.0
-"""Deviations of the noise by which a direction of the base parameters must be open for held-out rows to settle it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

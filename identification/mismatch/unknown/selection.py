@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
+    LEAST_NOISE,
     Hyper,
     JointGram,
     Marginal,
@@ -26,6 +27,7 @@ from identification.mismatch.unknown.evidence import (
     marginal,
     posterior,
     settled_variance,
+    squares_of,
     updated,
 )
 from identification.mismatch.unknown.rows import Rows
@@ -75,7 +77,8 @@ class Selection:
     """The state of all joints while classes are put in and taken out.
 
     worlds: sets of parts whose evidence counts; the first holds all, and is what variances are estimated on. signs:
-    how often each counts. one_noise: a joint's noise is the same in all bands.
+    how often each counts. predicted: the noise of a joint is what is left of stretches of time that are predicted from
+    the others, the same in all bands.
     """
 
     rows: Rows
@@ -85,11 +88,11 @@ class Selection:
     states: list[JointState] = field(default_factory=list)
     held: list[Held] = field(default_factory=list)
     banned: frozenset[int] = frozenset()
-    one_noise: bool = False
+    predicted: bool = False
 
     @classmethod
     def nominal(
-        cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, one_noise: bool = False
+        cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, predicted: bool = False
     ) -> Selection:
         """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
         total = rows.of(parts)
@@ -97,16 +100,16 @@ class Selection:
         if not rows.problem.noise_is_measured and len(parts) > 1:
             worlds += [rows.of([other for other in parts if other != part]) for part in parts]
             signs = [float(len(parts)), *(-1.0 for _ in parts)]
-        result = cls(rows, settings, tuple(worlds), tuple(signs), one_noise=one_noise)
+        result = cls(rows, settings, tuple(worlds), tuple(signs), predicted=predicted and len(worlds) > 1)
         bands = total[0].gram.shape[0]
         start = np.ones(bands)
         result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
         return result
 
     @classmethod
-    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, one_noise: bool = False) -> Selection:
+    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, predicted: bool = False) -> Selection:
         """No class on any joint; noise estimated."""
-        result = cls.nominal(rows, parts, settings, one_noise=one_noise)
+        result = cls.nominal(rows, parts, settings, predicted=predicted)
         for _ in range(FULL_ROUNDS):
             for joint in range(rows.problem.n):
                 result.states[joint] = result.settled(joint, result.states[joint], 1)
@@ -157,9 +160,28 @@ class Selection:
             part = marginal(state.gram, hyper)
         for _ in range(rounds):
             now = posterior(state.gram, part, beside.plus(part))
-            hyper = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds, one_noise=self.one_noise)
+            new = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds)
+            hyper = replace(new, noise=hyper.noise) if self.predicted else new
+            part = marginal(state.gram, hyper)
+        if self.predicted:
+            hyper = replace(hyper, noise=np.full_like(hyper.noise, self._predicted_noise(joint, state, hyper)))
             part = marginal(state.gram, hyper)
         return JointState(state.groups, state.gram, hyper, part)
+
+    def _predicted_noise(self, joint: int, state: JointState, hyper: Hyper) -> float:
+        """Mean square of what each stretch of a joint's rows leaves that is predicted from the others.
+
+        Columns that describe every fitted row leave nothing of these, whatever they are worth elsewhere.
+        """
+        squares, count = 0.0, 0.0
+        for world in range(1, len(self.worlds)):
+            others = self.worlds[world][joint].only(state.groups)
+            part = marginal(others, hyper)
+            shared = self.others(joint, world).plus(part)
+            now = posterior(others, part, shared)
+            more, rows = squares_of(state.gram.less(others), shared, now, hyper.noise)
+            squares, count = squares + more, count + rows
+        return max(squares / max(count, 1.0), LEAST_NOISE)
 
     def score(self, joint: int, state: JointState) -> float:
         """Nats of the whole hypothesis with this joint in this state, the prior cost of its classes taken off."""

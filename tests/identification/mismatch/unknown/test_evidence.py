@@ -16,6 +16,7 @@ from identification.mismatch.unknown.evidence import (
     loss_without,
     marginal,
     posterior,
+    squares_of,
     updated,
 )
 
@@ -123,3 +124,31 @@ def test_weights_and_base_parameters_are_those_of_generalised_least_squares() ->
     assert now.covariance == pytest.approx(np.linalg.inv(precision), abs=1e-8)
     left = (torque - every @ solution) ** 2
     assert now.left == pytest.approx([left[band == BANDS].sum() for band in (0, 1)])
+
+
+def gram_of_rows(rows: tuple[np.ndarray, np.ndarray, np.ndarray], chosen: np.ndarray) -> JointGram:
+    columns, base, torque = rows
+    every = np.concatenate([columns, base, torque[:, None]], axis=1)
+    parts = np.stack([every[chosen & (band == BANDS)].T @ every[chosen & (band == BANDS)] for band in (0, 1)])
+    return JointGram(parts, np.bincount(BANDS[chosen], minlength=2).astype(float), GROUPS)
+
+
+@pytest.mark.parametrize("open_direction", [False, True])
+def test_what_is_left_of_rows_that_were_not_fitted_is_that_of_their_residuals(open_direction: bool) -> None:
+    """Truth: rows written out. A base column that the fitted rows do not hold is settled on the others."""
+    columns, base, torque = rows_of(5)
+    fitted = np.arange(BANDS.size) % 3 != 0
+    if open_direction:
+        base[fitted, 0] = 0.0
+    hyper = Hyper(np.array([4.0, 1.0]), np.array([1.0, 1.5]))
+    seen, every = (gram_of_rows((columns, base, torque), chosen) for chosen in (fitted, np.ones_like(fitted)))
+    part = marginal(seen, hyper)
+    shared = Shared.of([part], FLAT)
+    now = posterior(seen, part, shared)
+    squares, count = squares_of(every.less(seen), shared, now, hyper.noise)
+    left = (torque - columns @ now.weights - base @ now.base)[~fitted]
+    if open_direction:
+        own = base[~fitted, 0]
+        left = left - own * (own @ left) / (own @ own)
+    assert squares == pytest.approx(left @ left, rel=1e-5)
+    assert count == left.size - open_direction

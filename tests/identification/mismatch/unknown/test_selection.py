@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
+from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import RobotModel
+from identification.recordings import read_recording
+from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
+from tests.reference import recording_file
 
 
 def bends(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -36,3 +39,21 @@ def test_what_is_held_stands_also_where_every_exchange_seems_better(
     standing = selection.families(2, selection.states[2])
     assert selection.held
     assert [item.number for item in selection.held] == list(standing)
+
+
+def test_noise_that_is_not_measured_is_what_stays_of_rows_that_were_not_fitted() -> None:
+    """All classes together describe every fitted row of 18 s of the UR10 in some band; not of what is left out."""
+    robot = load_robot(recording_file("ur10_mdh.csv"))
+    recording = read_recording(recording_file("ur10.npz"))
+    settings = ClaimSettings()
+    split = default_split([recording], DiagnosisSettings())
+    fitted = prepare([recording], robot, BaseRegressor(robot), DiagnosisSettings(), split)
+    rows = build_rows(fitted, None, settings)
+    least = {}
+    for predicted in (False, True):
+        selection = Selection.of(rows, range(rows.folds), settings, predicted=predicted)
+        before = selection.states[0].hyper.noise
+        share = selection.settled(0, selection.full(0), 8).hyper.noise / before
+        least[predicted] = float(share[selection.states[0].gram.count > 0.0].min())
+    assert least[False] < 1e-3
+    assert 0.02 < least[True] < 2.0
