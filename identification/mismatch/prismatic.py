@@ -34,6 +34,10 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
     return replace(
         diagnosis,
         findings=tuple(_finding(item) if slides(item.place.joint) else item for item in diagnosis.findings),
+        classes=tuple(
+            replace(item, sentence=for_prismatic(item.sentence)) if slides(item.joint) else item
+            for item in diagnosis.classes
+        ),
         minimum_detectable=tuple(
             replace(item, unit=for_prismatic(item.unit))
             if slides(item.place.joint) and item.effect not in OF_THE_BASE

@@ -106,12 +106,16 @@ def _beside_names(
 
 
 def _gain(found: Dependence, item: Held) -> FloatArray:
-    """(n,) Nm that a class takes off the RMS of held-out rows; empty without any."""
+    """(n,) Nm that a class takes off the RMS of held-out rows; empty without any.
+
+    Without it the others may be worth less than nothing: then nothing of them would stay.
+    """
     alone, joint = found.alone, item.joint
     if not alone.rows.heldout:
         return np.zeros(0)
     family = alone.families(joint, alone.states[joint])[item.number]
-    return found.left(shortened(alone, joint, family))[1] - found.after[1]
+    without = found.left(shortened(alone, joint, family))[1]
+    return np.asarray(np.minimum(without, found.before[1]) - found.after[1])
 
 
 def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray], dropped: Sequence[Dropped]) -> float:
