@@ -54,8 +54,9 @@ class ClassClaim:
 
     name: class name of contract §6. joint: from 1. rms_nm: of the part that base parameters cannot take up, on the
     fitted rows, with its 95 % interval. significance: nats of evidence lost without it. heldout_gain_nm: (n,) Nm, RMS
-    without it minus RMS with it on held-out rows, all weights from the fitted ones, at most what all classes bring; empty
-    without any. alternatives: classes that could stand in its place. named: the names that stand on the joint leave nothing of it.
+    without it minus RMS with it on held-out rows, all weights from the fitted ones, at most what all classes bring;
+    empty without any. alternatives: classes that could stand in its place. named: the names that stand on the joint
+    leave nothing of it.
     """
 
     name: str
