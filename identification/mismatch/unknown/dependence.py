@@ -53,8 +53,8 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
     predicts = after[1] < before[1] if every.heldout else np.ones(every.problem.n, dtype=np.bool_)
     alone = rival
     if every.heldout and not every.problem.noise_is_measured:
-        # Rows whose noise is not known are no proof for each other: there a class has to predict. And noise estimated
-        # band by band would take the weight from rows of which no class explains much.
+        # Rows whose noise is not known are no proof for each other: there a class has to predict, and weights rest on
+        # what is left of rows that did not make them.
         before = left(Selection.nominal(rows, range(rows.folds), settings))
 
         def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
