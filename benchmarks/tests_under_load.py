@@ -24,7 +24,8 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _AT_RISK = re.compile(
     r"^(?:import|from) (?:threading|socket|zmq|signal|multiprocessing|tests\.end_to_end|\.(?:processes|acquisition|"
-    r"fault_\w+|wire_\w+|service_\w+|simulated_wire|scripted_\w+)|tests\.ports|benchmarks\.kills|daemon\.(?:queue|run\.service))\b"
+    r"fault_\w+|wire_\w+|service_\w+|simulated_wire|scripted_\w+)|tests\.ports|benchmarks\.kills|"
+    r"daemon\.(?:queue|run\.service))\b"
     r"|subprocess\.Popen\(",
     re.MULTILINE,
 )

@@ -242,11 +242,13 @@ def test_a_model_that_makes_a_joint_worse_elsewhere_is_not_offered(
     assert "joint 3: " in note
 
 
-def test_no_model_of_the_emps_is_offered_that_its_other_recording_refutes() -> None:
-    """Recording b leaves the range of a; with terms that describe every row of a its error was 5.2 N, not 2.0 N."""
+def test_the_model_of_the_emps_that_is_offered_does_no_harm_on_its_other_recording() -> None:
+    """Recording b leaves the range of a; with terms that describe every row of a its error was 5.2 N, not 2.0 N. Most
+    of them are refused; those that stay bring next to nothing there.
+    """
     first, second = (read_recording(recording_file(f"emps_{name}.npz")) for name in "ab")
     diagnosis = diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
     assert diagnosis.heldout is not None
     assert any("not part of the extended model" in note for note in diagnosis.notes)
-    if diagnosis.offer is not None:
-        assert diagnosis.offer.heldout_rms[0] < diagnosis.heldout.rms_after_nm[0]
+    assert diagnosis.offer is not None
+    assert 0.97 < diagnosis.offer.heldout_rms[0] / diagnosis.heldout.rms_after_nm[0] < 1.0
