@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 from typer.core import TyperCommand
 
 from daemon.cli.app import app
@@ -98,16 +97,19 @@ def judge(
 def show_preflight(motion: PreparedMotion) -> None:
     """The preflight's checks, and every pair's distances, as tables on stdout."""
     report = motion.preflight
-    table = Table("check", "result", "what was found")
-    for check in report.checks:
-        table.add_row(check.name.replace("_", " "), "ok" if check.passed else "NOT SAFE", check.sentence)
-    show_table(table)
+    show_table(
+        ("check", "result", "what was found"),
+        [
+            (check.name.replace("_", " "), "ok" if check.passed else "NOT SAFE", check.sentence)
+            for check in report.checks
+        ],
+    )
     data("")
     data(motion.foresight_sentence())
     data(motion.speed_sentence())
     if report.clearances:
         paths = list(dict.fromkeys(each.along for each in report.clearances))
-        table = Table("distance between", *(f"{path} (proven)" for path in paths), "required", "result")
+        rows = []
         pairs: dict[str, dict[str, Clearance]] = {}
         for each in report.clearances:
             pairs.setdefault(each.pair, {})[each.along] = each
@@ -115,8 +117,8 @@ def show_preflight(motion: PreparedMotion) -> None:
             cells = [_distance(found[path]) if path in found else "" for path in paths]
             margin = max(each.margin_m for each in found.values())
             kept = all(each.kept for each in found.values())
-            table.add_row(pair, *cells, f"{1e3 * margin:.0f} mm", "ok" if kept else "TOO CLOSE")
-        show_table(table)
+            rows.append((pair, *cells, f"{1e3 * margin:.0f} mm", "ok" if kept else "TOO CLOSE"))
+        show_table(("distance between", *(f"{path} (proven)" for path in paths), "required", "result"), rows)
         data(
             "Row n is n ms into the period. In brackets what is proven between the samples too; negative: overlap. "
             "Stops are planned from every row. The start ramp shown begins in the middle of the motion; `run` "

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
@@ -146,7 +145,7 @@ def show_fit(result: FitResult) -> None:
     from identification.robots.joint_units import in_units
 
     units = result.robot.units
-    show_table(parameter_table(result))
+    show_parameters(result)
     data(
         f"σ: of the estimator {result.estimator}, with the noise as measured, coloured; beside it the paper's eq. (15) "
         "of the unweighted fit, which takes all residuals as white and alike."
@@ -162,22 +161,18 @@ def show_fit(result: FitResult) -> None:
         data(f"note: {in_units(note, units)}")
 
 
-def parameter_table(result: FitResult) -> Table:
-    """Base parameters with σ of this fit, σ of eq. (15), and the values of the feasible set."""
-    table = Table("parameter", "value", "σ", "σ in %", "σ, eq. (15)", "feasible", "unit")
+def show_parameters(result: FitResult) -> None:
+    """Print base parameters with σ of this fit, σ of eq. (15), and the values of the feasible set."""
+    rows = []
     feasible = result.constrained.base_values if result.constrained is not None else None
     for i, name in enumerate(result.names):
         value, std = float(result.values[i]), float(result.std[i])
-        table.add_row(
-            name,
-            f"{value:.5f}",
-            f"{std:.5f}",
-            f"{100 * std / abs(value):.2f}" if value else "",
-            f"{float(result.equation_15_std[i]):.5f}",
-            "" if feasible is None else f"{float(feasible[i]):.5f}",
+        rows.append((
+            name, f"{value:.5f}", f"{std:.5f}", f"{100 * std / abs(value):.2f}" if value else "",
+            f"{float(result.equation_15_std[i]):.5f}", "" if feasible is None else f"{float(feasible[i]):.5f}",
             result.regressor.units[i],
-        )
-    return table
+        ))  # fmt: skip
+    show_table(("parameter", "value", "σ", "σ in %", "σ, eq. (15)", "feasible", "unit"), rows)
 
 
 def show_certificate(certificate: dict[str, Any]) -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
@@ -218,7 +217,10 @@ def show_change(title: str, change: Change) -> None:
     data(title)
     for sentence in [item.sentence for item in change.audit.differences] or [change.audit.sentence]:
         data(f"  {sentence}")
-    table: Any = Table("parameter", "before", "after", "unit", "difference in σ")
-    for item in change.parameters[:SHOWN]:
-        table.add_row(item.name, f"{item.before:.4g}", f"{item.after:.4g}", item.unit, f"{item.sigmas:+.1f}")
-    show_table(table)
+    show_table(
+        ("parameter", "before", "after", "unit", "difference in σ"),
+        [
+            (item.name, f"{item.before:.4g}", f"{item.after:.4g}", item.unit, f"{item.sigmas:+.1f}")
+            for item in change.parameters[:SHOWN]
+        ],
+    )

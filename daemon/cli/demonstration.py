@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from daemon.cli.acquisition import show_preflight
 from daemon.cli.analysis import show_certificate
@@ -257,12 +256,12 @@ def show_comparison(
     parameters: list[dict[str, Any]], nominal: list[dict[str, Any]], truth: np.ndarray[Any, Any]
 ) -> None:
     """Value, σ and truth of each base parameter, and the nominal fit's value, as a table."""
-    table = Table("parameter", "identified", "σ", "true", "off, in σ", "without effects", "unit")
+    rows = []
     without = {parameter["name"]: parameter["value"] for parameter in nominal}
     for parameter, true in zip(parameters, truth, strict=True):
         value, std = parameter["value"], parameter["std"]
-        table.add_row(
+        rows.append((
             parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{(value - true) / std:+.1f}",
             f"{without[parameter['name']]:.5f}", parameter["unit"],
-        )  # fmt: skip
-    show_table(table)
+        ))  # fmt: skip
+    show_table(("parameter", "identified", "σ", "true", "off, in σ", "without effects", "unit"), rows)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
@@ -297,11 +296,14 @@ def show_verified(verified: dict[str, Any]) -> None:
     titles = {"position": "position", "velocity": "velocity", "acceleration": "acceleration", "torque": "torque",
               "paper": "(14) of the paper"}  # fmt: skip
     joints = [f"joint {number}" for number in range(1, len(verified["paper"]) + 1)]
-    table = Table(f"% of the limit, {verified['samples']} rows", *joints)
-    for name, title in titles.items():
-        if name in verified:
-            table.add_row(title, *(f"{100.0 * value:.1f}" for value in verified[name]))
-    show_table(table)
+    show_table(
+        (f"% of the limit, {verified['samples']} rows", *joints),
+        [
+            (title, *(f"{100.0 * value:.1f}" for value in verified[name]))
+            for name, title in titles.items()
+            if name in verified
+        ],
+    )
     true, paper = ("yes" if verified[f"within_{which}limits"] else "NO" for which in ("", "paper_"))
     data(f"Inside the limits of the arm: {true}; inside (14) of the paper, at rest at the start: {paper}.")
 
@@ -361,18 +363,21 @@ def _show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
         f"Missing physics in {periods} periods: {seen} of {len(effects)} effects of plausible size reach the λ of "
         f"{TOOL_STRENGTH:.0f} that a diagnosis asks for. The twelve that show least:"
     )
-    shown = Table("effect", "joint", "plausible size", "λ", "smallest, λ = 24", "smallest, diagnosis", "looks like")
-    for item in sorted(effects, key=lambda item: item.strength)[:12]:
-        shown.add_row(
-            item.effect,
-            str(item.joint) + (f" from {item.other_joint}" if item.other_joint else ""),
-            f"{item.size:g} {item.unit}",
-            f"{item.strength:.3g}",
-            f"{item.smallest_oracle:.2g}",
-            f"{item.smallest_tool:.2g}",
-            f"{item.alike} ({item.cosine:.2f})" if item.alike else "",
-        )
-    show_table(shown)
+    show_table(
+        ("effect", "joint", "plausible size", "λ", "smallest, λ = 24", "smallest, diagnosis", "looks like"),
+        [
+            (
+                item.effect,
+                str(item.joint) + (f" from {item.other_joint}" if item.other_joint else ""),
+                f"{item.size:g} {item.unit}",
+                f"{item.strength:.3g}",
+                f"{item.smallest_oracle:.2g}",
+                f"{item.smallest_tool:.2g}",
+                f"{item.alike} ({item.cosine:.2f})" if item.alike else "",
+            )
+            for item in sorted(effects, key=lambda item: item.strength)[:12]
+        ],
+    )
 
 
 def _effect_json(effect: ShownEffect) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import (
@@ -168,7 +167,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
         data(claim.sentence)
     for line in one_a_line(remaining):
         data(line)
-    show_table(joint_table(diagnosis))
+    show_joints(diagnosis)
     for note in diagnosis.notes:
         data(f"note: {note}")
 
@@ -239,10 +238,9 @@ def _in_numbers(parameter: Parameter) -> str:
     return text if sigma == UNKNOWN else f"{text} (σ {sigma})"
 
 
-def joint_table(diagnosis: Diagnosis) -> Table:
-    """RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
+def show_joints(diagnosis: Diagnosis) -> None:
+    """Print RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
     units = diagnosis.torque_units or ("Nm",) * diagnosis.baseline.rms_nm.size
-    table = Table("RMS", *(f"joint {joint}, {unit}" for joint, unit in enumerate(units, start=1)))
     rows = [("fitted, nominal model", diagnosis.baseline.rms_nm)]
     measured, named = diagnosis.baseline.noise_is_measured, bool(diagnosis.findings)
     if named:
@@ -255,9 +253,10 @@ def joint_table(diagnosis: Diagnosis) -> Table:
             rows.append(("held out, with findings", diagnosis.heldout.rms_after_nm))
         if measured:
             rows.append(("held out, noise", diagnosis.heldout.noise_floor_nm))
-    for name, values in rows:
-        table.add_row(name, *(f"{value:.4f}" for value in values))
-    return table
+    show_table(
+        ("RMS", *(f"joint {joint}, {unit}" for joint, unit in enumerate(units, start=1))),
+        [(name, *(f"{value:.4f}" for value in values)) for name, values in rows],
+    )
 
 
 @app.command()

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
@@ -103,7 +102,7 @@ def _examine_logs(logs: Sequence[Path], robot: str | None, json_file: Path | Non
 
 
 def _show(checks: Sequence[DoctorCheck] | Sequence[SetUpCheck]) -> None:
-    table = Table("check", "result", "what was found")
-    for item in checks:
-        table.add_row(item.name, item.status if item.status != "failed" else "FAILED", item.sentence)
-    show_table(table)
+    show_table(
+        ("check", "result", "what was found"),
+        [(item.name, item.status if item.status != "failed" else "FAILED", item.sentence) for item in checks],
+    )

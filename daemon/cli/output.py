@@ -13,15 +13,14 @@ import logging
 import os
 import sys
 import unicodedata
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
 
+from daemon.cli.columns import aligned_lines
 from daemon.cli.protection import not_a_recording
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 JsonOption = Annotated[
     Path | None,
@@ -134,18 +133,17 @@ def _to_nowhere(stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def show_table(table: Table) -> None:
+def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """A table on stdout: no wider than a terminal and no word cut; as wide as it needs to be, a row a line, elsewhere.
 
     Where a terminal is too narrow for the longest words side by side, each row becomes a block of lines.
     """
+    heads, *rows = ([_spelled(cell, sys.stdout) for cell in row] for row in (heads, *rows))
+    if not sys.stdout.isatty():
+        _write(sys.stdout, "".join(f"{line}\n" for line in aligned_lines(heads, rows)))
+        return
     from daemon.cli.terminal import drawn_table
 
-    heads = [_spelled(str(column.header), sys.stdout) for column in table.columns]
-    rows = [
-        [_spelled(str(cell), sys.stdout) for cell in cells]
-        for cells in zip(*(column.cells for column in table.columns), strict=True)
-    ]
     drawn = drawn_table(heads, rows, sys.stdout)
     if drawn is not None:
         _write(sys.stdout, drawn)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
@@ -104,15 +103,9 @@ def _close_the_loop(seed: int, indices: range, json_file: Path | None, pages: Pa
     if wants_json_on_stdout(json_file):
         return
     titles = ("named rightly", "leader right", "pair told apart", "wrong names", "s of motion", "limits broken")
-    table = Table("group", "motions", *titles)
-    for row in loop_rows(summary):
-        table.add_row(*row)
-    show_table(table)
+    show_table(("group", "motions", *titles), loop_rows(summary))
     data("Forecasts: the probability that the truth would stand out, and how often it did:")
-    table = Table("foretold", "motions", "mean", "came true")
-    for row in reliability_rows(summary):
-        table.add_row(*row)
-    show_table(table)
+    show_table(("foretold", "motions", "mean", "came true"), reliability_rows(summary))
 
 
 def _run(
@@ -194,11 +187,8 @@ def show_proof(world: str, scores: list[CaseScore]) -> None:
     from daemon.proof.page import figures_of, proof_tables
 
     for table in proof_tables(world, scores, figures_of(world, scores)):
-        shown = Table(*table.head)
-        for row in table.rows:
-            shown.add_row(*row)
         data(f"{table.caption}:")
-        show_table(shown)
+        show_table(table.head, table.rows)
 
 
 def plain(value: Any) -> Any:

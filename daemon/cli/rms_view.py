@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
 from daemon.cli.output import data, show_table
 
 if TYPE_CHECKING:
@@ -18,13 +16,12 @@ def show_rms(rms: RmsTable, title: str, *, unit: str = "Nm", percent: bool = Tru
     """The table in `unit` with the sum over the joints, and in percent of the RMS torque, on stdout."""
     joints = len(rms.rows[0].rms_nm) if rms.rows else 0
     heads = [str(joint) for joint in range(1, joints + 1)]
-    absolute, relative = Table("joint", *heads, "sum"), Table("joint", *heads)
-    for row in rms.rows:
-        absolute.add_row(row.label, *(f"{value:.3f}" for value in row.rms_nm), f"{row.total_nm:.3f}")
-        relative.add_row(row.label, *(f"{value:.1f}" for value in row.percent))
     torque = "force" if unit == "N" else "torque"
     data(f"{title.replace('torque', torque)}, {unit}:")
-    show_table(absolute)
+    show_table(
+        ("joint", *heads, "sum"),
+        [(row.label, *(f"{value:.3f}" for value in row.rms_nm), f"{row.total_nm:.3f}") for row in rms.rows],
+    )
     if percent:
         data(f"The same in % of the RMS {torque}:")
-        show_table(relative)
+        show_table(("joint", *heads), [(row.label, *(f"{value:.1f}" for value in row.percent)) for row in rms.rows])

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
 from daemon.cli.app import app
 from daemon.cli.inputs import load_inputs
@@ -175,10 +174,10 @@ def simulate(
         data(line)
     data("RMS of position differences per joint, mrad (mm):")
     positions = comparison.position_rms()
-    table = Table("joint", *(str(joint + 1) for joint in range(len(next(iter(positions.values()))))))
-    for name, values in positions.items():
-        table.add_row(name, *(f"{1e3 * value:.3f}" for value in values))
-    show_table(table)
+    show_table(
+        ("joint", *(str(joint + 1) for joint in range(len(next(iter(positions.values())))))),
+        [(name, *(f"{1e3 * value:.3f}" for value in values)) for name, values in positions.items()],
+    )
     if float(positions["simulated minus commanded"].max()) > _BADLY_FOLLOWED:
         message("The simulated arm follows badly: the controller neglects friction. Raise --bandwidth or --stiffness.")
     show_rms(comparison.torque_rms(), "RMS of torque differences per joint", unit=robot.torque_unit, percent=False)

@@ -1,13 +1,12 @@
 """How lines and tables look to a reader at a terminal: colour on the words that decide, and no word cut at the edge.
 
-Here: the drawing, with rich, which is loaded only where something is drawn. Not here: where it goes (`output`). On a
-stream that is no terminal a table has one line a row.
+Here: the drawing, with rich, which is loaded only where something is drawn. Not here: where it goes (`output`), and
+tables in a file or a pipe (`columns`).
 """
 
 from __future__ import annotations
 
 import os
-import re
 import textwrap
 from collections.abc import Sequence
 from typing import ClassVar, TextIO
@@ -20,14 +19,13 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
+from daemon.cli.columns import BETWEEN, is_numeric
+
 __all__ = ["console_of", "drawn_lines", "drawn_table", "wrapped"]
 
 _THEME = Theme({"verdict.good": "green", "verdict.bad": "bold red", "verdict.doubt": "yellow"})
-_NUMBER = re.compile(r"[-+−]?\d[\d.]*(e[-+]\d+)?|[-–]?|nan")
 _ENDLESS = 10_000
 """Columns where there is no edge: in a file or a pipe."""
-_BETWEEN = 2
-"""Columns between two columns of a table."""
 
 
 class _Verdicts(RegexHighlighter):
@@ -75,13 +73,12 @@ def drawn_table(heads: Sequence[str], rows: Sequence[Sequence[str]], stream: Tex
     columns = list(zip(heads, *rows, strict=True))
     least = [max(cell_len(word) for cell in column for word in cell.split() or [""]) for column in columns]
     wanted = [max(map(cell_len, column)) for column in columns]
-    room = console.width - _BETWEEN * (len(columns) - 1)
+    room = console.width - BETWEEN * (len(columns) - 1)
     if sum(least) > room:
         return None
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, highlight=True, show_edge=False)
     for head, column, width in zip(heads, columns, _widths(least, wanted, room), strict=True):
-        numbers = all(_NUMBER.fullmatch(cell) for cell in column[1:])
-        shown.add_column(head, justify="right" if numbers else "left", width=width)
+        shown.add_column(head, justify="right" if is_numeric(column[1:]) else "left", width=width)
     for row in rows:
         shown.add_row(*row)
     with console.capture() as captured:
