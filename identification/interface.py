@@ -7,11 +7,14 @@ notebook too. Not here: any computation. Nothing is printed and nothing is writt
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from identification.audit.mount import require_stated_stand
 from identification.excitation.design import DesignResult
@@ -48,6 +51,9 @@ __all__ = [
     "read_recording",
     "validate",
 ]
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 Source = Recording | str | Path
 """A recording, or the path of one: .mcap, .npz, .csv, .db3, the folder of a run or of a ROS 2 bag."""
@@ -204,6 +210,22 @@ class Excitation(_Printed):
         return path
 
 
+def _on_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The same with BLAS on one thread while it runs, and as it was afterwards.
+
+    Matrices here are small: a second thread gains nothing, and where another program keeps the cores busy the threads
+    wait for each other. A diagnosis of 19 s has taken over ten minutes.
+    """
+
+    @wraps(function)
+    def limited(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*arguments, **named)
+
+    return limited
+
+
+@_on_one_thread
 def fit(*recordings: Source, robot: str | Path | None = None, **settings: Any) -> Fit:
     """Identify a robot from one or several recordings together, as `iiwa-ident fit`.
 
@@ -215,6 +237,7 @@ def fit(*recordings: Source, robot: str | Path | None = None, **settings: Any) -
     return Fit(fit_recordings(inputs.recordings, inputs.robot, FitSettings(**settings)))
 
 
+@_on_one_thread
 def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation:
     """RMS per joint of a model on recordings it was not fitted to, its effects included.
 
@@ -227,6 +250,7 @@ def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation
     return Validation(validate_with_effects(model, _read(recordings, None, model.load_robot()).recordings))
 
 
+@_on_one_thread
 def diagnose(
     *recordings: Source,
     heldout: Sequence[Source] = (),
@@ -253,6 +277,7 @@ def diagnose(
     return Answer(found, Inputs(fitted, inputs.robot))
 
 
+@_on_one_thread
 def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings: Any) -> Excitation:
     """Search a motion that shows the parameters, inside the limits of the arm. settings: fields of `DesignSettings`,
     such as starts: so many, on two processes, decide how long it takes.

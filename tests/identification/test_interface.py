@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import identification as ident
+from identification import interface
 from identification.errors import RecordingError, RecordingNotFoundError
 from identification.robots import Installation
 
@@ -97,3 +99,21 @@ def test_recordings_of_arms_that_stood_otherwise_are_not_mixed_unsaid() -> None:
 def test_nothing_is_loaded_before_it_is_asked_for() -> None:
     code = "import identification, sys; sys.exit('numpy' in sys.modules or 'fit' not in dir(identification))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_blas_has_one_thread_while_a_function_runs_and_as_before_afterwards(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Truth: the library's own count of its threads."""
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    seen: list[set[int]] = []
+    monkeypatch.setattr(interface, "read_recording", lambda *_, **__: seen.append(threads()) or 1 / 0)
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        with pytest.raises(ZeroDivisionError):
+            ident.fit("any.npz")
+        assert threads() == before == {2}
+    assert seen == [{1}]
