@@ -12,13 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import direction_of
-from identification.mismatch.effects.dynamics import (
-    chain_of,
-    links_of,
-    once_per_motion,
-    rigid_torque,
-    torque_derivatives,
-)
+from identification.mismatch.effects.displaced_torque import change_of_torque
+from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
 from identification.mismatch.motion import Motion
@@ -57,10 +52,10 @@ def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray,
     its limit ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ. Base parameters take up nearly all of the first order, so that of what is
     left the second is no small part.
     """
-    if size != 0.0:
-        return _change(motion, joint, size * displacement) / size
     rate = time_derivative(motion, displacement)
     growth = time_derivative(motion, rate)
+    if size != 0.0:
+        return change_of_torque(motion, joint, size * displacement, size * rate, size * growth) / size
     derivatives = torque_derivatives(motion)
     return np.asarray(
         derivatives.position[..., joint] * displacement[:, None]
@@ -124,36 +119,14 @@ def _wound_up(
     for _ in range(_SPRING_TURNS):
         short = filtered(motion, -compliance * wind_up(load), share) + fast - displacement
         displacement += filtered(motion, short, lambda s: 1.0 / (1.0 - share(s) * (typical * np.abs(s)) ** 2))
-        difference = _change(motion, joint, displacement)
-        turning = friction(motion.velocity[:, joint] + time_derivative(motion, displacement))
+        rate = time_derivative(motion, displacement)
+        difference = change_of_torque(motion, joint, displacement, rate, time_derivative(motion, rate))
+        turning = friction(motion.velocity[:, joint] + rate)
         load = rigid[:, joint] + difference[:, joint] + turning
         if np.abs(short).max() <= _SETTLED * np.abs(displacement).max():
             break
     difference[:, joint] += turning - measured_friction
     return np.asarray(difference / compliance)
-
-
-def _change(motion: Motion, joint: int, displacement: FloatArray) -> FloatArray:
-    """What the rigid torque on all joints changes by, (S, n), when a joint's true position is displaced by (S,).
-
-    Computed on every second or fourth sample where neither the motion nor the displacement has anything beyond what
-    these hold: the torque is as smooth, and comes back by its Fourier coefficients.
-    """
-    unit, coarse = np.eye(motion.n)[joint], motion
-    if motion.periodic:
-        spectrum = np.fft.rfft(displacement)
-        size = np.abs(spectrum) * np.arange(spectrum.size) ** 2
-        for grid in _coarse_grids(motion):
-            if np.linalg.norm(size[grid.samples // 2 :]) <= _BEYOND * np.linalg.norm(size):
-                coarse, displacement = grid, displacement[:: motion.samples // grid.samples]
-                break
-    rate = time_derivative(coarse, displacement)
-    growth = time_derivative(coarse, rate)
-    chain = chain_of(coarse).moved(joint, displacement)
-    velocity, acceleration = coarse.velocity + np.outer(rate, unit), coarse.acceleration + np.outer(growth, unit)
-    links = chain.forward(velocity, acceleration, coarse.robot.gravity, joint, links_of(coarse))
-    change = chain.backward(links).torque - rigid_torque(coarse).torque
-    return change if coarse is motion else _refined(change, motion.samples)
 
 
 def _refined(values: FloatArray, samples: int) -> FloatArray:

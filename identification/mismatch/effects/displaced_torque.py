@@ -1,0 +1,90 @@
+"""The rigid torque on all joints as a function of one joint's displacement, known from a few places of that joint.
+
+What lies behind a joint enters the inverse dynamics through two factors of the joint's own rotation (or shift) at most:
+its inertia, turned into the frame before it, has two. So the torque is a trigonometric polynomial of degree two in the
+position of a revolute joint, a polynomial of degree two in that of a sliding one; its velocity enters up to the square,
+its acceleration linearly. Five places (three) tell everything, and any displacement after that is a sum of twenty
+products instead of a recursion over the links.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.effects.dynamics import chain_of, links_of, once_per_motion
+from identification.mismatch.motion import Motion
+
+__all__ = ["change_of_torque"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_REVOLUTE_PLACES = 2.0 * np.pi * np.arange(5) / 5
+_SLIDING_PLACES = np.array([-1.0, 0.0, 1.0])
+
+
+def change_of_torque(
+    motion: Motion, joint: int, displacement: FloatArray, rate: FloatArray, growth: FloatArray
+) -> FloatArray:
+    """(S, n) Nm: rigid torque on all joints with a joint's (from 0) position, velocity and acceleration changed by the
+    (S,) displacement in rad (m), its rate and its growth (first and second derivative), less that of the motion.
+    """
+    known = _known(motion)
+    if joint not in known:
+        known[joint] = _Polynomial.of(motion, joint)
+    return known[joint].change(displacement, rate, growth)
+
+
+@once_per_motion
+def _known(motion: Motion) -> dict[int, _Polynomial]:
+    """Of the joints that were asked for."""
+    del motion
+    return {}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Polynomial:
+    """coefficients: (S, n, 4 K) of the K functions of the displacement: alone, times its rate, the rate's square, its
+    growth. The sum over them is the innermost axis: that is what makes it fast.
+    """
+
+    revolute: bool
+    coefficients: FloatArray
+
+    @classmethod
+    def of(cls, motion: Motion, joint: int) -> _Polynomial:
+        revolute = bool(motion.robot.kinematics.revolute[joint])
+        places = _REVOLUTE_PLACES if revolute else _SLIDING_PLACES
+        unit, reference = np.eye(motion.n)[joint], links_of(motion)
+        parts = np.empty((4, places.size, motion.samples, motion.n))
+        for number, place in enumerate(places):
+            chain = chain_of(motion).moved(joint, float(place))
+            still, ahead, back, growing = (
+                chain.backward(
+                    chain.forward(
+                        motion.velocity + rate * unit, motion.acceleration + growth * unit, motion.robot.gravity,
+                        joint, reference,
+                    )
+                ).torque
+                for rate, growth in ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
+            )  # fmt: skip
+            parts[:, number] = still, 0.5 * (ahead - back), 0.5 * (ahead + back) - still, growing - still
+        solved = np.tensordot(parts, np.linalg.inv(_functions(revolute, places)), axes=(1, 0))
+        return cls(revolute, solved.transpose(1, 2, 0, 3).reshape(motion.samples, motion.n, -1))
+
+    def change(self, displacement: FloatArray, rate: FloatArray, growth: FloatArray) -> FloatArray:
+        functions = _functions(self.revolute, displacement)
+        moved = functions - _functions(self.revolute, np.zeros(1))
+        weights = np.concatenate([moved, functions * rate, functions * rate**2, functions * growth])
+        return np.asarray(np.einsum("snk,sk->sn", self.coefficients, np.ascontiguousarray(weights.T)))
+
+
+def _functions(revolute: bool, displacement: FloatArray) -> FloatArray:
+    """(K, S) of a displacement (S,): the constant, and degrees one and two."""
+    one = np.ones_like(displacement)
+    if not revolute:
+        return np.stack([one, displacement, displacement**2])
+    sine, cosine = np.sin(displacement), np.cos(displacement)
+    return np.stack([one, cosine, sine, cosine**2 - sine**2, 2.0 * sine * cosine])
