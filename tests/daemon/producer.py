@@ -44,6 +44,8 @@ def make_request(folder: Path, **changes: object) -> RunRequest:
         "bind_port": 0,
         "ring_slots": 4096,
         "realtime_priority": 0,
+        # Where tests keep both cores busy, a process may well be silent for the 2 s that a cell allows.
+        "supervisor_timeout_s": 60.0,
     }
     values.update(changes)
     return RunRequest(**values)  # type: ignore[arg-type]
