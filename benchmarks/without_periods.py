@@ -132,7 +132,10 @@ def main() -> None:
         diagnosis = diagnose(recordings[:1], load_robot("iiwa14"), heldout=recordings[1:])
         spent = time.process_time() - start
         names = [f"{item.effect} {item.place.joint or 'arm'}" for item in diagnosis.findings]
-        classes = [f"{item.name} {item.joint} ({item.significance:.0f})" for item in diagnosis.classes]
+        classes = [
+            f"{item.name} {item.joint} ({item.significance:.0f}{', named' if item.named else ''})"
+            for item in diagnosis.classes
+        ]
         print(
             f"{number:3} {scenes[0].motion.name}, {title}, {' or '.join(true)} [{spent:.1f} s] {diagnosis.verdict}\n"
             f"      names: {', '.join(names) or 'none'}; classes: {', '.join(classes) or 'none'}\n"

@@ -88,11 +88,11 @@ def build_findings(
         None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
     )
     exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
-    trial, remarks = admitted(exam, result.trial if physics else result.before)
+    trial, remarks, on_odds = admitted(exam, result.trial if physics else result.before)
     trial, untenable = tenable(exam, trial)
     unearned: list[str] = []
     if dependence is not None:
-        trial, unearned = earned(exam, trial, dependence)
+        trial, unearned = earned(exam, trial, dependence, on_odds)
     settled = partial(_as_fit_weighs, exam, fitted_role)
     trial, harmful = harmless(exam, trial, settled)
     before = settled(())

@@ -226,12 +226,18 @@ def _summarised(
 ) -> Diagnosis:
     """All that is said beside the findings. plain: what the nominal model leaves. inactive: effects without torque."""
     measured = now.problem.noise_is_measured
-    chance = now.result.before.power.probability.min(axis=1) if measured else _predicted_by_chance(claims)
-    found = chance < settings.consistency_probability
+    found, left = (
+        chance < settings.consistency_probability
+        for chance in (
+            [item.power.probability.min(axis=1) for item in (now.result.before, claims.trial)]
+            if measured
+            else [_found_by_chance(item, claims) for item in (claims.heldout_before, claims.heldout_after)]
+        )
+    )
     after = after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm
     baseline = _baseline(nominal, plain, found, claims, classes, measured)
     return summarise(
-        now.problem, now.result, inactive, claims, classes, baseline, now.fitted, unseen, faults, nominal, after,
+        now.problem, now.result, inactive, claims, classes, baseline, left, now.fitted, unseen, faults, nominal, after,
         settings,
     )  # fmt: skip
 
@@ -342,12 +348,12 @@ def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisS
     return replace(now, fitted=fitted, problem=problem, result=search(problem, now.library, renewed, settings))
 
 
-def _predicted_by_chance(claims: Claims) -> FloatArray:
-    """(n,) chance that what the search found lowers held-out misfit so much; 1 where nothing was held out.
+def _found_by_chance(before: Residuals | None, claims: Claims) -> FloatArray:
+    """(n,) chance that all that the search found leaves so much less than a model does on held-out rows; 1 without any.
 
     Where no noise is measured, a misfit is one that something predicts on rows that were not fitted, named or not.
     """
-    before, after = claims.heldout_before, claims.heldout_searched
+    after = claims.heldout_searched
     if before is None or after is None:
         return np.ones_like(claims.before.rms_nm)
     ratio = (before.rms_nm / np.maximum(after.rms_nm, 1e-300)) ** 2

@@ -36,6 +36,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 def summarise(
@@ -45,6 +46,7 @@ def summarise(
     claims: Claims,
     classes: tuple[ClassClaim, ...],
     baseline: Baseline,
+    left: BoolArray,
     fitted: Prepared,
     unseen: Prepared | None,
     faults: tuple[DataFault, ...],
@@ -52,9 +54,10 @@ def summarise(
     rms_after_nm: FloatArray,
     settings: DiagnosisSettings,
 ) -> Diagnosis:
-    """Everything a diagnosis says beside its findings. classes: what the torque of a joint depends on."""
+    """Everything a diagnosis says beside its findings. classes: what the torque of a joint depends on. left: (n,) where
+    misfit shows beside the findings.
+    """
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
-    left = claims.trial.power.probability.min(axis=1) < settings.consistency_probability
     heldout = _held_out(claims, fitted, unseen, settings)
     elsewhere = heldout is not None and bool(heldout.misfits)
     much = much_is_left(claims.after.rms_nm, fitted.evidences)
@@ -144,7 +147,7 @@ def _shift(nominal: Nominal, claims: Claims) -> tuple[ParameterShift, ...]:
     )
 
 
-def _curves(evidence: Evidence, weighted: Problem, left: npt.NDArray[np.bool_]) -> tuple[Curve, ...]:
+def _curves(evidence: Evidence, weighted: Problem, left: BoolArray) -> tuple[Curve, ...]:
     size = evidence.frequency.size
     rows = weighted.residual.reshape(weighted.n, -1) / np.where(weighted.weight > 0.0, weighted.weight, np.inf)
     series = rows_to_time(evidence, rows[:, :size].T)
@@ -159,7 +162,7 @@ def _remaining(
     claims: Claims,
     classes: Sequence[ClassClaim],
     baseline: Baseline,
-    left: npt.NDArray[np.bool_],
+    left: BoolArray,
     curves: Sequence[Curve],
     faults: Sequence[DataFault],
     heldout: HeldOut | None,

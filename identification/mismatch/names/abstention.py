@@ -1,8 +1,9 @@
 """The rule of abstention: which members of a model may be named, and which stand under another name.
 
 A name is claimed only if it removes most of the excess misfit on its joints, on the fitted and on the held-out
-recordings, and if held-out recordings do not contradict it; what has another form than it is for `earned`. Where the
-fitted motion cannot separate two names, held-out data choose.
+recordings, and if held-out recordings do not contradict it. Where the noise is not measured nobody knows what the
+excess is: there a name may remove less if it predicts what was not fitted, and then needs the odds. Odds, and what has
+another form than a name, are for `earned`. Where the fitted motion cannot separate two names, held-out data choose.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, residuals, worsened
 from identification.mismatch.names.verdict import (
@@ -82,14 +84,25 @@ class Examination:
         return Check(extension, after, unseen)
 
 
-def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
-    """The members that may be named, some under another name, and sentences on those that may not."""
+MemberKey = tuple[str, Place]
+"""Effect and place of a member."""
+
+
+def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str], set[MemberKey]]:
+    """The members that may be named, some under another name, and sentences on those that may not.
+
+    Last, those that predict but remove too little of what is left, noise and all: they stand by their odds alone.
+    """
     before = exam.check(())
     searched, trial = trial, _generalising(exam, trial, before)
-    remarks, refused = _choices(searched, trial), []
+    remarks, refused, on_odds = _choices(searched, trial), list[str](), set[MemberKey]()
     while trial.members:
         now = exam.check(trial.members)
-        failing = [index for index in range(len(trial.members)) if not _passes(exam, trial, index, before, now)]
+        failing = [
+            index
+            for index, member in enumerate(trial.members)
+            if (member.effect.name, member.place) not in on_odds and not _passes(exam, trial, index, before, now)
+        ]
         if not failing:
             break
         loudest = sorted(failing, key=lambda index: -_left_on(now, trial, index))
@@ -102,6 +115,9 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
         scores = removal_scores(exam.problem, trial, exam.settings)
         worst = min(failing, key=lambda index: scores[index])
         member = trial.members[worst]
+        if _predicts(exam, trial, worst, now):
+            on_odds.add((member.effect.name, member.place))
+            continue
         refused.append(name_of(member.effect.name, member.place.joint))
         trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
     why = (
@@ -109,7 +125,7 @@ def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str]]:
         if trial.complete
         else "describes part of the misfit, but not enough of it to be claimed"
     )
-    return trial, [*remarks, *(f"{named} {why}" for named in refused)]
+    return trial, [*remarks, *(f"{named} {why}" for named in refused)], on_odds
 
 
 def torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
@@ -223,6 +239,23 @@ def _confirmed_rival(exam: Examination, trial: Trial, index: int, before: Check)
             left = now.heldout_after.rows / now.heldout_after.noise
             passed.append((float((left**2).sum()), other))
     return min(passed, key=lambda item: item[0])[1] if passed else None
+
+
+def _predicts(exam: Examination, trial: Trial, index: int, now: Check) -> bool:
+    """Whether a member, beside noise that is not measured, lowers what is left of rows that were not fitted.
+
+    On its joints beyond what these rows allow by chance, and on no joint to its loss.
+    """
+    other, unseen = exam.check(without(trial.members, index)).heldout_after, now.heldout_after
+    if exam.problem.noise_is_measured or trial.complete or unseen is None or other is None:
+        return False
+    member = trial.members[index]
+    joints = joints_of(member, torque_of(member, now.extension.coefficients[index], trial.problem.n))
+    return (
+        removal_score(exam.problem, trial, index, exam.settings) >= exam.settings.background_score
+        and bool(worsened(unseen, other)[joints].any())
+        and not worsened(other, unseen).any()
+    )
 
 
 def _passes(exam: Examination, trial: Trial, index: int, before: Check, now: Check) -> bool:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.heldout import worsened
-from identification.mismatch.names.abstention import Examination, name_of, without
+from identification.mismatch.heldout import Residuals, worsened
+from identification.mismatch.names.abstention import Examination, MemberKey, name_of, without
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Standing, held_beside, named, standings
+from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Trial, list[str]]:
-    """The members that are earned, fitted without the others, and sentences on these, the least likely taken first."""
+def earned(exam: Examination, trial: Trial, dependence: Dependence, on_odds: Set[MemberKey]) -> tuple[Trial, list[str]]:
+    """The members that are earned, fitted without the others, and sentences on these, the least likely taken first.
+
+    on_odds: those that have to be earned also where no class is a rival (`admitted`).
+    """
     settings, every, remarks = ClaimSettings(), dependence.every, list[str]()
     elsewhere = None if exam.unseen is None else exam.unseen.library
     while trial.members:
@@ -28,8 +33,9 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Tri
         rivalled = _rivalled(exam, trial, dependence)
         failing = [
             index
-            for index, (name, standing) in enumerate(zip(names, found, strict=True))
-            if not standing.earned and rivalled[list(name.joints)].any()
+            for index, (member, name, standing) in enumerate(zip(trial.members, names, found, strict=True))
+            if not standing.earned
+            and (rivalled[list(name.joints)].any() or (member.effect.name, member.place) in on_odds)
         ]
         if not failing:
             break
@@ -41,13 +47,22 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence) -> tuple[Tri
 
 
 def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -> dict[int, frozenset[str]]:
-    """Joint (from 0) → classes that it holds beside the members of a trial; empty without members."""
+    """Joint (from 0) → classes that it holds beside the members of a trial; empty without members.
+
+    Where the noise is not known, a joint with a name holds none unless classes predict what was not fitted better.
+    """
     if not trial.members:
         return {}
     elsewhere = None if exam.unseen is None else exam.unseen.library
-    coefficients = exam.check(trial.members).extension.coefficients
-    pairs = zip(trial.members, coefficients, strict=True)
-    return held_beside(dependence.every, [named(*pair, elsewhere, dependence.every) for pair in pairs], ClaimSettings())
+    now = exam.check(trial.members)
+    pairs = zip(trial.members, now.extension.coefficients, strict=True)
+    names = [named(*pair, elsewhere, dependence.every) for pair in pairs]
+    held = held_beside(dependence.every, names, ClaimSettings())
+    if exam.problem.noise_is_measured or now.heldout_after is None:
+        return held
+    better = _better(dependence.alone, dependence, now.heldout_after)
+    taken = {joint for name in names for joint in name.joints if not better[joint]}
+    return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
 
 
 def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolArray:
@@ -59,8 +74,12 @@ def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolAr
     now = exam.check(trial.members).heldout_after
     if exam.problem.noise_is_measured or now is None:
         return dependence.predicts
-    classes = replace(now, rows=dependence.left.of_rows(dependence.rival)[1])
-    return dependence.predicts & worsened(classes, now)
+    return dependence.predicts & _better(dependence.rival, dependence, now)
+
+
+def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolArray:
+    """(n,) joints of which classes predict rows that were not fitted better than what leaves `now` there."""
+    return worsened(replace(now, rows=dependence.left.of_rows(classes)[1]), now)
 
 
 def _why(standing: Standing, settings: ClaimSettings) -> str:

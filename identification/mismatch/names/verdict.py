@@ -182,7 +182,7 @@ def verdict_of(
     """
     elsewhere = elsewhere or not all(item.named for item in classes)
     if findings:
-        return "partly_explained" if any(left) or elsewhere else "explained"
+        return "partly_explained" if any(left) or elsewhere or much else "explained"
     if bool(np.any(baseline.detected)) or elsewhere:
         return "unexplained"
     return "undecided" if much else "no_mismatch"

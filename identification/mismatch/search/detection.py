@@ -74,10 +74,9 @@ def located(nominal: Problem, problem: Problem, power: BandPower, rounds: int = 
     inflation = np.ones_like(problem.noise)
     products: tuple[FloatArray, FloatArray] | None = None
     for _ in range(rounds):
-        wanted = inflation_of(problem, power)
-        if np.all(wanted < BARELY_INFLATED):
+        if not is_inflated(power):
             break
-        inflation = wanted
+        inflation = inflation_of(problem, power)
         products = _products(nominal, problem) if products is None else products
         weight = 1.0 / _per_band(power)
         inverse = np.linalg.inv(np.tensordot(weight, products[0], 2))
@@ -132,6 +131,11 @@ def pooled_low_bands(power: BandPower) -> tuple[FloatArray, FloatArray]:
     mean = (power.ratio[:, :3] * low).sum(axis=1) / np.maximum(total, 1e-12)
     ratio = np.concatenate([np.where(total > 0.0, mean, 1.0)[:, None], power.ratio[:, 3:]], axis=1)
     return ratio, np.concatenate([total[:, None], power.freedom[:, 3:]], axis=1)
+
+
+def is_inflated(power: BandPower) -> bool:
+    """Whether a power holds misfit anywhere, so that it tells where another residual's may sit."""
+    return bool(np.any(np.sqrt(_per_band(power)) >= BARELY_INFLATED))
 
 
 def inflation_of(problem: Problem, power: BandPower) -> FloatArray:

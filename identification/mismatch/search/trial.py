@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
-from identification.mismatch.search.detection import BandPower, band_power, located, whittle
+from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
 from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.settings import DiagnosisSettings
@@ -100,6 +100,7 @@ def fitted(
     few = problem.noise_is_measured and len(members) <= settings.largest_explanation
     complete = few and power.least_probability > settings.consistency_probability
     # The power itself, not the trial, or each would keep the one before alive.
-    afresh = complete or near is None or near.complete
+    # One that leaves no misfit does not tell where this one's is.
+    afresh = complete or near is None or near.complete or not is_inflated(near.power)
     start, rounds = (power, FULL_ROUNDS) if afresh or near is None else (near.power, QUICK_ROUNDS)
     return Trial(tuple(members), nominal, problem, power, complete, start, rounds)

@@ -28,7 +28,7 @@ from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.predictive import Dropped
+from identification.mismatch.unknown.predictive import LEAST_RISE, Dropped
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -121,13 +121,15 @@ def _gain(found: Dependence, item: Held) -> FloatArray:
 def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray], dropped: Sequence[Dropped]) -> float:
     """Nats; where the noise is not known the logarithm of how many times larger the joint's held-out RMS is without it.
 
-    Fitted rows of an unknown noise are no proof for each other. What the model is not offered weighs nothing there.
+    Fitted rows of an unknown noise are no proof for each other. What the model is not offered weighs nothing there, nor
+    does what changes that RMS by no more than base parameters of another joint's terms may.
     """
     if found.every.problem.noise_is_measured or not found.every.heldout:
         return item.loss
     if (item.joint, item.number) in dropped:
         return 0.0
-    return float(np.log1p(gain(item)[item.joint] / found.after[1][item.joint]))
+    share = gain(item)[item.joint] / found.after[1][item.joint]
+    return float(np.log1p(share)) if share >= LEAST_RISE else 0.0
 
 
 def _claims(
