@@ -13,7 +13,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.heldout import Residuals, worsened
+from identification.mismatch.heldout import Residuals
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.search.extension import OPEN, Extension, nominal_factor, predicted
 from identification.mismatch.search.library import Library
@@ -48,19 +48,18 @@ def without_members(role: Prepared, extension: Extension, library: Library) -> P
 def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[Dropped, ...]]:
     """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
 
-    Terms stay where they lower the RMS of their joint there, and no other joint may get worse beyond what its rows
-    allow. alone: classes with the weights of the fitted rows, beside the names. before: what the model with its names
-    leaves of the held-out rows. Terms have to do better than that, and better than the same model of the rows of
-    `alone`: it is open in the same directions of the base parameters as they are.
+    Terms stay where they lower the RMS of their joint there, and raise no other joint's by more than base parameters
+    may (`refused`). alone: classes with the weights of the fitted rows, beside the names. before: what the model with
+    its names leaves of the held-out rows. Terms have to do better than that, and better than the same model of the rows
+    of `alone`: it is open in the same directions of the base parameters as they are.
     """
     nominal = Selection.nominal(alone.rows, range(alone.rows.folds), alone.settings)
     rivals = (before, replace(before, rows=left.of_rows(nominal)[1]))
     best = np.minimum(*(rival.rms_nm for rival in rivals))
 
     def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
-        now = replace(before, rows=left.of_rows(selection)[1])
-        rise = now.rms_nm / best - 1.0
-        return rise, refused(selection, rise) | worsened(rivals[0], now) | worsened(rivals[1], now)
+        rise = replace(before, rows=left.of_rows(selection)[1]).rms_nm / best - 1.0
+        return rise, refused(selection, rise)
 
     selection, dropped = predictive(alone, judge)
     if not any(state.groups for state in selection.states):
