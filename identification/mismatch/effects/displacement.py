@@ -29,7 +29,7 @@ _SETTLED = 1e-4
 _STRIDES, _COARSEST_HZ, _PRODUCTS = (4, 2), 240.0, 3
 """Coarser grids that are tried, the slowest, and how many times faster than the motion its torque may be."""
 _BEYOND = 1e-6
-"""Share of a displacement's acceleration that a coarser grid may lose; of the motion's, the square."""
+"""Share of a torque that a coarser grid may lose; of the motion's acceleration, the square."""
 
 
 @once_per_motion

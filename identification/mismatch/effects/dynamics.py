@@ -183,8 +183,8 @@ class _Chain:
         self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
         self.arm = [_arm(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
 
-    def moved(self, joint: int, step: float | FloatArray) -> _Chain:
-        """The same with one joint's position changed, by a constant or by (S,)."""
+    def moved(self, joint: int, step: float) -> _Chain:
+        """The same with one joint's position changed throughout, by so many rad (m)."""
         chain = copy(self)
         position = self.position[joint] + step
         chain.rotation, chain.arm = list(self.rotation), list(self.arm)

@@ -37,6 +37,9 @@ from identification.mismatch.settings import DiagnosisSettings
 
 FloatArray = npt.NDArray[np.float64]
 
+MemberKey = tuple[str, Place]
+"""Effect and place of a member."""
+
 # Held-out excess energy in its own deviations beyond which other names of a member are tried.
 PLAIN_EXCESS = 6.0
 # Deviations below what a true effect gains in log-likelihood on held-out data at which these speak against it.
@@ -82,10 +85,6 @@ class Examination:
         )
         assert after is not None
         return Check(extension, after, unseen)
-
-
-MemberKey = tuple[str, Place]
-"""Effect and place of a member."""
 
 
 def admitted(exam: Examination, trial: Trial) -> tuple[Trial, list[str], set[MemberKey]]:

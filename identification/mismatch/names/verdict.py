@@ -178,7 +178,8 @@ def verdict_of(
     """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings.
 
     classes: what the torque depends on; one of which the names leave something is a mismatch without a name.
-    much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`).
+    much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`);
+    beside names that may be misfit too.
     """
     elsewhere = elsewhere or not all(item.named for item in classes)
     if findings:
