@@ -37,6 +37,7 @@ from identification.recordings.recording import Recording
 from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
+from identification.text_table import aligned_lines
 from identification.validation import validate_model
 
 __all__ = [
@@ -68,16 +69,8 @@ class Table:
     sentences: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Columns of a fixed width, the first one flush left."""
-        lines = [self.header, *self.rows] if self.header else []
-        widths = [max(len(line[column]) for line in lines) for column in range(len(self.header))]
-        text = [
-            "  ".join(
-                [line[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(line[1:], widths[1:], strict=True))]
-            )
-            for line in lines
-        ]
-        return "\n".join([*self.sentences, *text])
+        """The sentences, then the table as plain text."""
+        return "\n".join([*self.sentences, *(aligned_lines(self.header, self.rows) if self.header else ())])
 
     def to_html(self) -> str:
         """The same as HTML."""

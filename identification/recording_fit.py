@@ -21,6 +21,7 @@ from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.prior import SettledParameters, settle_open_directions
+from identification.fitting.band import BandChoice
 from identification.fitting.blocks import Block, Evaluation, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.estimate import Estimate
@@ -118,15 +119,16 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=(
-            *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
-            *([] if band is None else [band.sentence]),
-            *notes_on_model(regressor, settings),
-        ),
+        notes=(*_notes_on_signals(processed, band), *notes_on_model(regressor, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
     return result
+
+
+def _notes_on_signals(processed: Sequence[Processed], band: BandChoice | None) -> list[str]:
+    notes = [f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes]
+    return notes if band is None else [*notes, band.sentence]
 
 
 def _silent(phase: str, share: float) -> None:

@@ -104,7 +104,7 @@ def design(
     from identification.excitation.nominal import nominal_parameters
     from identification.excitation.objective import DETECTABILITY, mixture_weights
     from identification.excitation.payload_term import wrist_limits
-    from identification.excitation.prediction import NoiseColour, torque_noise
+    from identification.excitation.prediction import NoiseColour
     from identification.excitation.reference import reference_trajectory
     from identification.robots import BUILT_IN_ROBOTS, load_robot
     from identification.robots.installation import ON_THE_FLOOR
@@ -124,14 +124,11 @@ def design(
         acceptable, room = _surroundings(model, stand, workspace, start, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     if reference is not None:
-        motion = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
-        document = _write(motion, target, table)
-        _say_reference(document, f"'{reference}' of {motion.period_s:g} s for {model.name}", target, json_file)
+        score_on = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
+        _say_reference(reference, score_on, _write(score_on, target, table), target, json_file)
         return
     colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
-    noise_nm = None
-    if noise is not None or has_shape:
-        noise_nm = torque_noise(model, None if noise is None else read_numbers("--noise", noise.split(","), model.n))
+    noise_nm = _noise_nm(model, noise) if noise is not None or has_shape else None
     for_effects = DETECTABILITY in mixture_weights(objective)
     weighing = noise_nm if noise is not None or for_effects else None
     settings = DesignSettings(
@@ -160,13 +157,18 @@ def design(
     promise = _promise(model, motion, noise_nm, periods, colour, for_payload, nominal if for_effects else None)
     if json_file is not None:
         write_json(json_file, {**document, **promise.to_json()})
-    if wants_json_on_stdout(json_file):
-        return
-    data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
-    if room is not None:
-        _show_price_of_the_cell(model, motion, promise.predicted, colour)
-    show_verified(result.verified)
-    _show_promise(promise, model.units, motion.period_s, periods)
+    if not wants_json_on_stdout(json_file):
+        data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
+        if room is not None:
+            _show_price_of_the_cell(model, motion, promise.predicted, colour)
+        show_verified(result.verified)
+        _show_promise(promise, model.units, motion.period_s, periods)
+
+
+def _noise_nm(model: RobotModel, stated: str | None) -> FloatArray:
+    from identification.excitation.prediction import torque_noise
+
+    return torque_noise(model, None if stated is None else read_numbers("--noise", stated.split(","), model.n))
 
 
 def _surroundings(
@@ -184,11 +186,13 @@ def _surroundings(
     return safe_in(around, model.name, pose, stand), room_of(around, pose, period_s) if told else None
 
 
-def _say_reference(document: dict[str, Any], motion: str, target: Path, json_file: Path | None) -> None:
+def _say_reference(
+    name: str, motion: Trajectory, document: dict[str, Any], target: Path, json_file: Path | None
+) -> None:
     if json_file is not None:
         write_json(json_file, document)
     if not wants_json_on_stdout(json_file):
-        data(f"Reference motion {motion} written to {target}")
+        data(f"Reference motion '{name}' of {motion.period_s:g} s for {motion.robot} written to {target}")
 
 
 @dataclass(frozen=True, slots=True)

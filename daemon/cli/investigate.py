@@ -18,7 +18,9 @@ from daemon.cli.progress import progress_shown
 from daemon.cli.run import confirm_motion
 
 if TYPE_CHECKING:
-    from daemon.investigate.account import Motion
+    from collections.abc import Sequence
+
+    from daemon.investigate.account import Account, Motion
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
     from daemon.motion.tool import Tool
@@ -67,9 +69,7 @@ def investigate(
     """
     import msgspec
 
-    from daemon.errors import ConfigurationError
-    from daemon.investigate.account import read_account, save
-    from daemon.investigate.begin import begun, exit_code
+    from daemon.investigate.begin import exit_code
     from daemon.investigate.loop import Investigation
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
@@ -82,18 +82,7 @@ def investigate(
     if yes and not simulation:
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
     mass = mass_of(added_mass)
-    account = read_account(out)
-    resumed = account is not None
-    if account is None:
-        if budget is None:
-            raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
-        account = save(out, begun(given or [], robot, 60.0 * budget, seed))
-    elif given:
-        raise ConfigurationError(
-            "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
-        )
-    elif budget is not None:
-        account = msgspec.structs.replace(account, budget_s=60.0 * budget)
+    account, resumed = _account_in(out, given or [], robot, None if budget is None else 60.0 * budget, seed)
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
         account = msgspec.structs.replace(account, wanted=wanted)
@@ -133,6 +122,28 @@ def investigate(
         data(f"The page to open: {page}")
     if code := exit_code(account):
         raise typer.Exit(code)
+
+
+def _account_in(
+    out: Path, given: Sequence[Path], robot: str | None, budget_s: float | None, seed: int
+) -> tuple[Account, bool]:
+    """The account of the investigation in a folder, begun there if it holds none, and whether it held one."""
+    import msgspec
+
+    from daemon.errors import ConfigurationError
+    from daemon.investigate.account import read_account, save
+    from daemon.investigate.begin import begun
+
+    account = read_account(out)
+    if account is None:
+        if budget_s is None:
+            raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
+        return save(out, begun(given, robot, budget_s, seed)), False
+    if given:
+        raise ConfigurationError(
+            "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
+        )
+    return account if budget_s is None else msgspec.structs.replace(account, budget_s=budget_s), True
 
 
 def _driver(

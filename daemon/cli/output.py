@@ -19,8 +19,8 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
-from daemon.cli.columns import aligned_lines
 from daemon.cli.protection import not_a_recording
+from identification.text_table import aligned_lines
 
 JsonOption = Annotated[
     Path | None,

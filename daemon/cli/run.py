@@ -28,6 +28,10 @@ from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from daemon.api import RunOutcome, WorkerStatus
+    from daemon.cli.run_view import RunView
     from daemon.motion.preparation import PreparedMotion
     from daemon.motion.tool import Tool
     from identification.robots import Installation
@@ -146,7 +150,6 @@ def run(
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import make_room
-    from daemon.run.next_step import next_step
     from daemon.run.service import run_acquisition
     from identification.recordings.reader import recording_file
     from identification.robots import Installation
@@ -160,24 +163,19 @@ def run(
     simulation = ipaddress.ip_address(host).is_loopback and not (real_robot or lab.fri.real_robot)
     if monitor_only and (trajectory is not None or periods is not None or amplitude is not None or diagnose):
         raise typer.BadParameter("--monitor-only drives nothing: leave trajectory, --periods, --amplitude out.")
-    if diagnose and (no_fit or not lab.run.fit):
-        raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
-    for file in heldout or ():
-        if not diagnose or not file.exists():
-            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
-    given = {
-        "periods": periods,
-        "bind_host": host,
-        "bind_port": port,
-        "robot_host": _address(robot_host),
-        "fri_version": _version(fri_version),
-        "start_timeout_s": start_timeout,
-        "serial": serial,
-        "amplitude": amplitude,
-        "workspace_file": workspace,
-        "fit": False if no_fit else None,
-    }
-    settings = lab.request_fields() | {name: each for name, each in given.items() if each is not None}
+    _refuse_check_of_nothing(diagnose, heldout or (), fits=lab.run.fit and not no_fit)
+    settings = lab.request_fields() | _stated(
+        periods=periods,
+        bind_host=host,
+        bind_port=port,
+        robot_host=_address(robot_host),
+        fri_version=_version(fri_version),
+        start_timeout_s=start_timeout,
+        serial=serial,
+        amplitude=amplitude,
+        workspace_file=workspace,
+        fit=False if no_fit else None,
+    )
     named, noted = settings.pop("robot"), settings.pop("tool")
     carried = read_tool(noted, is_name=True) if tool is None else tool_from(tool)
     around, noted_gravity = settings.pop("workspace_file"), settings.pop("gravity_m_s2")
@@ -214,6 +212,29 @@ def run(
     with live_served(port, viewers), run_shown() as view:
         outcome = run_acquisition(request, observe=view.observe)
     fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
+    _show(view, outcome, fit, json_file)
+    if outcome.exit_code:
+        raise typer.Exit(outcome.exit_code)
+    if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
+        raise typer.Exit(fit.exit_code or 1)
+
+
+def _refuse_check_of_nothing(diagnose: bool, heldout: Sequence[Path], *, fits: bool) -> None:
+    if diagnose and not fits:
+        raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
+    for file in heldout:
+        if not diagnose or not file.exists():
+            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
+
+
+def _stated(**options: object) -> dict[str, Any]:
+    """The options that were given: they stand before those of the configuration."""
+    return {name: each for name, each in options.items() if each is not None}
+
+
+def _show(view: RunView, outcome: RunOutcome, fit: WorkerStatus | None, json_file: Path | None) -> None:
+    from daemon.run.next_step import next_step
+
     if json_file is not None:
         import msgspec
 
@@ -222,10 +243,6 @@ def run(
         view.show_outcome(outcome.sentences)
         data(f"Everything is in {outcome.out_dir}")
         data(next_step(outcome, fit))
-    if outcome.exit_code:
-        raise typer.Exit(outcome.exit_code)
-    if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
-        raise typer.Exit(fit.exit_code or 1)
 
 
 def _checked_motion(

@@ -1,7 +1,7 @@
 """How lines and tables look to a reader at a terminal: colour on the words that decide, and no word cut at the edge.
 
 Here: the drawing, with rich, which is loaded only where something is drawn. Not here: where it goes (`output`), and
-tables in a file or a pipe (`columns`).
+tables in a file or a pipe (`identification.text_table`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
-from daemon.cli.columns import BETWEEN, is_numeric
+from identification.text_table import BETWEEN, is_numeric
 
 __all__ = ["console_of", "drawn_lines", "drawn_table", "wrapped"]
 

@@ -186,10 +186,8 @@ class Recorder:
             self._samples_in_periods += 1
 
     def _command(self, record: HandoverRecord) -> CommandMessage | None:
-        if record.command is None:
-            return None
         with contextlib.suppress(CodecError):
-            return self._codec.decode_command(record.command)
+            return None if record.command is None else self._codec.decode_command(record.command)
         return None
 
     def _count_gap(self, counter: int) -> None:
@@ -359,18 +357,15 @@ class _DiskRefusedError(Exception):
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry of the process. Exit code: 0, 74 disk, 78 request, 70 otherwise; last words on stderr."""
-    parser = argparse.ArgumentParser(
-        prog="python -m daemon.run.recorder", description="Write the ring to an MCAP file."
-    )
+    parser = argparse.ArgumentParser(prog="python -m daemon.run.recorder", description="Write the ring to a log.")
     parser.add_argument("--request", required=True, help="JSON file of a RecorderJob")
     parser.add_argument("--ring-fd", required=True, type=int, help="inherited descriptor of the ring")
     parser.add_argument("--endpoint", help="ZeroMQ endpoint of the supervisor (ipc://...)")
     parser.add_argument("--supervisor", type=int, default=os.getppid(), help="process number of who started this")
     options = parser.parse_args(arguments)
     # The recorder ends when the loop has ended, not when somebody presses a key.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for each in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(each, signal.SIG_IGN)
     context: zmq.Context[Any] = zmq.Context()
     socket = context.socket(zmq.PUSH)
     # Long enough for the last report; a supervisor that is gone must not keep this process.
@@ -380,9 +375,8 @@ def main(arguments: list[str] | None = None) -> int:
         socket.connect(options.endpoint)
 
     def report(message: ControlMessage) -> None:
-        if options.endpoint:
-            with contextlib.suppress(zmq.Again):
-                socket.send(encode_control(message), zmq.NOBLOCK)
+        with contextlib.suppress(zmq.Again):  # also where there is no endpoint, and so nobody to tell
+            socket.send(encode_control(message), zmq.NOBLOCK)
 
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)

@@ -57,7 +57,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.dependence import find_dependence
-from identification.mismatch.unknown.judgement import judge
+from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import changing, earned_over_time
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.model_file import Model
@@ -173,11 +173,9 @@ def diagnose(
         diagnosis = _with_model(diagnosis, compared, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if judgement is not None:
-        notes = (*diagnosis.notes, *judgement.notes)
-        diagnosis = replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
-    if audited is None and rows.fit is not None and diagnosis.heldout is not None:
-        other = _other_set_up(diagnosis, rows.fit, rows.fitted, rows.unseen, robot)
-        diagnosis = settled(replace(diagnosis, audit=other))
+        diagnosis = _with_classes(diagnosis, judgement)
+    if audited is None:
+        diagnosis = settled(replace(diagnosis, audit=_other_set_up(diagnosis, rows, robot)))
     encoders = compare_encoders(recordings, heldout)
     diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *(item.sentence for item in encoders)))
     report("done", 1.0)
@@ -242,6 +240,12 @@ def _summarised(
     )  # fmt: skip
 
 
+def _with_classes(diagnosis: Diagnosis, judgement: Judgement) -> Diagnosis:
+    """With the model of what the torque depends on, and what is offered of it."""
+    notes = (*diagnosis.notes, *judgement.notes)
+    return replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
+
+
 def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit | None) -> Diagnosis:
     """With what of the given model is wrong: its parameters, and the set-up where that settles it."""
     if audited is not None and audited.settles:
@@ -258,13 +262,7 @@ def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
         return None
 
 
-def _other_set_up(
-    diagnosis: Diagnosis,
-    fit: FitResult,
-    fitted: Sequence[Recording],
-    unseen: Sequence[Recording],
-    robot: RobotModel,
-) -> Audit | None:
+def _other_set_up(diagnosis: Diagnosis, rows: Examined, robot: RobotModel) -> Audit | None:
     """What in the set-up of the held-out recordings differs from the fitted ones, where the two disagree.
 
     A joint of which a class is said has that torque on both: where the two disagree there, no cause is asked for.
@@ -273,10 +271,11 @@ def _other_set_up(
     """
     depends = {item.joint for item in diagnosis.classes}
     misfits = () if diagnosis.heldout is None else diagnosis.heldout.misfits
-    if not unseen or not any(item.differs and item.joint not in depends for item in misfits):
+    disagree = any(item.differs and item.joint not in depends for item in misfits)
+    if rows.fit is None or not rows.unseen or not disagree:
         return None
-    name = " and ".join(recording_names([*fitted, *unseen])[: len(fitted)])
-    found = _audited(unseen, robot, model_of_fit(fit, name), name)
+    name = " and ".join(recording_names([*rows.fitted, *rows.unseen])[: len(rows.fitted)])
+    found = _audited(rows.unseen, robot, model_of_fit(rows.fit, name), name)
     taken = 0.0 if found is None else sum(item.explained for item in found.differences)
     return found if taken >= 1.0 - ClaimSettings().capture else None
 

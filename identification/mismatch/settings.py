@@ -11,6 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+OPEN_BEYOND_NOISE = 5.0
+"""Deviations of the noise along a direction of the base parameters beyond which rows leave it open: what other rows
+predict there says nothing of an effect, and it is settled by these rows."""
+
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:

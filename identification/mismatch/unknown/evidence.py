@@ -16,14 +16,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
 
+from identification.mismatch.settings import OPEN_BEYOND_NOISE
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 FREE = 1e-9
 """Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""
 LEAST_NOISE = 1e-6
-OPEN_BEYOND_NOISE = 5.0
-"""Deviations of the noise by which rows must leave a direction of the base parameters open for others to settle it."""
 LEAST_FREEDOM = 0.05
 """Share of a band's rows below which its freedom is not taken, however many columns describe it."""
 

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.problem import off
-from identification.mismatch.unknown.evidence import FREE, OPEN_BEYOND_NOISE
+from identification.mismatch.settings import OPEN_BEYOND_NOISE
+from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 

@@ -1,7 +1,7 @@
-"""A table as plain text, a row a line, as wide as it needs to be: for a file or a pipe.
+"""A table as plain text, a row a line, as wide as it needs to be: for a file, a pipe or a Python prompt.
 
 Here: the layout, without rich, which takes longer to load and to draw than a table of numbers should cost. Not here:
-a table at a terminal (`terminal`), and where a table goes (`output`).
+a table at a terminal (`daemon.cli.terminal`), and where a table goes (`daemon.cli.output`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,53 @@
+"""Claims about the size of files and functions: what is longer than a reader can hold says why.
+
+Truth: the syntax tree of the sources. A signature with its options and a docstring are not counted: they are read as
+tables and as text.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("fri_client", "daemon", "identification", "safety")
+MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION = 400, 60
+
+REASONS = {
+    "daemon/log/cdr.py:pack_fri_state": "one call that packs the sixty-odd fields of a message, a line each",
+    "fri_client/session/session.py:judge": "1000 times a second, on plain locals: each further call costs turn-around",
+    "daemon/cli/run.py:run": "gathers the options into one request, a line each, then starts it",
+    "daemon/cli/design.py:design": "gathers the options into settings, a line each, then designs and shows",
+}
+
+
+def sources() -> list[Path]:
+    return sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+
+
+def long_functions(path: Path) -> Iterator[tuple[str, int]]:
+    """Name in REASONS and lines of the body."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
+            lines = (node.end_lineno or 0) - body[0].lineno + 1
+            if lines > MOST_LINES_OF_A_FUNCTION:
+                yield f"{path.relative_to(ROOT)}:{node.name}", lines
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_file_is_longer_than_four_hundred_lines(room: str) -> None:
+    long = {
+        str(path.relative_to(ROOT)): lines
+        for path in (ROOT / room).rglob("*.py")
+        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES_OF_A_FILE
+    }
+    assert not long
+
+
+def test_a_function_of_more_than_sixty_lines_has_a_reason() -> None:
+    long = {name for path in sources() for name, _ in long_functions(path)}
+    assert long == set(REASONS)
