@@ -17,7 +17,7 @@ import numpy.typing as npt
 from identification.mismatch.effects.dynamics import chain_of, links_of, once_per_motion
 from identification.mismatch.motion import Motion
 
-__all__ = ["change_of_torque"]
+__all__ = ["change_of_own_torque", "change_of_torque"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,10 +31,21 @@ def change_of_torque(
     """(S, n) Nm: rigid torque on all joints with a joint's (from 0) position, velocity and acceleration changed by the
     (S,) displacement in rad (m), its rate and its growth (first and second derivative), less that of the motion.
     """
+    return _polynomial(motion, joint).change(displacement, rate, growth, slice(None))
+
+
+def change_of_own_torque(
+    motion: Motion, joint: int, displacement: FloatArray, rate: FloatArray, growth: FloatArray
+) -> FloatArray:
+    """(S,) Nm of the displaced joint alone, as `change_of_torque`."""
+    return _polynomial(motion, joint).change(displacement, rate, growth, slice(joint, joint + 1))[:, 0]
+
+
+def _polynomial(motion: Motion, joint: int) -> _Polynomial:
     known = _known(motion)
     if joint not in known:
         known[joint] = _Polynomial.of(motion, joint)
-    return known[joint].change(displacement, rate, growth)
+    return known[joint]
 
 
 @once_per_motion
@@ -74,11 +85,12 @@ class _Polynomial:
         solved = np.tensordot(parts, np.linalg.inv(_functions(revolute, places)), axes=(1, 0))
         return cls(revolute, solved.transpose(1, 2, 0, 3).reshape(motion.samples, motion.n, -1))
 
-    def change(self, displacement: FloatArray, rate: FloatArray, growth: FloatArray) -> FloatArray:
+    def change(self, displacement: FloatArray, rate: FloatArray, growth: FloatArray, joints: slice) -> FloatArray:
+        """(S, len(joints)) Nm."""
         functions = _functions(self.revolute, displacement)
         moved = functions - _functions(self.revolute, np.zeros(1))
         weights = np.concatenate([moved, functions * rate, functions * rate**2, functions * growth])
-        return np.asarray(np.einsum("snk,sk->sn", self.coefficients, np.ascontiguousarray(weights.T)))
+        return np.asarray(np.einsum("snk,sk->sn", self.coefficients[:, joints], np.ascontiguousarray(weights.T)))
 
 
 def _functions(revolute: bool, displacement: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import direction_of
-from identification.mismatch.effects.displaced_torque import change_of_torque
+from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
 from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
@@ -120,11 +120,12 @@ def _wound_up(
         short = filtered(motion, -compliance * wind_up(load), share) + fast - displacement
         displacement += filtered(motion, short, lambda s: 1.0 / (1.0 - share(s) * (typical * np.abs(s)) ** 2))
         rate = time_derivative(motion, displacement)
-        difference = change_of_torque(motion, joint, displacement, rate, time_derivative(motion, rate))
+        moved = displacement, rate, time_derivative(motion, rate)
         turning = friction(motion.velocity[:, joint] + rate)
-        load = rigid[:, joint] + difference[:, joint] + turning
+        load = rigid[:, joint] + change_of_own_torque(motion, joint, *moved) + turning
         if np.abs(short).max() <= _SETTLED * np.abs(displacement).max():
             break
+    difference = change_of_torque(motion, joint, *moved)
     difference[:, joint] += turning - measured_friction
     return np.asarray(difference / compliance)
 
