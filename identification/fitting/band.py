@@ -2,8 +2,9 @@
 
 The rule: the narrowest band that holds ten harmonics of the motion, which friction at its reversals has, and that costs
 no precision. What a wider one lets in besides is only what no column describes (resonances, noise); what costs
-precision shows in the standard deviations of the parameters on coloured residuals. The diagnosis
-takes over what the fit chose.
+precision shows in the standard deviations of the parameters on coloured residuals. Nor does a wider one hold much
+noise of the position, which grows in acceleration with the square of the frequency and makes torque by inertia: it is
+in the columns, and a diagnosis would take it for a joint that is not rigid. That takes over what the fit chose.
 """
 
 from __future__ import annotations
@@ -37,6 +38,12 @@ NO_PRECISION = 1.01
 """Geometric mean of the parameters' standard deviations, over that of the best band, up to which a band costs none: a
 hundredth is less than a deviation is known to from any residual of less than 5000 independent rows."""
 
+MOST_POSITION_NOISE = 0.25
+"""Share of the squares left of a joint's torque that noise of the position may make in a wider band: an eighth of the
+RMS."""
+INERTIA_SAMPLES = 200
+"""Of a stretch, over which the square of the inertia matrix is averaged."""
+
 
 @dataclass(frozen=True, slots=True)
 class BandChoice:
@@ -69,18 +76,26 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
     bands = [lowest * STEP**number for number in range(wider + 1)]
     if len(bands) == 1:
         return BandChoice(bands[0], {})
-    blocks = []
+    blocks, levels = [], []
     for recording in recordings:
+        level = position_noise(recording)
         for signals in process_aperiodic(recording, AperiodicSettings(low_pass_hz=bands[-1])):
             block = build_block(signals, regressor, None, float(recording.time[0]), recording.duration_s)
             if block is not None:
                 blocks.append(_in_lines(block))
-    sizes = {}
+                levels.append(level)
+    sizes: dict[float, float] = {}
+    found: FloatArray | None = None
     for band in bands:
+        if found is not None:
+            noise = _share_of_position_noise(blocks, levels, regressor, found, band)
+            if np.any(noise > MOST_POSITION_NOISE):
+                break
         try:
             result = estimate_parameters([_below(block, band) for block in blocks], regressor.names, "weighted")
         except EstimationError:
             continue
+        found = result.least_squares.values
         sizes[band] = float(np.exp(np.mean(np.log(result.least_squares.std))))
     if not sizes:
         return BandChoice(bands[0], {})
@@ -104,6 +119,48 @@ def band_of_motion(recording: Recording) -> float:
     moving = np.ptp(position, axis=0) > SMALLEST_MOTION
     wanted = HARMONICS * float(line[moving].max(initial=0)) / (len(position) * step)
     return float(min(max(LOWEST_HZ, round(wanted, 1)), highest_band(recording)))
+
+
+def position_noise(recording: Recording) -> FloatArray:
+    """(n,) rad²/Hz (m²/Hz): level of the position's spectrum in its upper half, where no arm moves.
+
+    Median over the lines, which a resonance does not raise.
+    """
+    step = recording.sampling_period_s
+    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
+    window = np.hanning(len(position))[:, None]
+    power = 2.0 * step * np.abs(np.fft.rfft(position * window, axis=0)) ** 2 / (window**2).sum()
+    # Of a sum of two squares the median is log 2 of the mean.
+    return np.asarray(np.median(power[len(power) // 2 :], axis=0) / np.log(2.0))
+
+
+def _share_of_position_noise(
+    blocks: Sequence[Block],
+    levels: Sequence[FloatArray],
+    regressor: BaseRegressor,
+    values: FloatArray,
+    band_hz: float,
+) -> FloatArray:
+    """(n,) of the squares that parameters (p,) leave of each joint's torque up to a frequency.
+
+    levels: of each block, as `position_noise`.
+    """
+    left, expected = np.zeros(regressor.robot.n), np.zeros(regressor.robot.n)
+    for block, level in zip(blocks, levels, strict=True):
+        rows = _below(block, band_hz)
+        left += ((rows.torque - rows.columns @ values) ** 2).sum(axis=0)
+        growth = _inertia_squared(block, regressor, values) @ level * (2.0 * np.pi) ** 4
+        expected += len(block.torque) * growth * band_hz**5 / 5.0
+    return expected / np.maximum(left, 1e-300)
+
+
+def _inertia_squared(block: Block, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
+    """(n, n) mean square over a stretch of each entry of the inertia matrix, kg² m⁴."""
+    q = block.signals.position[:: max(1, len(block.signals.position) // INERTIA_SAMPLES)]
+    still = np.zeros_like(q)
+    rest = regressor.matrix(q, still, still) @ values
+    columns = [regressor.matrix(q, still, still + unit) @ values - rest for unit in np.eye(q.shape[1])]
+    return np.stack([(column**2).mean(axis=0) for column in columns], axis=1)
 
 
 def _in_lines(block: Block) -> Block:

@@ -1,0 +1,89 @@
+"""What the noise of the position does to the band that `fit` chooses without periods.
+
+Truth: the level of white noise in closed form, 2 h σ² for a step h; and Pinocchio's inertia matrix, through which noise
+of the acceleration makes torque.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.fitting.band import choose_low_pass, position_noise
+from identification.recordings import Recording, read_recording
+from identification.robots import RobotModel, load_robot
+from tests.identification.synthetic import inverse_dynamics, table_three
+
+FloatArray = npt.NDArray[np.float64]
+
+RATE_HZ, DURATION_S = 1000.0, 60.0
+TORQUE_NOISE_NM = np.array([0.03, 0.03, 0.02, 0.02, 0.01, 0.01, 0.01])
+"""All of it below 5 Hz."""
+
+
+def smooth_motion(random: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """q, q̇, q̈ (S, 7) of eight waves a joint below 0.5 Hz: nothing repeats."""
+    clock = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
+    turning = 2.0 * np.pi * random.uniform(0.05, 0.5, (8, 7))
+    size, angle = random.normal(size=(8, 7)) / turning, clock[:, None, None] * turning
+    waves = size * np.sin(angle), size * turning * np.cos(angle), -size * turning**2 * np.sin(angle)
+    q, dq, ddq = (0.25 * wave.sum(axis=1) for wave in waves)
+    return q, dq, ddq
+
+
+def recorded(folder: Path, robot: RobotModel, position_noise_rad: float) -> Recording:
+    """Slow noise of the torque, white noise of the position."""
+    random = np.random.default_rng(3)
+    q, dq, ddq = smooth_motion(random)
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq)
+    slow = np.fft.rfft(random.standard_normal(torque.shape), axis=0)
+    slow[np.fft.rfftfreq(len(q), 1.0 / RATE_HZ) > 5.0] = 0.0
+    noise = np.fft.irfft(slow, n=len(q), axis=0)
+    torque = torque + TORQUE_NOISE_NM * noise / noise.std(axis=0)
+    file = folder / "smooth.npz"
+    np.savez(
+        file,
+        t=np.arange(len(q)) / RATE_HZ,
+        q=q + position_noise_rad * random.standard_normal(q.shape),
+        tau=torque,
+        robot="iiwa14",
+    )
+    return read_recording(file)
+
+
+def plant(robot: RobotModel) -> pinocchio.Model:
+    """Pinocchio's model with the plant's bodies."""
+    model, links = robot.pinocchio_model.copy(), table_three()
+    for link in range(links.n):
+        model.inertias[link + 1] = pinocchio.Inertia(
+            float(links.mass[link]), links.center_of_mass[link], links.inertia[link]
+        )
+    return model
+
+
+def test_the_level_is_that_of_the_noise_whatever_the_motion(tmp_path: Path) -> None:
+    recording = recorded(tmp_path, load_robot("iiwa14"), 1e-5)
+    assert position_noise(recording) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.05)
+
+
+@pytest.mark.parametrize("size", [1e-8, 3e-6, 1e-5])
+def test_no_band_is_taken_in_which_the_position_makes_a_quarter_of_what_is_left(tmp_path: Path, size: float) -> None:
+    """Mean square of a white position's second derivative up to f: (2 π)⁴ f⁵ / 5 times the level."""
+    robot = load_robot("iiwa14")
+    recording = recorded(tmp_path, robot, size)
+    found = choose_low_pass([recording], BaseRegressor(robot))
+    model = plant(robot)
+    poses = recording.position[::300]
+    squared = np.mean([pinocchio.crba(model, model.createData(), pose) ** 2 for pose in poses], axis=0)
+    growth = squared.sum(axis=1) * 2.0 / RATE_HZ * size**2 * (2.0 * np.pi) ** 4 / 5.0
+    shares = {
+        band: (growth * band**5 / (TORQUE_NOISE_NM**2 + growth * band**5)).max()
+        for band in 10.0 * 2.0 ** (0.5 * np.arange(6))
+    }
+    allowed = [band for band, share in shares.items() if band == 10.0 or share < 0.25]
+    assert max(found.deviations) == pytest.approx(max(allowed))
