@@ -41,18 +41,9 @@ def change_of_own_torque(
     return _polynomial(motion, joint).change(displacement, rate, growth, slice(joint, joint + 1))[:, 0]
 
 
-def _polynomial(motion: Motion, joint: int) -> _Polynomial:
-    known = _known(motion)
-    if joint not in known:
-        known[joint] = _Polynomial.of(motion, joint)
-    return known[joint]
-
-
 @once_per_motion
-def _known(motion: Motion) -> dict[int, _Polynomial]:
-    """Of the joints that were asked for."""
-    del motion
-    return {}
+def _polynomial(motion: Motion, joint: int) -> _Polynomial:
+    return _Polynomial.of(motion, joint)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

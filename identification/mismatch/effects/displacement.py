@@ -56,11 +56,11 @@ def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray,
     growth = time_derivative(motion, rate)
     if size != 0.0:
         return change_of_torque(motion, joint, size * displacement, size * rate, size * growth) / size
-    derivatives = torque_derivatives(motion)
+    derivatives = torque_derivatives(motion, joint)
     return np.asarray(
-        derivatives.position[..., joint] * displacement[:, None]
-        + derivatives.velocity[..., joint] * rate[:, None]
-        + derivatives.acceleration[..., joint] * growth[:, None]
+        derivatives.position * displacement[:, None]
+        + derivatives.velocity * rate[:, None]
+        + derivatives.acceleration * growth[:, None]
     )
 
 
@@ -107,7 +107,7 @@ def _wound_up(
 
     measured_friction = friction(motion.velocity[:, joint])
     load = rigid[:, joint] + measured_friction
-    inertia = torque_derivatives(motion).acceleration[:, joint, joint]
+    inertia = torque_derivatives(motion, joint).acceleration[:, joint]
     slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
 
     def share(s: ComplexArray) -> ComplexArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import wraps
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar, TypeVarTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,7 @@ from identification.robots.model import Kinematics
 
 FloatArray = npt.NDArray[np.float64]
 Result = TypeVar("Result")
+Rest = TypeVarTuple("Rest")
 
 _INERTIAL_COUNT = 10
 
@@ -33,22 +34,23 @@ class RigidTorque(NamedTuple):
 
 
 class TorqueDerivatives(NamedTuple):
-    """Derivatives of the inverse dynamics, (S, n, n): last axis the joint moved, the axis before the torque's joint."""
+    """Derivatives of the inverse dynamics by one joint's motion, (S, n): the torque of each joint."""
 
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
 
 
-def once_per_motion(compute: Callable[[Motion], Result]) -> Callable[[Motion], Result]:
-    """Remember the result for as long as the motion lives."""
-    known: WeakKeyDictionary[Motion, Result] = WeakKeyDictionary()
+def once_per_motion(compute: Callable[[Motion, *Rest], Result]) -> Callable[[Motion, *Rest], Result]:
+    """Remember the result for as long as the motion lives, one for each joint or whatever else is asked for."""
+    known: WeakKeyDictionary[Motion, dict[object, Result]] = WeakKeyDictionary()
 
     @wraps(compute)
-    def remembered(motion: Motion) -> Result:
-        if motion not in known:
-            known[motion] = compute(motion)
-        return known[motion]
+    def remembered(motion: Motion, *rest: *Rest) -> Result:
+        own = known.setdefault(motion, {})
+        if rest not in own:
+            own[rest] = compute(motion, *rest)
+        return own[rest]
 
     return remembered
 
@@ -84,28 +86,23 @@ def bending_moments(motion: Motion) -> FloatArray:
 
 
 @once_per_motion
-def torque_derivatives(motion: Motion) -> TorqueDerivatives:
-    """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of the rigid links.
+def torque_derivatives(motion: Motion, joint: int) -> TorqueDerivatives:
+    """∂τ/∂q_j, ∂τ/∂q̇_j and ∂τ/∂q̈_j of the rigid links; joint: j, from 0.
 
     One-sided differences: exact in q̈; of step 1e-6 in q and q̇, error about 1e-6 of the derivative.
     """
-    n, gravity, step = motion.n, motion.robot.gravity, 1e-6
-    result = TorqueDerivatives(*(np.empty((motion.samples, n, n)) for _ in range(3)))
-    chain = chain_of(motion)
-    reference = links_of(motion)
-    torque = rigid_torque(motion).torque
-    for joint in range(n):
-        unit = np.eye(n)[joint]
-        q_dot, q_ddot = motion.velocity, motion.acceleration
-        turned = chain.moved(joint, step)
-        for derivative, length, changed, velocity, acceleration in (
-            (result.position, step, turned, q_dot, q_ddot),
-            (result.velocity, step, chain, q_dot + step * unit, q_ddot),
-            (result.acceleration, 1.0, chain, q_dot, q_ddot + unit),
-        ):
-            links = changed.forward(velocity, acceleration, gravity, joint, reference)
-            derivative[..., joint] = (changed.backward(links).torque - torque) / length
-    return result
+    step, unit, chain = 1e-6, np.eye(motion.n)[joint], chain_of(motion)
+    q_dot, q_ddot, torque = motion.velocity, motion.acceleration, rigid_torque(motion).torque
+
+    def by(length: float, changed: _Chain, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+        links = changed.forward(velocity, acceleration, motion.robot.gravity, joint, links_of(motion))
+        return (changed.backward(links).torque - torque) / length
+
+    return TorqueDerivatives(
+        by(step, chain.moved(joint, step), q_dot, q_ddot),
+        by(step, chain, q_dot + step * unit, q_ddot),
+        by(1.0, chain, q_dot, q_ddot + unit),
+    )
 
 
 @once_per_motion

@@ -44,7 +44,8 @@ def test_derivatives_of_torque_equal_pinocchio(case: tuple[Motion, PhysicalParam
     motion, links = case
     model = pinocchio_model(motion.robot, links)
     data = model.createData()
-    ours = torque_derivatives(motion)
+    by_joint = [torque_derivatives(motion, joint) for joint in range(motion.n)]
+    ours = [np.stack(parts, axis=2) for parts in zip(*by_joint, strict=True)]
     for sample in range(motion.samples):
         state = motion.position[sample], motion.velocity[sample], motion.acceleration[sample]
         pinocchio.computeRNEADerivatives(model, data, *state)
