@@ -49,7 +49,7 @@ def rivals(
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings)
     beside = narrowed(screen, rest.problem) if others else screen
-    own = _own_score(nominal, trial, rest, others, member, settings)
+    own = own_score(nominal, trial, rest, others, member, settings)
     taken = {(item.effect.name, item.place.joint) for item in trial.members}
     chosen: dict[tuple[str, int | None], Member] = {}
     best = score_of(rest.problem, member)
@@ -63,7 +63,7 @@ def rivals(
     found = []
     for rival in chosen.values():
         refined = refine(rest.problem, library, rival)
-        score = _own_score(nominal, trial, rest, others, refined, settings)
+        score = own_score(nominal, trial, rest, others, refined, settings)
         if score >= own - settings.margin_of_search:
             found.append((score, refined))
     return sorted(found, key=lambda item: -item[0])
@@ -78,7 +78,7 @@ def alternatives(
     """
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings)
-    own = _own_score(nominal, trial, rest, others, trial.members[index], settings)
+    own = own_score(nominal, trial, rest, others, trial.members[index], settings)
     return tuple(
         Alternative(rival.effect.name, rival.place.joint, score)
         for score, rival in rivals(nominal, trial, index, screen, library, settings)
@@ -87,7 +87,7 @@ def alternatives(
     )
 
 
-def _own_score(
+def own_score(
     nominal: Problem,
     trial: Trial,
     rest: Trial,
@@ -95,9 +95,14 @@ def _own_score(
     member: Member,
     settings: DiagnosisSettings,
 ) -> float:
+    """What a member gains beside the others, in the regime of the trial, less what its coefficients and shape cost.
+
+    rest: the others alone. With more coefficients a name explains more even where it is none.
+    """
     if trial.complete:
         return score_of(rest.problem, member)
-    return fitted(nominal, [*others, member], settings, trial).likelihood - rest.likelihood
+    whole = fitted(nominal, [*others, member], settings, trial)
+    return (whole.likelihood - whole.cost) - (rest.likelihood - rest.cost)
 
 
 def contains(problem: Problem, larger: Member, smaller: Member) -> bool:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.names.verdict import alternatives
+from identification.mismatch.names.verdict import alternatives, own_score
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.search.library import Library
+from identification.mismatch.search.library import COEFFICIENT_COST, Library
 from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import fitted
@@ -80,3 +83,30 @@ def test_what_is_a_hundred_times_less_likely_is_no_other_name_and_the_truth_is_n
         assert other in names[0] or behind > 0.99 * np.log(100.0)
         alone += not names[0] and behind < 10.0
     assert alone >= 2
+
+
+def test_beside_an_unknown_torque_a_coefficient_more_has_to_earn_its_cost(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """An offset beside a torque without a form, and the same with a column of nothing: noise of no motion."""
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        del dq, torque
+        return on_joint(6, 1.0 + 0.4 * np.sin(5.0 * q[:, 0] + 3.0 * q[:, 3]))
+
+    (evidence,) = build_evidence(record(iiwa14, table3, hidden, seed=1), iiwa14, iiwa14_base)
+    problem, library, settings = build_problem([evidence]), Library(EFFECTS, [evidence]), DiagnosisSettings()
+    rows = library.rows(effect_named("torque_offset"), Place(joint=6), ())
+    assert rows is not None
+    for seed in range(4):
+        nothing = np.random.default_rng(seed).standard_normal(rows.rows.shape)
+        wider = replace(rows, rows=np.concatenate([rows.rows, nothing], axis=2))
+        plain, more = Member(rows, (0,)), Member(wider, (0, 1))
+        trial = fitted(problem, [plain], settings)
+        assert not trial.complete
+        rest = fitted(problem, [], settings)
+        scores = [own_score(problem, trial, rest, [], member, settings) for member in (plain, more)]
+        gained = scores[1] - scores[0]
+        # Half the square of a standard normal deviate lies beyond 3 in one of seventy.
+        assert gained == pytest.approx(-COEFFICIENT_COST, abs=3.0)
+        assert gained < 0.0
