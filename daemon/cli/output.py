@@ -20,7 +20,6 @@ from typing import Annotated, Any, TextIO
 import typer
 
 from daemon.cli.protection import not_a_recording
-from identification.text_table import aligned_lines
 
 JsonOption = Annotated[
     Path | None,
@@ -140,6 +139,8 @@ def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """
     heads, *rows = ([_spelled(cell, sys.stdout) for cell in row] for row in (heads, *rows))
     if not sys.stdout.isatty():
+        from identification.text_table import aligned_lines
+
         _write(sys.stdout, "".join(f"{line}\n" for line in aligned_lines(heads, rows)))
         return
     from daemon.cli.terminal import drawn_table

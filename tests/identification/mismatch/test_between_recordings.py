@@ -121,5 +121,6 @@ def test_another_set_up_is_named_only_where_it_is_all_that_differs(
     monkeypatch.setattr(diagnosis_module, "model_of_fit", lambda *_: None)
     monkeypatch.setattr(diagnosis_module, "recording_names", lambda items: ["a.npz"] * len(items))
     said = SimpleNamespace(classes=(), heldout=SimpleNamespace(misfits=(SimpleNamespace(differs=True, joint=2),)))
-    answer = diagnosis_module._other_set_up(said, None, [None], [None], None)  # type: ignore[arg-type,list-item]
+    rows = SimpleNamespace(fit=object(), fitted=[None], unseen=[None])
+    answer = diagnosis_module._other_set_up(said, rows, None)  # type: ignore[arg-type]
     assert (answer is found) is named
