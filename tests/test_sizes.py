@@ -10,8 +10,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("fri_client", "daemon", "identification", "safety")
 MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION = 400, 60
@@ -38,14 +36,10 @@ def long_functions(path: Path) -> Iterator[tuple[str, int]]:
                 yield f"{path.relative_to(ROOT)}:{node.name}", lines
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_file_is_longer_than_four_hundred_lines(room: str) -> None:
-    long = {
-        str(path.relative_to(ROOT)): lines
-        for path in (ROOT / room).rglob("*.py")
-        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES_OF_A_FILE
-    }
-    assert not long
+def test_no_file_is_longer_than_four_hundred_lines() -> None:
+    lines = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in sources()}
+    assert lines
+    assert not {path: count for path, count in lines.items() if count > MOST_LINES_OF_A_FILE}
 
 
 def test_a_function_of_more_than_sixty_lines_has_a_reason() -> None:

@@ -47,10 +47,14 @@ INERTIA_SAMPLES = 200
 
 @dataclass(frozen=True, slots=True)
 class BandChoice:
-    """low_pass_hz: the band taken. deviations: of each band tried, geometric mean of σ over the smallest such mean."""
+    """low_pass_hz: the band taken. deviations: of each band tried, geometric mean of σ over the smallest such mean.
+
+    noisy_hz: the first band that was not tried for the noise of the position in it, None where there was none.
+    """
 
     low_pass_hz: float
     deviations: dict[float, float]
+    noisy_hz: float | None = None
 
     @property
     def sentence(self) -> str:
@@ -58,9 +62,12 @@ class BandChoice:
         if not self.deviations:
             return f"Compared up to {self.low_pass_hz:.3g} Hz, as wide as sampling and motion allow"
         tried = ", ".join(f"{value:.2f} at {band:.3g}" for band, value in self.deviations.items())
+        wider = (
+            "" if self.noisy_hz is None else f"; up to {self.noisy_hz:.3g} Hz noise of the position makes much torque"
+        )
         return (
             f"Compared up to {self.low_pass_hz:.3g} Hz: the narrowest band that holds ten harmonics of the motion and "
-            f"costs no precision (σ of the parameters against the best band: {tried} Hz)"
+            f"costs no precision (σ of the parameters against the best band: {tried} Hz{wider})"
         )
 
 
@@ -86,10 +93,12 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
                 levels.append(level)
     sizes: dict[float, float] = {}
     found: FloatArray | None = None
+    noisy: float | None = None
     for band in bands:
         if found is not None:
             noise = _share_of_position_noise(blocks, levels, regressor, found, band)
             if np.any(noise > MOST_POSITION_NOISE):
+                noisy = band
                 break
         try:
             result = estimate_parameters([_below(block, band) for block in blocks], regressor.names, "weighted")
@@ -101,7 +110,7 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
         return BandChoice(bands[0], {})
     smallest = min(sizes.values())
     deviations = {band: size / smallest for band, size in sizes.items()}
-    return BandChoice(min(band for band, share in deviations.items() if share <= NO_PRECISION), deviations)
+    return BandChoice(min(band for band, share in deviations.items() if share <= NO_PRECISION), deviations, noisy)
 
 
 def highest_band(recording: Recording) -> float:

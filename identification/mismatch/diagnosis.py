@@ -224,14 +224,11 @@ def _summarised(
 ) -> Diagnosis:
     """All that is said beside the findings. plain: what the nominal model leaves. inactive: effects without torque."""
     measured = now.problem.noise_is_measured
-    found, left = (
-        chance < settings.consistency_probability
-        for chance in (
-            [item.power.probability.min(axis=1) for item in (now.result.before, claims.trial)]
-            if measured
-            else [_found_by_chance(item, claims) for item in (claims.heldout_before, claims.heldout_after)]
-        )
-    )
+    if measured:
+        chances = [item.power.probability.min(axis=1) for item in (now.result.before, claims.trial)]
+    else:
+        chances = [_found_by_chance(item, claims) for item in (claims.heldout_before, claims.heldout_after)]
+    found, left = (chance < settings.consistency_probability for chance in chances)
     after = after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm
     baseline = _baseline(nominal, plain, found, claims, classes, measured)
     return summarise(

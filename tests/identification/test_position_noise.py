@@ -87,3 +87,6 @@ def test_no_band_is_taken_in_which_the_position_makes_a_quarter_of_what_is_left(
     }
     allowed = [band for band, share in shares.items() if band == 10.0 or share < 0.25]
     assert max(found.deviations) == pytest.approx(max(allowed))
+    refused = [band for band in shares if band > max(allowed)]
+    assert found.noisy_hz == (pytest.approx(min(refused)) if refused else None)
+    assert ("noise of the position" in found.sentence) == bool(refused)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.effects import EFFECTS, effect_named
@@ -107,6 +106,6 @@ def test_beside_an_unknown_torque_a_coefficient_more_has_to_earn_its_cost(
         rest = fitted(problem, [], settings)
         scores = [own_score(problem, trial, rest, [], member, settings) for member in (plain, more)]
         gained = scores[1] - scores[0]
-        # Half the square of a standard normal deviate lies beyond 3 in one of seventy.
-        assert gained == pytest.approx(-COEFFICIENT_COST, abs=3.0)
-        assert gained < 0.0
+        # A column more lowers no likelihood, but for where misfit is located anew; half the square of a normal deviate
+        # lies beyond 3 in one of seventy.
+        assert -COEFFICIENT_COST - 0.5 <= gained < 0.0
