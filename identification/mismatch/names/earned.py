@@ -66,14 +66,14 @@ def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -
 
 
 def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolArray:
-    """(n,) joints whose classes are rivals of names: not where they make rows that were not fitted worse.
+    """(n,) joints whose classes are rivals of names.
 
     Where the noise is not known rows are no proof for each other: there classes are rivals only where they predict what
-    was not fitted better than the names do, beyond what its rows allow.
+    was not fitted, and better than the names do, beyond what its rows allow.
     """
     now = exam.check(trial.members).heldout_after
     if exam.problem.noise_is_measured or now is None:
-        return dependence.predicts
+        return np.ones(exam.problem.n, dtype=np.bool_)
     return dependence.predicts & _better(dependence.rival, dependence, now)
 
 

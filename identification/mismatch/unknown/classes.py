@@ -195,7 +195,7 @@ def _dynamics(name: str) -> Callable[[Inputs, int], Part]:
 
 def _other_torques(inputs: Inputs, joint: int) -> Part:
     load = np.delete(np.clip(inputs.torque, -1, 1), joint, axis=1)
-    bending = inputs.moments[:, joint] / np.maximum(np.abs(inputs.moments[:, joint]).max(axis=0), 1e-9)
+    bending = inputs.moments[:, joint] / np.maximum(inputs.ranges.bending[joint], 1e-9)
     return np.concatenate([load, load**2, bending], axis=1), inputs.inside("torque").prod(axis=1)
 
 

@@ -28,7 +28,7 @@ class Dependence:
     before, after: RMS (n,) Nm on the fitted and on the held-out rows, without and with the classes. dropped: classes
     that the rows ask for and that predict others worse; only where the noise is not known. rival: the classes as names
     are judged against them, weights of the fitted rows alone; predicts: (n,) joints where they do not make rows that
-    were not fitted worse.
+    were not fitted worse, which counts where the noise is not known.
     """
 
     every: Rows

@@ -28,7 +28,8 @@ WAVES = 48
 class Ranges:
     """What some motions reached, (n,) each: position in rad (m), speed, load and torque in Nm, acceleration.
 
-    load: torque of the rigid links. torque: largest nominal torque, friction and all.
+    load: torque of the rigid links. torque: largest nominal torque, friction and all. bending: (n, 2) largest moment
+    across each joint, about its x and y, Nm.
     """
 
     position_lower: FloatArray
@@ -38,6 +39,7 @@ class Ranges:
     load_upper: FloatArray
     acceleration: FloatArray
     torque: FloatArray
+    bending: FloatArray
 
     @classmethod
     def of(cls, motions: Sequence[Motion]) -> Ranges:
@@ -50,6 +52,7 @@ class Ranges:
         return cls(
             position.min(axis=0), position.max(axis=0), np.abs(velocity).max(axis=0),
             load.min(axis=0), load.max(axis=0), np.abs(acceleration).max(axis=0), np.abs(torque).max(axis=0),
+            np.max([np.abs(bending_moments(motion)[..., 0]).max(axis=0) for motion in motions], axis=0),
         )  # fmt: skip
 
     def bounds(self, name: str) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +138,9 @@ class Inputs:
 
     @cached_property
     def waves(self) -> FloatArray:
-        """(S, WAVES) random waves over the configuration, always the same ones."""
+        """(S, WAVES) random waves over the configuration, always the same ones; none where one joint is all of it."""
+        if self.motion.n == 1:
+            return np.zeros((self.motion.samples, 0))
         random = np.random.default_rng(12)
         direction = random.normal(size=(self.motion.n, WAVES))
         return np.asarray(np.cos(np.clip(self.position, -1.0, 1.0) @ direction + random.uniform(0, 2 * np.pi, WAVES)))

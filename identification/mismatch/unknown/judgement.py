@@ -28,7 +28,7 @@ from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal, without_members
-from identification.mismatch.unknown.predictive import LEAST_RISE, Dropped
+from identification.mismatch.unknown.predictive import LEAST_RISE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -66,14 +66,14 @@ def judge(
     """
     settings = settings if settings is not None else ClaimSettings()
     offered: Offer | None = None
-    dropped = found.dropped
+    left_out = found.dropped
     if unseen is not None and names.heldout_after is not None:
         beside = _beside_names(found.alone, fitted, unseen, names, settings)
         offered, more = offer(beside, found.left, names.heldout_after)
-        dropped += more
+        left_out += more
     gain = cache(partial(_gain, found))
     heard = [item for item in found.held if item.loss >= settings.speak]
-    standing = {item: weight for item in heard if (weight := _weight(found, item, gain, dropped)) > 0.0}
+    standing = {item: weight for item in heard if (weight := _weight(found, item, gain)) > 0.0}
     smooth = [item for item in standing if CLASSES[item.number].background]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max((standing[item] for item in smooth), default=0.0)
@@ -87,7 +87,7 @@ def judge(
     claims = [_with_names(claim, names) for claim in claims]
     before, after = found.before, found.after
     model = ClassModel(before[0], after[0], before[1], after[1])
-    notes = [refusal(dropped)] if dropped else []
+    notes = [refusal(left_out)] if left_out else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
@@ -118,15 +118,16 @@ def _gain(found: Dependence, item: Held) -> FloatArray:
     return np.asarray(np.minimum(without, found.before[1]) - found.after[1])
 
 
-def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray], dropped: Sequence[Dropped]) -> float:
+def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray]) -> float:
     """Nats; where the noise is not known the logarithm of how many times larger the joint's held-out RMS is without it.
 
-    Fitted rows of an unknown noise are no proof for each other. What the model is not offered weighs nothing there, nor
-    does what changes that RMS by no more than base parameters of another joint's terms may.
+    Fitted rows of an unknown noise are no proof for each other. What predicts other rows worse weighs nothing there, nor
+    does what changes that RMS by no more than base parameters of another joint's terms may. What of it may stand in the
+    model beside the names is another question (`offer`): a class that shows need not be usable on another motion.
     """
     if found.every.problem.noise_is_measured or not found.every.heldout:
         return item.loss
-    if (item.joint, item.number) in dropped:
+    if (item.joint, item.number) in found.dropped:
         return 0.0
     share = gain(item)[item.joint] / found.after[1][item.joint]
     return float(np.log1p(share)) if share >= LEAST_RISE else 0.0

@@ -68,6 +68,17 @@ def test_a_torque_of_no_known_kind_is_not_written_as_a_sum_of_names(iiwa14: Robo
     assert "joint 5 describes part of a torque that depends on own position" in diagnosis.remaining
 
 
+def test_a_name_stands_against_classes_also_where_these_predict_the_other_motion_worse(
+    iiwa14: RobotModel, tmp_path: Path
+) -> None:
+    """A bump at one angle was a wave over the angle: the class has the odds, but the other motion leaves its range."""
+    first, second = (read_recording(path) for path in write_recordings(draw_case(2260719, 49), tmp_path))
+    diagnosis = diagnose([first], iiwa14, heldout=[second])
+    assert not diagnosis.findings
+    assert [(item.name, item.joint) for item in diagnosis.classes] == [("own_position", 6)]
+    assert "joint 6 describes part of a torque that depends on own position" in diagnosis.remaining
+
+
 def test_what_is_left_of_a_set_that_explained_all_is_judged_as_beside_a_background(
     iiwa14: RobotModel, tmp_path: Path
 ) -> None:

@@ -77,6 +77,21 @@ def test_what_turns_with_two_joints_together_is_a_function_of_the_other_joint_s_
     assert np.std(wanted - columns @ weights) < 0.1 * np.std(wanted)
 
 
+def test_a_bending_moment_counts_the_same_on_every_motion(motion: Motion) -> None:
+    """What the motions at hand reached scales it, not what the one at hand does: a slow motion bends the joint less."""
+    slower = replace(motion, velocity=0.0 * motion.velocity, acceleration=0.0 * motion.acceleration)
+    for each in (motion, slower):
+        inputs = inputs_of(each, motion)
+        columns, _ = CLASSES[NUMBER["other_torques"]].groups[0](inputs, 3)
+        assert columns[:, -2:] == pytest.approx(inputs.moments[:, 3] / inputs_of(motion).ranges.bending[3])
+
+
+def test_one_joint_has_no_configuration_beside_its_own_position(motion: Motion) -> None:
+    """The waves over the configuration of a lone joint are functions of its position: two names of one thing."""
+    alone = replace(motion, position=motion.position[:, :1])
+    assert Inputs(alone, Ranges.of([motion]), FADE).waves.shape == (motion.samples, 0)
+
+
 def test_a_class_does_not_hold_a_function_of_another_joint(motion: Motion) -> None:
     inputs = inputs_of(motion)
     columns = columns_of("own_position", 3, inputs, inputs)
