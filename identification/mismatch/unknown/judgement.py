@@ -121,9 +121,9 @@ def _gain(found: Dependence, item: Held) -> FloatArray:
 def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray]) -> float:
     """Nats; where the noise is not known the logarithm of how many times larger the joint's held-out RMS is without it.
 
-    Fitted rows of an unknown noise are no proof for each other. What predicts other rows worse weighs nothing there, nor
-    does what changes that RMS by no more than base parameters of another joint's terms may. What of it may stand in the
-    model beside the names is another question (`offer`): a class that shows need not be usable on another motion.
+    Fitted rows of an unknown noise are no proof for each other. What predicts other rows worse weighs nothing, nor does
+    what changes that RMS by no more than base parameters of another joint's terms may. What may stand in the model
+    beside the names is another question (`offer`): a class that shows need not be usable on another motion.
     """
     if found.every.problem.noise_is_measured or not found.every.heldout:
         return item.loss
