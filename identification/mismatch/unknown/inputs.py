@@ -29,7 +29,7 @@ class Ranges:
     """What some motions reached, (n,) each: position in rad (m), speed, load and torque in Nm, acceleration.
 
     load: torque of the rigid links. torque: largest nominal torque, friction and all. bending: (n, 2) largest moment
-    across each joint, about its x and y, Nm.
+    about the two directions across each joint's axis (`bending_moments`), Nm.
     """
 
     position_lower: FloatArray

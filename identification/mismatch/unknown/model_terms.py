@@ -52,6 +52,12 @@ def terms_of(selection: Selection) -> dict[str, Any]:
 def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
     """(S, n) Nm of class terms along a motion. Raises ModelFileError where they are not complete or of another arm."""
     torque = np.zeros((motion.samples, motion.n))
+    if "position_lower" in data.get("ranges", {}) and "bending" not in data["ranges"]:
+        raise ModelFileError(
+            "The torque without a name in this model was written by an earlier version, which did not keep the bending "
+            "moments that it was fitted in: diagnose the recording again and use the model that this writes",
+            field="class_terms",
+        )
     try:
         ranges = Ranges.from_json(data["ranges"])
         inputs = Inputs(motion, ranges, float(data["fade"]), ranges)

@@ -15,8 +15,13 @@ from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
+from identification.mismatch.heldout import Residuals
 from identification.mismatch.prediction import validate_with_effects
+from identification.mismatch.unknown import judgement
+from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_torque
+from identification.mismatch.unknown.predictive import Dropped
+from identification.mismatch.unknown.selection import Selection
 from identification.model_file import read_model, write_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import fit_recordings
@@ -230,6 +235,35 @@ def test_terms_of_another_arm_are_refused(humped: Diagnosis, clean_evidence: Evi
     torn = {**humped.offer.terms, "terms": [{"class": "own_position"}]}
     with pytest.raises(ModelFileError, match="class terms"):
         terms_torque(torn, clean_evidence.motion)
+
+
+def test_terms_of_a_version_that_kept_no_bending_moments_are_refused_in_words(
+    humped: Diagnosis, clean_evidence: Evidence
+) -> None:
+    """Each motion scaled them by its own: the same term was another torque on another motion."""
+    assert humped.offer is not None
+    ranges = {name: item for name, item in humped.offer.terms["ranges"].items() if name != "bending"}
+    with pytest.raises(ModelFileError, match="diagnose the recording again"):
+        terms_torque({**humped.offer.terms, "ranges": ranges}, clean_evidence.motion)
+
+
+def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Terms are refused against a fit with other weights; one of a joint took every class of every joint with it."""
+    first, axis = read_recording(recording_file("emps_a.npz")), load_robot(recording_file("emps.urdf"))
+    plain = diagnose([first], axis)
+
+    def nothing(alone: Selection, left: Left, before: Residuals) -> tuple[None, tuple[Dropped, ...]]:
+        del left, before
+        places = ((joint, number) for joint, state in enumerate(alone.states) for number in alone.classes(joint, state))
+        return None, tuple(places)
+
+    monkeypatch.setattr(judgement, "offer", nothing)
+    refused = diagnose([first], axis)
+    assert plain.offer is not None
+    assert refused.offer is None
+    assert any("not part of the extended model" in note for note in refused.notes)
+    assert plain.classes
+    assert [(item.name, item.joint) for item in refused.classes] == [(item.name, item.joint) for item in plain.classes]
 
 
 def test_a_model_that_makes_a_joint_worse_elsewhere_is_not_offered(
