@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from identification.signals.gaps import wrapped_fill
+
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
@@ -27,10 +29,12 @@ def cutoff_hz(torque: FloatArray, sampling_period_s: float) -> float | None:
 
     The noise is what successive periods differ by, its median over them, so that no transient or push counts.
     """
+    missing: BoolArray = np.asarray(~np.isfinite(torque).all(axis=2))
+    held = np.flatnonzero(~missing.all(axis=1))
+    torque, missing = torque[held], missing[held]
     if len(torque) < FEWEST_PERIODS or torque.shape[1] < 2 * FEWEST_LINES:
         return None
-    known = np.isfinite(torque)
-    filled = torque if known.all() else np.where(known, torque, np.nanmedian(torque, axis=0))
+    filled = np.stack([wrapped_fill(period, lacks) for period, lacks in zip(torque, missing, strict=True)])
     power = np.median(np.abs(np.fft.rfft(np.diff(filled, axis=0), axis=1)[:, 1:]) ** 2, axis=0)
     total = power.sum(axis=0)
     if not np.any(total > 0.0):

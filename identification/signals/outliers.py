@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.errors import EstimationError
+from identification.signals.gaps import median_over_periods
 from identification.signals.periods import PeriodTable, average_periods
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,15 +44,16 @@ def bound_outliers_across_periods(table: PeriodTable) -> tuple[PeriodTable, Floa
     periods = torque.shape[0]
     if periods < FEWEST_PERIODS:
         raise EstimationError(f"Outliers cannot be judged across {periods} periods; {FEWEST_PERIODS} are needed")
-    location = np.nanmedian(torque, axis=0)
+    location = median_over_periods(torque)
     deviation = torque - location
     # Deviations from a median of K values are smaller than those from the truth.
     scale = _DEVIATION_FROM_MEDIAN * np.nanmedian(np.abs(deviation), axis=(0, 1)) * np.sqrt(periods / (periods - 1.0))
     bound = HUBER_BOUND * scale
     share = unclipped_share(deviation, bound)
     clipped = np.clip(deviation, -bound, bound)
+    held = np.maximum(np.isfinite(torque).sum(axis=0), 1)
     for _ in range(_ROUNDS):
-        location = location + np.nanmean(clipped, axis=0) / share
+        location = location + np.nansum(clipped, axis=0) / held / share
         clipped = np.clip(torque - location, -bound, bound)
     share = unclipped_share(torque - location, bound)
     return replace(table, torque=location + clipped / share), 1.0 - share

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
+from identification.signals.gaps import median_over_periods, wrapped_fill
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -151,14 +152,14 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
                 f"{int(filled.sum())} of {filled.size} samples of the period are missing in every period (first: "
                 f"sample {first}, longest hole {longest:.3g} s); record at least one period more"
             )
-        notes.append(f"{int(filled.sum())} samples of the period are missing in every period; interpolated")
+        notes.append(f"samples of the period that are missing in every period: {int(filled.sum())}; interpolated")
     elif np.any(counts < present.shape[0]):
         notes.append(
-            f"{int((present.shape[0] - counts).sum())} samples are missing in single periods; "
+            f"samples that are missing in single periods: {int((present.shape[0] - counts).sum())}; "
             "each sample's mean is over the periods that have it"
         )
     position, torque = (
-        _wrapped_fill(np.where(present[..., None], values, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None], filled)
+        wrapped_fill(np.where(present[..., None], values, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None], filled)
         for values in (table.position, table.torque)
     )
     several = present.shape[0] > 1
@@ -219,9 +220,7 @@ def _transient(position: FloatArray, keep: BoolArray, notes: list[str]) -> BoolA
     kept = np.flatnonzero(keep)
     if kept.size < 4:
         return marked
-    others = position[kept[1:]]
-    # Many times as fast as the one that leaves out what is missing.
-    middle = (np.median if np.isfinite(others).all() else np.nanmedian)(others, axis=0)
+    middle = median_over_periods(position[kept[1:]])
     distance = np.sqrt(np.nanmean((position[kept] - middle) ** 2, axis=(1, 2)))
     if distance[0] > 1e-4 and distance[0] > TRANSIENT_FACTOR * float(np.median(distance[1:])):
         marked[kept[0]] = True
@@ -253,17 +252,6 @@ def _longest_run(marked: BoolArray) -> int:
     turned = np.roll(marked, -int(np.flatnonzero(~marked)[0]))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], turned, [False]]).astype(np.int8)))
     return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
-
-
-def _wrapped_fill(values: FloatArray, filled: BoolArray) -> FloatArray:
-    if not filled.any():
-        return values
-    grid = np.arange(filled.size)
-    known = grid[~filled]
-    result = values.copy()
-    for joint in range(values.shape[1]):
-        result[filled, joint] = np.interp(grid[filled], known, values[known, joint], period=filled.size)
-    return result
 
 
 def _successive_differences(values: FloatArray, present: BoolArray) -> tuple[FloatArray, BoolArray]:

@@ -23,6 +23,7 @@ from identification.signals import (
 )
 from identification.signals.aperiodic import sixth_order_difference, standstill, uniform_grid
 from identification.signals.filter_ends import cutoff_hz
+from identification.signals.outliers import clean_across_periods
 from identification.signals.paper_chain import wrapped_central_difference, wrapped_zero_phase_filter
 from identification.signals.periodic import differentiate_harmonics, to_lines
 from tests.identification.synthetic import coloured_noise, fourier_motion, recording_of
@@ -241,17 +242,38 @@ def test_standstill_is_a_stretch_of_rest_and_not_a_reversal() -> None:
     assert not resting[1100:].any()
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_sample_that_no_period_has_is_passed_over_in_silence_by_every_median() -> None:
+    whole = _recording(noise=0.1)
+    table = period_table(_without(whole, np.arange(6) * SAMPLES + 100))
+    cleaned, beyond, replaced = clean_across_periods(table)
+    expected, *shares = clean_across_periods(period_table(whole))
+    assert not np.isfinite(cleaned.torque[:, 100]).any()
+    np.testing.assert_allclose([beyond, replaced], shares, atol=1e-3)
+    kept = np.arange(SAMPLES) != 100
+    np.testing.assert_allclose(cleaned.torque[:, kept], expected.torque[:, kept], atol=0.1)
+
+
 def test_a_low_pass_above_the_sampling_rate_is_refused() -> None:
     with pytest.raises(RecordingError, match="does not fit"):
         process_aperiodic(_recording(), AperiodicSettings(low_pass_hz=190.0))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("lost", ["nothing", "one sample of every period", "single samples", "half of one period"])
 @pytest.mark.parametrize("hertz", [None, 5.0, 10.0, 20.0])
-def test_the_noise_shows_which_filter_a_record_went_through(hertz: float | None) -> None:
+def test_the_noise_shows_which_filter_a_record_went_through(hertz: float | None, lost: str) -> None:
     periods, samples, rate = 10, 1250, 125.0
     noise = np.random.default_rng(5).normal(size=(periods * samples, 3))
     torque = 50.0 * np.sin(2.0 * np.pi * np.arange(periods * samples) / samples)[:, None] + 0.1 * noise
     if hertz is not None:
         torque = sosfilt(butter(4, hertz, fs=rate, output="sos"), torque, axis=0)
-    found = cutoff_hz(torque.reshape(periods, samples, 3), 1.0 / rate)
+    torque = torque.reshape(periods, samples, 3)
+    if lost == "one sample of every period":
+        torque[:, 300] = np.nan
+    elif lost == "single samples":
+        torque[np.random.default_rng(6).random((periods, samples)) < 0.01] = np.nan
+    elif lost == "half of one period":
+        torque[4, 200:825] = np.nan
+    found = cutoff_hz(torque, 1.0 / rate)
     assert found == (None if hertz is None else pytest.approx(hertz, rel=0.15))
