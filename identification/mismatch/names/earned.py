@@ -11,7 +11,7 @@ import numpy.typing as npt
 from identification.mismatch.heldout import Residuals, worsened
 from identification.mismatch.names.abstention import Examination, MemberKey, name_of, without
 from identification.mismatch.search.trial import Trial, fitted
-from identification.mismatch.unknown.dependence import Dependence
+from identification.mismatch.unknown.dependence import Dependence, rival_of
 from identification.mismatch.unknown.named import Standing, held_beside, named, standings
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -26,11 +26,12 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence, on_odds: Set
     """
     settings, every, remarks = ClaimSettings(), dependence.every, list[str]()
     elsewhere = None if exam.unseen is None else exam.unseen.library
+    rival = _rival(exam, dependence) if trial.members else None
     while trial.members:
         coefficients = exam.check(trial.members).extension.coefficients
         names = [named(*pair, elsewhere, every) for pair in zip(trial.members, coefficients, strict=True)]
         found = standings(every, names, settings)
-        rivalled = _rivalled(exam, trial, dependence)
+        rivalled = _rivalled(exam, trial, dependence, rival)
         failing = [
             index
             for index, (member, name, standing) in enumerate(zip(trial.members, names, found, strict=True))
@@ -57,7 +58,7 @@ def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -
     now = exam.check(trial.members)
     pairs = zip(trial.members, now.extension.coefficients, strict=True)
     names = [named(*pair, elsewhere, dependence.every) for pair in pairs]
-    held = held_beside(dependence.every, names, ClaimSettings())
+    held = held_beside(dependence.every, names, ClaimSettings(), dependence.chosen)
     if exam.problem.noise_is_measured or now.heldout_after is None:
         return held
     better = _better(dependence.alone, dependence, now.heldout_after)
@@ -65,16 +66,25 @@ def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -
     return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
 
 
-def _rivalled(exam: Examination, trial: Trial, dependence: Dependence) -> BoolArray:
+def _rival(exam: Examination, dependence: Dependence) -> Selection | None:
+    """The classes that are rivals of names by what they predict; None where all are by the odds alone."""
+    if exam.problem.noise_is_measured or exam.unseen is None:
+        return None
+    return rival_of(dependence.every, ClaimSettings())
+
+
+def _rivalled(exam: Examination, trial: Trial, dependence: Dependence, rival: Selection | None) -> BoolArray:
     """(n,) joints whose classes are rivals of names.
 
     Where the noise is not known rows are no proof for each other: there classes are rivals only where they predict what
     was not fitted, and better than the names do, beyond what its rows allow.
     """
     now = exam.check(trial.members).heldout_after
-    if exam.problem.noise_is_measured or now is None:
+    if rival is None or now is None:
         return np.ones(exam.problem.n, dtype=np.bool_)
-    return dependence.predicts & _better(dependence.rival, dependence, now)
+    plain = Selection.of(rival.rows, range(rival.rows.folds), rival.settings)
+    predicts = dependence.left(rival)[1] < dependence.left(plain)[1]
+    return predicts & _better(rival, dependence, now)
 
 
 def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolArray:

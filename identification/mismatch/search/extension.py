@@ -6,7 +6,7 @@ Also what that model predicts elsewhere, in Nm per row.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -100,6 +100,16 @@ def predicted(extension: Extension, nominal: FloatArray, library: Library) -> Fl
         if rows is not None:
             result[list(rows.joints)] += rows.rows @ coefficients
     return result
+
+
+def torque_beside(extension: Extension, library: Library, torque: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """Torque (R, n) Nm of each evidence of a library without that of the members; base parameters stay in it."""
+    if not extension.members:
+        return tuple(torque)
+    nominal = np.concatenate([item.nominal for item in library.evidences]).transpose(1, 0, 2)
+    taken = predicted(replace(extension, base=np.zeros(nominal.shape[2])), nominal, library).T
+    cuts = np.cumsum([len(rows) for rows in torque])[:-1]
+    return tuple(rows - part for rows, part in zip(torque, np.split(taken, cuts), strict=True))
 
 
 def prediction_scatter(extension: Extension, nominal: FloatArray, library: Library) -> FloatArray:

@@ -90,7 +90,7 @@ class ClassClaim:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassModel:
-    """All classes together, no name beside them: RMS without and with them, per joint.
+    """All classes together, no name beside them: RMS of the fit without them and with them, per joint.
 
     fitted_before, fitted_after, heldout_before, heldout_after: (n,) Nm; the held-out ones empty without held-out rows.
     """

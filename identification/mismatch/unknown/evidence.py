@@ -152,6 +152,16 @@ def marginal(joint: JointGram, hyper: Hyper) -> Marginal:
     return Marginal(total[size:, size:] - solved.T @ solved, determinant, root, factor, solved)
 
 
+def mean(part: Marginal, shared: Shared) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights (m,) of one joint, base parameters (p,), and the factor L of their precision, all joints' rows seen."""
+    factor = cholesky(shared.precision, lower=True, check_finite=False)
+    base = cho_solve((factor, True), shared.target, check_finite=False)
+    if not part.root.size:
+        return np.zeros(0), base, factor
+    seen = part.solved[:, -1] - part.solved[:, :-1] @ base
+    return part.root * solve_triangular(part.factor, seen, lower=True, trans=1, check_finite=False), base, factor
+
+
 def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
     """Weights of one joint and the base parameters, all joints' rows seen."""
     size = joint.columns
@@ -191,16 +201,16 @@ def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_ro
     return Hyper(variance, np.where(joint.count > 0.0, np.maximum(noise, LEAST_NOISE), 1.0))
 
 
-def squares_of(rows: JointGram, shared: Shared, now: Posterior, noise: FloatArray) -> tuple[float, float]:
+def squares_of(rows: JointGram, part: Marginal, shared: Shared, noise: FloatArray) -> tuple[float, float]:
     """Squares that weights and base parameters of other rows leave of these, and how many of these count.
 
-    shared: what the other rows say of the base parameters. Directions of these that they leave open, by more than
+    part, shared: what the other rows say. Directions of the base parameters that they leave open, by more than
     OPEN_BEYOND_NOISE deviations of the noise on these rows, are settled here.
     """
     size = rows.columns
-    line = np.concatenate([-now.weights, -now.base, [1.0]])
+    weights, base, factor = mean(part, shared)
+    line = np.concatenate([-weights, -base, [1.0]])
     gram = rows.gram.sum(axis=0)
-    factor = cholesky(shared.precision, lower=True, check_finite=False)
     inverse = lapack.dtrtri(factor, lower=1)[0]
     information = np.tensordot(1.0 / noise, rows.gram[:, size:-1, size:-1], axes=1)
     values, vectors = np.linalg.eigh(inverse @ information @ inverse.T)

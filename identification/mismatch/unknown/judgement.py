@@ -17,17 +17,18 @@ from identification.mismatch.claims import Claims
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
+from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.dependence import Dependence, weighed
+from identification.mismatch.unknown.dependence import Dependence, beside_names
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
-from identification.mismatch.unknown.offer import offer, refusal, without_members
+from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_RISE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
@@ -68,10 +69,16 @@ def judge(
     offered: Offer | None = None
     left_out = found.dropped
     if unseen is not None and names.heldout_after is not None:
-        beside = _beside_names(found.alone, fitted, unseen, names, settings)
+        libraries = [Library(EFFECTS, item.evidences) for item in (fitted, unseen)]
+        torque = [
+            torque_beside(names.extension, library, item.torque)
+            for library, item in zip(libraries, (fitted, unseen), strict=True)
+        ]
+        beside = beside_names(found, torque, settings) if names.extension.members else found.alone
         offered, more = offer(beside, found.left, names.heldout_after)
         left_out += more
-    gain = cache(partial(_gain, found))
+    before = np.zeros(0) if names.heldout_before is None else names.heldout_before.rms_nm
+    gain = cache(partial(_gain, found, before))
     heard = [item for item in found.held if item.loss >= settings.speak]
     standing = {item: weight for item in heard if (weight := _weight(found, item, gain)) > 0.0}
     smooth = [item for item in standing if CLASSES[item.number].background]
@@ -85,28 +92,15 @@ def judge(
         beyond = chance < DiagnosisSettings().consistency_probability
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     claims = [_with_names(claim, names) for claim in claims]
-    before, after = found.before, found.after
-    model = ClassModel(before[0], after[0], before[1], after[1])
+    model = ClassModel(names.before.rms_nm, found.after[0], before, found.after[1])
     notes = [refusal(left_out)] if left_out else []
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
 
 
-def _beside_names(
-    alone: Selection, fitted: Prepared, unseen: Prepared, names: Claims, settings: ClaimSettings
-) -> Selection:
-    """The classes chosen without names; their weights are found anew beside these."""
-    if not names.extension.members:
-        return alone
-    roles = (without_members(item, names.extension, Library(EFFECTS, item.evidences)) for item in (fitted, unseen))
-    rows = alone.rows.limited([state.groups for state in alone.states])
-    rows = rows.with_torque([torque for role in roles for torque in role.torque], settings)
-    return weighed(rows, settings, predicted=alone.predicted)
-
-
-def _gain(found: Dependence, item: Held) -> FloatArray:
-    """(n,) Nm that a class takes off the RMS of held-out rows; empty without any.
+def _gain(found: Dependence, before: FloatArray, item: Held) -> FloatArray:
+    """(n,) Nm that a class takes off the RMS of held-out rows; empty without any. before: (n,) Nm of the fit.
 
     Without it the others may be worth less than nothing: then nothing of them would stay.
     """
@@ -115,7 +109,7 @@ def _gain(found: Dependence, item: Held) -> FloatArray:
         return np.zeros(0)
     family = alone.families(joint, alone.states[joint])[item.number]
     without = found.left(shortened(alone, joint, family))[1]
-    return np.asarray(np.minimum(without, found.before[1]) - found.after[1])
+    return np.asarray(np.minimum(without, before) - found.after[1])
 
 
 def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray]) -> float:

@@ -52,10 +52,10 @@ class Left:
         problem = rows.problem
         left = np.empty((problem.n, problem.rows))
         for joint, state in enumerate(selection.states):
-            now = selection.posterior(joint, state)
+            weights, base = selection.mean(joint, state)
             whitened = rows.joints[joint].whitened
             size, chosen = rows.joints[joint].columns, selection.columns(joint, state)
-            left[joint] = whitened[:, -1] - whitened[:, size:-1] @ now.base - whitened[:, chosen] @ now.weights
+            left[joint] = whitened[:, -1] - whitened[:, size:-1] @ base - whitened[:, chosen] @ weights
         if rows.heldout:
             left[:, there] = off(self.free, left[:, there].ravel()).reshape(problem.n, -1)
         left = np.where(problem.weight > 0.0, left * problem.noise, 0.0)

@@ -19,7 +19,7 @@ from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import JointState, Selection
+from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -88,9 +88,19 @@ def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> l
     return found
 
 
-def held_beside(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> dict[int, frozenset[str]]:
-    """Joint (from 0) → the particular classes that it holds once all the names are in."""
-    whole = _together(every, names, settings)
+def held_beside(
+    every: Rows, names: Sequence[Named], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
+) -> dict[int, frozenset[str]]:
+    """Joint (from 0) → the particular classes that it holds once all the names are in.
+
+    Where the noise is measured they are chosen anew; else they are what is left of the groups that were chosen without
+    names, as on rows of an unknown noise another choice says little.
+    """
+    if every.problem.noise_is_measured:
+        whole = _together(every, names, settings)
+    else:
+        rows = every.with_columns([(name.columns, name.size) for name in names])
+        whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
     losses = {joint: _losses(whole, joint) for joint in range(every.problem.n) if every.asked[joint]}
     return {
         joint: frozenset(
@@ -121,7 +131,10 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     worth = whole.total() - rest.total() - cost
     for joint in name.joints:
         if whole.rows.asked[joint]:
+            held = whole.states[joint]
             rest.states[joint] = rest.eliminated(joint, described)
+            whole = _taken_over(whole, joint, rest.states[joint])
+            rest = _taken_over(rest, joint, rest.without(joint, held, sorted(described)))
     odds = whole.total() - rest.total() - cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
@@ -151,6 +164,16 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
         and not part
     )
     return Standing(odds, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
+
+
+def _taken_over(selection: Selection, joint: int, state: JointState) -> Selection:
+    """With the classes that another hypothesis holds on a joint, where they weigh more than those chosen for this one.
+
+    Classes go one at a time, the least missed first: what stays need not be the best there is.
+    """
+    option = selection.settled(joint, selection.state(joint, state.groups, state.hyper), FULL_ROUNDS)
+    better = selection.score(joint, option) > selection.score(joint, selection.states[joint])
+    return selection.with_state(joint, option) if better else selection
 
 
 def _background(whole: Selection) -> float:

@@ -14,14 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.heldout import Residuals
-from identification.mismatch.prepared import Prepared
-from identification.mismatch.search.extension import OPEN, Extension, nominal_factor, predicted
-from identification.mismatch.search.library import Library
+from identification.mismatch.search.extension import OPEN, nominal_factor
 from identification.mismatch.unknown.claims import Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
-from identification.mismatch.unknown.predictive import Dropped, predictive, refused
+from identification.mismatch.unknown.predictive import Dropped, predictive, refused, useful
 from identification.mismatch.unknown.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,20 +27,6 @@ BoolArray = npt.NDArray[np.bool_]
 
 LISTED = 3
 """Classes of a joint that a sentence lists by name."""
-
-
-def without_members(role: Prepared, extension: Extension, library: Library) -> Prepared:
-    """The same rows with the torque of the names taken off; base parameters stay in it."""
-    if not extension.members:
-        return role
-    size = role.evidences[0].nominal.shape[2]
-    nothing = replace(extension, base=np.zeros(size))
-    nominal = np.concatenate([item.nominal for item in role.evidences]).transpose(1, 0, 2)
-    taken = predicted(nothing, nominal, library).T
-    cuts = np.cumsum([item.frequency.size for item in role.evidences])[:-1]
-    return replace(
-        role, torque=tuple(rows - part for rows, part in zip(role.torque, np.split(taken, cuts), strict=True))
-    )
 
 
 def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[Dropped, ...]]:
@@ -62,6 +46,8 @@ def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None
         return rise, refused(selection, rise)
 
     selection, dropped = predictive(alone, judge)
+    if not alone.rows.problem.noise_is_measured:
+        selection = useful(selection, judge)
     if not any(state.groups for state in selection.states):
         return None, dropped
     fitted, unseen = left(selection)

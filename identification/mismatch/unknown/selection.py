@@ -25,6 +25,7 @@ from identification.mismatch.unknown.evidence import (
     log_prior,
     loss_without,
     marginal,
+    mean,
     posterior,
     settled_variance,
     squares_of,
@@ -98,7 +99,9 @@ class Selection:
         total = rows.of(parts)
         worlds, signs = [total], [1.0]
         if not rows.problem.noise_is_measured and len(parts) > 1:
-            worlds += [rows.of([other for other in parts if other != part]) for part in parts]
+            worlds += [
+                tuple(whole.less(own) for whole, own in zip(total, rows.of([part]), strict=True)) for part in parts
+            ]
             signs = [float(len(parts)), *(-1.0 for _ in parts)]
         result = cls(rows, settings, tuple(worlds), tuple(signs), predicted=predicted and len(worlds) > 1)
         bands = total[0].gram.shape[0]
@@ -178,8 +181,7 @@ class Selection:
             others = self.worlds[world][joint].only(state.groups)
             part = marginal(others, hyper)
             shared = self.others(joint, world).plus(part)
-            now = posterior(others, part, shared)
-            more, rows = squares_of(state.gram.less(others), shared, now, hyper.noise)
+            more, rows = squares_of(state.gram.less(others), part, shared, hyper.noise)
             squares, count = squares + more, count + rows
         return max(squares / max(count, 1.0), LEAST_NOISE)
 
@@ -226,6 +228,10 @@ class Selection:
         chosen = state.groups if places is None else [state.groups[place] for place in places]
         found = [np.flatnonzero(self.rows.joints[joint].group == group) for group in chosen]
         return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+    def mean(self, joint: int, state: JointState) -> tuple[FloatArray, FloatArray]:
+        """Weights (m,) of a joint under a state, and base parameters (p,)."""
+        return mean(state.part, self.others(joint, 0).plus(state.part))[:2]
 
     def posterior(self, joint: int, state: JointState) -> Posterior:
         """Weights of a joint under a state."""
@@ -317,12 +323,25 @@ class Selection:
             found[int(number)] = float(gain.max())
         return found
 
-    def full(self, joint: int) -> JointState:
-        """A joint with all classes that its rows hold, not yet estimated, the noise as measured where it is."""
-        groups = tuple(range(len(self.rows.joints[joint].bases)))
+    def with_groups(self, chosen: Sequence[Sequence[int]]) -> Selection:
+        """A copy whose joints hold some groups each, with variances and weights of their own."""
+        result = replace(self, states=list(self.states), held=[])
+        for turn in range(2):
+            for joint, groups in enumerate(chosen):
+                if self.rows.asked[joint]:
+                    state = result.states[joint] if turn else self.unsettled(joint, groups)
+                    result.states[joint] = result.settled(joint, state, FULL_ROUNDS, quiet=0 if turn else FULL_ROUNDS)
+        return result
+
+    def unsettled(self, joint: int, groups: Sequence[int]) -> JointState:
+        """A joint with some groups, not yet estimated, the noise as measured where it is."""
         noise = self.states[joint].hyper.noise
         start = np.full(len(groups), START * max(float(self.rows.misfit[joint]), 1e-24))
-        return self.state(joint, groups, Hyper(start, np.ones_like(noise) if self._noise_rows else noise))
+        return self.state(joint, tuple(groups), Hyper(start, np.ones_like(noise) if self._noise_rows else noise))
+
+    def full(self, joint: int) -> JointState:
+        """A joint with all classes that its rows hold, not yet estimated."""
+        return self.unsettled(joint, range(len(self.rows.joints[joint].bases)))
 
     def eliminated(self, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
         """A joint with all classes, taken away one by one, the least missed first, while that costs too little.
@@ -360,13 +379,24 @@ class Selection:
         best = max(options, key=lambda option: self.score(joint, option))
         return best if self.score(joint, best) > score else None
 
-    def _exchange(self, joints: Sequence[int]) -> None:
+    def kept(self, other: Selection) -> Selection:
+        """With the classes that another selection of some of these groups holds, and what each is worth among them."""
+        result = replace(self, states=list(self.states), held=[])
+        for _ in range(2):
+            for joint, state in enumerate(other.states):
+                numbers = set(result.classes(joint, result.states[joint])) - set(other.classes(joint, state))
+                shorter = result.without(joint, result.states[joint], sorted(numbers))
+                result.states[joint] = result.settled(joint, shorter, FEW_ROUNDS)
+        result._exchange(range(len(result.states)), 0)
+        return result
+
+    def _exchange(self, joints: Sequence[int], most: int = EXCHANGES) -> None:
         """Every class against every other one in its place: the better one stands, those as good are its alternatives.
 
         Classes that lose less than `speak` nats stay in the model but are not held.
         """
         for joint in joints:
-            for turn in range(EXCHANGES + 1):
+            for turn in range(most + 1):
                 state, score = self.states[joint], self.score(joint, self.states[joint])
                 found: list[Held] = []
                 better: JointState | None = None
@@ -388,7 +418,7 @@ class Selection:
                             as_good.append((value, other))
                     names = tuple(other for _, other in sorted(as_good, reverse=True))
                     found.append(Held(number, joint, loss, names))
-                if better is None or turn == EXCHANGES:
+                if better is None or turn == most:
                     # What is held is what stands: never the state before the last exchange.
                     break
                 self.states[joint] = better

@@ -145,7 +145,7 @@ def test_what_is_left_of_rows_that_were_not_fitted_is_that_of_their_residuals(op
     part = marginal(seen, hyper)
     shared = Shared.of([part], FLAT)
     now = posterior(seen, part, shared)
-    squares, count = squares_of(every.less(seen), shared, now, hyper.noise)
+    squares, count = squares_of(every.less(seen), part, shared, hyper.noise)
     left = (torque - columns @ now.weights - base @ now.base)[~fitted]
     if open_direction:
         own = base[~fitted, 0]

@@ -10,7 +10,7 @@ from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import weighed
-from identification.mismatch.unknown.predictive import LEAST_RISE, predictive, refused
+from identification.mismatch.unknown.predictive import LEAST_RISE, predictive, refused, useful
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -89,3 +89,26 @@ def test_a_joint_without_classes_that_base_parameters_spoil_is_heard(
     assert "own_velocity" not in held(kept, 2)
     joint, number = dropped[-1]
     assert (joint + 1, CLASSES[number].name) == (3, "own_velocity")
+
+
+def test_of_two_classes_that_do_the_same_one_stays_and_what_does_nothing_goes(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """Asked one by one both of the two would go: each is missed only once the other is gone."""
+    selection = all_classes(iiwa14, iiwa14_base, table3)
+    free = [joint for joint in range(7) if joint != 2]
+    for joint in free:
+        state = selection.states[joint]
+        selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+
+    def judge(now: Selection) -> tuple[FloatArray, BoolArray]:
+        rise = np.zeros(7)
+        here = held(now, 2)
+        rise[2] = -0.6 if here & {"own_position", "configuration"} else -0.1
+        rise[2] -= 0.2 if "own_velocity" in here else 0.0
+        return rise, refused(now, rise)
+
+    kept = held(useful(selection, judge), 2)
+    assert "own_velocity" in kept
+    assert len(kept) == 2
+    assert kept & {"own_position", "configuration"}
