@@ -30,14 +30,14 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence, on_odds: Set
     while trial.members:
         coefficients = exam.check(trial.members).extension.coefficients
         names = [named(*pair, elsewhere, every) for pair in zip(trial.members, coefficients, strict=True)]
-        found = standings(every, names, settings)
         rivalled = _rivalled(exam, trial, dependence, rival)
-        failing = [
+        asked = [
             index
-            for index, (member, name, standing) in enumerate(zip(trial.members, names, found, strict=True))
-            if not standing.earned
-            and (rivalled[list(name.joints)].any() or (member.effect.name, member.place) in on_odds)
+            for index, (member, name) in enumerate(zip(trial.members, names, strict=True))
+            if rivalled[list(name.joints)].any() or (member.effect.name, member.place) in on_odds
         ]
+        found = standings(every, names, asked, settings)
+        failing = [index for index, standing in found.items() if not standing.earned]
         if not failing:
             break
         worst = min(failing, key=lambda index: found[index].odds)

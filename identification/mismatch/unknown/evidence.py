@@ -48,6 +48,10 @@ class JointGram:
         """The rows that are not among the other ones."""
         return JointGram(self.gram - other.gram, self.count - other.count, self.group)
 
+    def one_band(self) -> JointGram:
+        """The same rows with a noise that all bands have in common."""
+        return JointGram(self.gram.sum(axis=0)[None], self.count.sum()[None], self.group)
+
     def only(self, groups: Sequence[int]) -> JointGram:
         """The same rows with some groups, numbered anew in that order."""
         chosen = [np.flatnonzero(self.group == number) for number in groups]

@@ -77,15 +77,18 @@ def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int
     return tuple(joint for joint in rows.joints if rms[joint] > 0.1 * rms.max())
 
 
-def standings(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> list[Standing]:
-    """Each name beside all others."""
+def standings(
+    every: Rows, names: Sequence[Named], asked: Sequence[int], settings: ClaimSettings
+) -> dict[int, Standing]:
+    """Those names that are asked, by their number, each beside all others."""
+    if not asked:
+        return {}
     whole = _together(every, names, settings)
-    found, first = [], every.prior.size
-    for name in names:
-        own = np.arange(first, first + name.size.size)
-        first += name.size.size
-        found.append(_standing(whole, name, own, settings))
-    return found
+    ends = every.prior.size + np.cumsum([name.size.size for name in names])
+    return {
+        index: _standing(whole, names[index], np.arange(ends[index] - names[index].size.size, ends[index]), settings)
+        for index in asked
+    }
 
 
 def held_beside(

@@ -96,16 +96,19 @@ class Selection:
         cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, predicted: bool = False
     ) -> Selection:
         """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
-        total = rows.of(parts)
+        predicted = predicted and not rows.problem.noise_is_measured and len(parts) > 1
+
+        def of(chosen: Sequence[int]) -> tuple[JointGram, ...]:
+            grams = rows.of(chosen)
+            return tuple(gram.one_band() for gram in grams) if predicted else grams
+
+        total = of(parts)
         worlds, signs = [total], [1.0]
         if not rows.problem.noise_is_measured and len(parts) > 1:
-            worlds += [
-                tuple(whole.less(own) for whole, own in zip(total, rows.of([part]), strict=True)) for part in parts
-            ]
+            worlds += [tuple(whole.less(own) for whole, own in zip(total, of([part]), strict=True)) for part in parts]
             signs = [float(len(parts)), *(-1.0 for _ in parts)]
-        result = cls(rows, settings, tuple(worlds), tuple(signs), predicted=predicted and len(worlds) > 1)
-        bands = total[0].gram.shape[0]
-        start = np.ones(bands)
+        result = cls(rows, settings, tuple(worlds), tuple(signs), predicted=predicted)
+        start = np.ones(total[0].count.size)
         result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
         return result
 

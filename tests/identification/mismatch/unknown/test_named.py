@@ -67,7 +67,8 @@ def asked(pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str
     """How names of these forms, found of these sizes, stand against the classes of the rows."""
     settings = ClaimSettings()
     rows = build_rows(*pair, settings)
-    return standings(rows, [_named(rows, form, size, effect) for form, size in forms.items()], settings)
+    names = [_named(rows, form, size, effect) for form, size in forms.items()]
+    return list(standings(rows, names, range(len(names)), settings).values())
 
 
 def _named(rows: Rows, form: Form, size: float, effect: str) -> Named:
