@@ -46,22 +46,36 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
     settings = settings if settings is not None else ClaimSettings()
     every = build_rows(fitted, unseen, settings)
     together = Selection.of(every, range(every.folds + every.heldout), settings, predicted=True).run()
-    rows = every.limited([state.groups for state in together.states])
-    alone, left, dropped = weighed(rows, settings, predicted=True), Left.of(rows), tuple[Dropped, ...]()
-    if every.heldout and not every.problem.noise_is_measured:
-        # Rows whose noise is not known are no proof for each other: there a class has to predict.
-        before = left(Selection.nominal(rows, range(rows.folds), settings))[1]
-
-        def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
-            rise = left(selection)[1] / before - 1.0
-            return rise, refused(selection, rise)
-
-        alone, dropped = predictive(alone, judge)
-        alone = useful(alone, judge)
+    if every.problem.noise_is_measured or not every.heldout:
+        rows = every.limited([state.groups for state in together.states])
+        return _found(together, weighed(rows, settings, predicted=True), Left.of(rows), ())
+    # Rows whose noise is not known are no proof for each other: there a class has to predict.
+    alone, left, dropped = _predicting(together)
+    together = together.kept(alone)
+    if together.without_lone_background():
+        alone, left, dropped = _predicting(together)
         together = together.kept(alone)
+    return _found(together, alone, left, dropped)
+
+
+def _predicting(together: Selection) -> tuple[Selection, Left, tuple[Dropped, ...]]:
+    """Of the classes that stand, those that predict rows which were not fitted, weights of the fitted rows alone."""
+    rows = together.rows.limited([state.groups for state in together.states])
+    left = Left.of(rows)
+    before = left(Selection.nominal(rows, range(rows.folds), together.settings))[1]
+
+    def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
+        rise = left(selection)[1] / before - 1.0
+        return rise, refused(selection, rise)
+
+    alone, dropped = predictive(weighed(rows, together.settings, predicted=True), judge)
+    return useful(alone, judge), left, dropped
+
+
+def _found(together: Selection, alone: Selection, left: Left, dropped: tuple[Dropped, ...]) -> Dependence:
     held = tuple(item for item in together.held if item.number in alone.families(item.joint, alone.states[item.joint]))
     chosen = tuple(state.groups for state in together.states)
-    return Dependence(every, held, chosen, alone, left, left(alone), dropped)
+    return Dependence(together.rows, held, chosen, alone, left, left(alone), dropped)
 
 
 def rival_of(every: Rows, settings: ClaimSettings) -> Selection:

@@ -231,9 +231,20 @@ def _size(
     mean = float(weights @ square @ weights)
     product = square @ covariance
     variance = 4.0 * float(weights @ product @ square @ weights) + 2.0 * float(np.sum(product * product.T))
-    deviation = np.sqrt(max(variance, 0.0))
-    low, high = (float(np.sqrt(max(mean + sign * 1.96 * deviation, 0.0))) for sign in (-1.0, 1.0))
-    return float(np.sqrt(max(mean, 0.0))), (low, high)
+    return rms_interval(max(mean, 0.0), float(np.sqrt(max(variance, 0.0))))
+
+
+def rms_interval(mean_square: float, deviation: float) -> tuple[float, tuple[float, float]]:
+    """Root of a mean square and its 95 % interval. deviation: of the mean square.
+
+    The root has half of that deviation over the root: of one Gaussian weight |w| ± 1.96 σ, where the ends of the mean
+    square's interval would call nothing what is less than 3.9 σ. What may be nothing has its upper end from the square.
+    """
+    rms = float(np.sqrt(mean_square))
+    half = 0.98 * deviation / rms if rms > 0.0 else np.inf
+    if half >= rms:
+        return rms, (0.0, float(np.sqrt(mean_square + 1.96 * deviation)))
+    return rms, (rms - half, rms + half)
 
 
 def _nearest_forms(

@@ -265,23 +265,25 @@ class Selection:
                 elif self.states[joint].groups:
                     self.states[joint] = self.settled(joint, self.states[joint], FEW_ROUNDS)
         self._exchange(range(self.rows.problem.n))
-        self._without_background()
+        self.without_lone_background()
         return self
 
-    def _without_background(self) -> None:
+    def without_lone_background(self) -> bool:
         """A smooth error of one joint alone is no background of the arm: there the particular classes are asked.
 
         What an unknown error of the whole model would show on every joint, and shows on none or on one, is not there.
+        Whether any joint was asked anew.
         """
         smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
         if len({item.joint for item in self.held if item.number in smooth and item.loss >= self.settings.speak}) > 1:
-            return
+            return False
         self.banned = smooth
         found = [item.joint for item in self.held if smooth & {item.number, *item.alternatives}]
         for joint in dict.fromkeys(found):
             self.states[joint] = self.eliminated(joint)
             self.held = [item for item in self.held if item.joint != joint]
             self._exchange([joint])
+        return bool(found)
 
     def asks(self, joint: int) -> bool:
         """Whether a class that a joint does not hold might gain more than it costs.

@@ -18,6 +18,7 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.unknown import judgement
+from identification.mismatch.unknown.judgement import rms_interval
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.mismatch.unknown.predictive import Dropped
@@ -264,6 +265,29 @@ def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.
     assert any("not part of the extended model" in note for note in refused.notes)
     assert plain.classes
     assert [(item.name, item.joint) for item in refused.classes] == [(item.name, item.joint) for item in plain.classes]
+
+
+@pytest.mark.parametrize("weights", [1, 3, 8])
+def test_the_interval_of_a_size_holds_it_19_times_in_20(weights: int) -> None:
+    """Truth: weights drawn from a Gaussian about known ones. Once the ends of the mean square's interval were taken."""
+    random = np.random.default_rng(weights)
+    true, sigma, draws = random.normal(size=weights), 0.1, 4000
+    true *= 8.0 * sigma / np.linalg.norm(true)
+    held = 0
+    for drawn in true + sigma * random.normal(size=(draws, weights)):
+        square = float(drawn @ drawn)
+        deviation = np.sqrt(4.0 * square * sigma**2 + 2.0 * weights * sigma**4)
+        low, high = rms_interval(square, float(deviation))[1]
+        held += low <= np.linalg.norm(true) <= high
+    assert 0.92 < held / draws < 0.975
+
+
+def test_a_size_of_three_deviations_is_not_nothing_and_one_of_one_may_be() -> None:
+    sigma = 0.1
+    for size, least in ((3.0 * sigma, 0.9 * sigma), (sigma, 0.0)):
+        (low, high) = rms_interval(size**2, float(np.sqrt(4.0 * size**2 * sigma**2 + 2.0 * sigma**4)))[1]
+        assert low == pytest.approx(least, abs=0.2 * sigma)
+        assert high > size
 
 
 def test_a_model_that_makes_a_joint_worse_elsewhere_is_not_offered(
