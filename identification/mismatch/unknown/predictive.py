@@ -7,6 +7,7 @@ what is known of that joint is kept.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -79,10 +80,11 @@ def useful(selection: Selection, judge: Judge) -> Selection:
 
 
 def _settled(selection: Selection) -> Selection:
-    """All joints estimated anew."""
-    for joint in range(len(selection.states)):
-        selection.states[joint] = selection.settled(joint, selection.states[joint], FEW_ROUNDS)
-    return selection
+    """A copy with all joints estimated anew."""
+    result = replace(selection, states=list(selection.states), held=[])
+    for joint, state in enumerate(selection.states):
+        result.states[joint] = result.settled(joint, state, FEW_ROUNDS)
+    return result
 
 
 def _held(selection: Selection) -> BoolArray:

@@ -108,7 +108,9 @@ def test_of_two_classes_that_do_the_same_one_stays_and_what_does_nothing_goes(
         rise[2] -= 0.2 if "own_velocity" in here else 0.0
         return rise, refused(now, rise)
 
+    before = list(selection.states)
     kept = held(useful(selection, judge), 2)
+    assert all(now is then for now, then in zip(selection.states, before, strict=True))
     assert "own_velocity" in kept
     assert len(kept) == 2
     assert kept & {"own_position", "configuration"}
