@@ -26,8 +26,9 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE, loss_without
 from identification.mismatch.unknown.named import ABSENT
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
+from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.unknown.states import JointState
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -16,8 +16,9 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, predictive, refused, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.selection import Held, Selection
+from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.unknown.states import Held
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -280,3 +280,29 @@ def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequenc
     factor = cholesky(scaled + 1e-12 * np.eye(own.size), lower=True, check_finite=False)
     half = solve_triangular(factor, now.weights[own] / root, lower=True, check_finite=False)
     return float(np.log(np.diag(factor)).sum() + 0.5 * (half @ half))
+
+
+def beside(
+    gram: JointGram, absent: IntArray, held: IntArray, noise: FloatArray, part: Marginal, shared: Shared
+) -> tuple[FloatArray, FloatArray]:
+    """Products (k, k) of columns of B that a joint does not hold, and (k,) with its torque, all else integrated out.
+
+    absent, held: columns of B. part: the joint with those that it holds; shared: with all joints.
+    """
+    total = np.tensordot(1.0 / noise, gram.gram, axes=1)
+    visible, rest = total[absent[:, None], absent], total[absent][:, gram.columns :]
+    if held.size:
+        across = (part.root[:, None] * total[held[:, None], absent]).T
+        half = solve_triangular(part.factor, across.T, lower=True, check_finite=False).T
+        visible, rest = visible - half @ half.T, rest - half @ part.solved
+    solved = np.linalg.solve(shared.precision, np.column_stack([rest[:, :-1].T, shared.target]))
+    return visible - rest[:, :-1] @ solved[:, :-1], rest[:, -1] - rest[:, :-1] @ solved[:, -1]
+
+
+def largest_gain(visible: FloatArray, target: FloatArray, variances: FloatArray) -> float:
+    """Nats that columns gain with the best of some variances, all else as it is (`beside`)."""
+    values, vectors = np.linalg.eigh(visible)
+    along = (vectors.T @ target) ** 2
+    grown = variances[:, None] * np.maximum(values, 0.0)
+    gain = 0.5 * np.sum(variances[:, None] * along / (1.0 + grown) - np.log1p(grown), axis=1)
+    return float(gain.max())

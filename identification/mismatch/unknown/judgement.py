@@ -31,8 +31,9 @@ from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_RISE
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import Held, JointState, Selection
+from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.unknown.states import Held, JointState
 
 FloatArray = npt.NDArray[np.float64]
 

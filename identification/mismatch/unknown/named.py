@@ -19,8 +19,9 @@ from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
+from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.unknown.states import JointState
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
 
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
@@ -22,6 +21,8 @@ from identification.mismatch.unknown.evidence import (
     Marginal,
     Posterior,
     Shared,
+    beside,
+    largest_gain,
     log_prior,
     loss_without,
     marginal,
@@ -33,6 +34,7 @@ from identification.mismatch.unknown.evidence import (
 )
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.unknown.states import Held, JointState
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -47,30 +49,6 @@ EXCHANGES = 3
 """Classes of one joint that another may take the place of."""
 WEAK = 0.1
 """Nats below which several classes are dropped at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Held:
-    """A class that stands on a joint (from 0), with nats lost without it and the classes as good in its place."""
-
-    number: int
-    joint: int
-    loss: float
-    alternatives: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointState:
-    """One joint with the classes that it holds. groups: numbers of its groups in `JointRows.bases`.
-
-    gram, part: of all rows that are fitted. elsewhere: parts of other worlds, as far as they were asked for.
-    """
-
-    groups: tuple[int, ...]
-    gram: JointGram
-    hyper: Hyper
-    part: Marginal
-    elsewhere: dict[int, Marginal] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
@@ -302,30 +280,15 @@ class Selection:
         absent = np.setdiff1d(np.arange(gram.columns), held)
         if not absent.size:
             return {}
-        total = np.tensordot(1.0 / state.hyper.noise, gram.gram, axes=1)
-        rest = total[absent]
-        if held.size:
-            across = (state.part.root[:, None] * total[held[:, None], absent]).T
-            half = solve_triangular(state.part.factor, across.T, lower=True, check_finite=False).T
-            visible = total[absent[:, None], absent] - half @ half.T
-            rest = rest[:, gram.columns :] - half @ state.part.solved
-        else:
-            visible, rest = total[absent[:, None], absent], rest[:, gram.columns :]
         shared = self.others(joint, 0).plus(state.part)
-        solved = np.linalg.solve(shared.precision, np.column_stack([rest[:, :-1].T, shared.target]))
-        visible = visible - rest[:, :-1] @ solved[:, :-1]
-        target = rest[:, -1] - rest[:, :-1] @ solved[:, -1]
+        visible, target = beside(gram, absent, held, state.hyper.noise, state.part, shared)
         bases = self.rows.joints[joint].bases
         number_of = np.array([bases[group].number for group in gram.group[absent]])
-        variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, self.settings.variance_cap, GRID)[:, None]
+        variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, self.settings.variance_cap, GRID)
         found = {}
         for number in sorted(set(number_of.tolist()) - self.banned):
             chosen = np.flatnonzero(number_of == number)
-            values, vectors = np.linalg.eigh(visible[chosen[:, None], chosen])
-            along = (vectors.T @ target[chosen]) ** 2
-            grown = variances * np.maximum(values, 0.0)
-            gain = 0.5 * np.sum(variances * along / (1.0 + grown) - np.log1p(grown), axis=1)
-            found[int(number)] = float(gain.max())
+            found[int(number)] = largest_gain(visible[chosen[:, None], chosen], target[chosen], variances)
         return found
 
     def with_groups(self, chosen: Sequence[Sequence[int]]) -> Selection:
