@@ -27,6 +27,6 @@ def median_over_periods(values: FloatArray) -> FloatArray:
     if known.all():  # many times as fast
         return np.asarray(np.median(values, axis=0))
     result = np.full(values.shape[1:], np.nan)
-    seen = known.any(axis=(0, 2))
+    seen = known.any(axis=0)
     result[seen] = np.nanmedian(values[:, seen], axis=0)
     return result

@@ -23,6 +23,7 @@ from identification.signals import (
 )
 from identification.signals.aperiodic import sixth_order_difference, standstill, uniform_grid
 from identification.signals.filter_ends import cutoff_hz
+from identification.signals.gaps import median_over_periods
 from identification.signals.outliers import clean_across_periods
 from identification.signals.paper_chain import wrapped_central_difference, wrapped_zero_phase_filter
 from identification.signals.periodic import differentiate_harmonics, to_lines
@@ -252,6 +253,15 @@ def test_a_sample_that_no_period_has_is_passed_over_in_silence_by_every_median()
     np.testing.assert_allclose([beyond, replaced], shares, atol=1e-3)
     kept = np.arange(SAMPLES) != 100
     np.testing.assert_allclose(cleaned.torque[:, kept], expected.torque[:, kept], atol=0.1)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_median_over_periods_is_of_what_there_is_joint_by_joint() -> None:
+    values = np.arange(24.0).reshape(4, 3, 2)
+    values[:, 1, 0] = np.nan
+    values[0, 2, 1] = np.nan
+    expected = np.array([[9.0, 10.0], [np.nan, 12.0], [13.0, 17.0]])
+    np.testing.assert_array_equal(median_over_periods(values), expected)
 
 
 def test_a_low_pass_above_the_sampling_rate_is_refused() -> None:

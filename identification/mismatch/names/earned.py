@@ -26,11 +26,17 @@ def earned(exam: Examination, trial: Trial, dependence: Dependence, on_odds: Set
     """
     settings, every, remarks = ClaimSettings(), dependence.every, list[str]()
     elsewhere = None if exam.unseen is None else exam.unseen.library
-    rival = _rival(exam, dependence) if trial.members else None
+    if not trial.members:
+        return trial, remarks
+    rival, predicts = _rival(exam, dependence)
     while trial.members:
-        coefficients = exam.check(trial.members).extension.coefficients
-        names = [named(*pair, elsewhere, every) for pair in zip(trial.members, coefficients, strict=True)]
-        rivalled = _rivalled(exam, trial, dependence, rival)
+        check = exam.check(trial.members)
+        pairs = zip(trial.members, check.extension.coefficients, strict=True)
+        names = [named(*pair, elsewhere, every) for pair in pairs]
+        now = check.heldout_after
+        rivalled = predicts
+        if rival is not None and now is not None:
+            rivalled = predicts & _better(rival, dependence, now)
         asked = [
             index
             for index, (member, name) in enumerate(zip(trial.members, names, strict=True))
@@ -66,25 +72,18 @@ def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -
     return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
 
 
-def _rival(exam: Examination, dependence: Dependence) -> Selection | None:
-    """The classes that are rivals of names by what they predict; None where all are by the odds alone."""
-    if exam.problem.noise_is_measured or exam.unseen is None:
-        return None
-    return rival_of(dependence.every, ClaimSettings())
-
-
-def _rivalled(exam: Examination, trial: Trial, dependence: Dependence, rival: Selection | None) -> BoolArray:
-    """(n,) joints whose classes are rivals of names.
+def _rival(exam: Examination, dependence: Dependence) -> tuple[Selection | None, BoolArray]:
+    """The classes that are rivals of names by what they predict, and the joints (n,) where they predict anything.
 
     Where the noise is not known rows are no proof for each other: there classes are rivals only where they predict what
-    was not fitted, and better than the names do, beyond what its rows allow.
+    was not fitted, and better than the names do, beyond what its rows allow. None, and every joint, where all classes
+    are rivals by the odds alone.
     """
-    now = exam.check(trial.members).heldout_after
-    if rival is None or now is None:
-        return np.ones(exam.problem.n, dtype=np.bool_)
+    if exam.problem.noise_is_measured or exam.unseen is None:
+        return None, np.ones(exam.problem.n, dtype=np.bool_)
+    rival = rival_of(dependence.every, ClaimSettings())
     plain = Selection.of(rival.rows, range(rival.rows.folds), rival.settings)
-    predicts = dependence.left(rival)[1] < dependence.left(plain)[1]
-    return predicts & _better(rival, dependence, now)
+    return rival, dependence.left(rival)[1] < dependence.left(plain)[1]
 
 
 def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolArray:

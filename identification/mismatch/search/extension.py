@@ -104,8 +104,6 @@ def predicted(extension: Extension, nominal: FloatArray, library: Library) -> Fl
 
 def torque_beside(extension: Extension, library: Library, torque: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
     """Torque (R, n) Nm of each evidence of a library without that of the members; base parameters stay in it."""
-    if not extension.members:
-        return tuple(torque)
     nominal = np.concatenate([item.nominal for item in library.evidences]).transpose(1, 0, 2)
     taken = predicted(replace(extension, base=np.zeros(nominal.shape[2])), nominal, library).T
     cuts = np.cumsum([len(rows) for rows in torque])[:-1]

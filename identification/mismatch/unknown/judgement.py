@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.claims import Claims
-from identification.mismatch.effects import EFFECTS
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.extension import torque_beside
-from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
 from identification.mismatch.settings import DiagnosisSettings
@@ -70,12 +69,10 @@ def judge(
     offered: Offer | None = None
     left_out = found.dropped
     if unseen is not None and names.heldout_after is not None:
-        libraries = [Library(EFFECTS, item.evidences) for item in (fitted, unseen)]
-        torque = [
-            torque_beside(names.extension, library, item.torque)
-            for library, item in zip(libraries, (fitted, unseen), strict=True)
-        ]
-        beside = beside_names(found, torque, settings) if names.extension.members else found.alone
+        beside = found.alone
+        if names.extension.members:
+            torque = [torque_beside(names.extension, item.library(), item.torque) for item in (fitted, unseen)]
+            beside = beside_names(found, torque, settings)
         offered, more = offer(beside, found.left, names.heldout_after)
         left_out += more
     before = np.zeros(0) if names.heldout_before is None else names.heldout_before.rms_nm

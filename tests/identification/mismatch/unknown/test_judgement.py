@@ -330,3 +330,4 @@ def test_the_model_of_the_emps_that_is_offered_lowers_the_error_on_its_other_rec
     assert diagnosis.heldout is not None
     assert diagnosis.offer is not None
     assert diagnosis.offer.heldout_rms[0] < 0.8 * diagnosis.heldout.rms_after_nm[0]
+    assert diagnosis.offer.heldout_rms[0] < 0.6 * diagnosis.heldout.rms_before_nm[0]
