@@ -50,9 +50,9 @@ class CaseScore:
     answer no hidden effect; misnamed: how many of them stand for one that got no answer, the others are spurious.
     detected: whether any misfit was reported. right: for structural cases and common lags, whether the answer was the
     only right one. removed: share of the held-out excess energy that the findings removed, None where there is none.
-    failed: why there is no diagnosis; such a case is wrong in every count. classes, class_right, classes_elsewhere:
-    what the torque is said to depend on (`prove_classes.ClassAnswer`); removed_by_classes: as removed, by the classes
-    without names. recording: of a case that is a real recording with an effect added.
+    failed: why there is no diagnosis; such a case is wrong in every count. classes, class_right, class_right_by_share,
+    classes_elsewhere: what the torque is said to depend on (`classes.ClassAnswer`); removed_by_classes: as removed, by
+    the classes without names. recording: of a case that is a real recording with an effect added.
     """
 
     group: str
@@ -72,6 +72,7 @@ class CaseScore:
     verdict: str | None = None
     classes: tuple[str, ...] = ()
     class_right: bool | None = None
+    class_right_by_share: bool | None = None
     classes_elsewhere: int = 0
     removed_by_classes: float | None = None
     recording: str | None = None
@@ -135,6 +136,7 @@ def score_case(
         verdict=None if diagnosis is None else diagnosis.get("verdict"),
         classes=depends.claims,
         class_right=depends.right,
+        class_right_by_share=depends.right_by_share,
         classes_elsewhere=depends.elsewhere,
         removed_by_classes=None
         if diagnosis is not None and not diagnosis.get("class_model")

@@ -47,6 +47,7 @@ def world_summary(world: str, scores: Sequence[CaseScore]) -> dict[str, Any]:
         "strong": len(strong),
         "strong_named_right": rate(score.effects[0].in_set for score in strong),
         "strong_class_right": rate(bool(score.class_right) for score in judged),
+        "strong_class_right_by_share": rate(bool(score.class_right_by_share) for score in judged),
         "strong_name_or_class_right": rate(_answered(score) for score in strong),
         "strong_nothing_said": rate(not score.claimed and not score.classes for score in strong),
         "strong_passed_as_no_mismatch": rate(score.verdict == "no_mismatch" for score in strong),

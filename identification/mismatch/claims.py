@@ -18,16 +18,12 @@ from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.figures import Curve
 from identification.mismatch.findings import Alternative, Finding
-from identification.mismatch.heldout import Residuals, share_removed, worsened
-from identification.mismatch.names.abstention import Check, Examination, Rows, admitted, name_of, torque_of, without
-from identification.mismatch.names.earned import earned, held_beside_names
+from identification.mismatch.heldout import Residuals, share_removed
+from identification.mismatch.names.alternatives import alternatives, significance
+from identification.mismatch.names.earned import AgainstClasses
+from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of, without
 from identification.mismatch.names.localisation import best_curve, where_of
-from identification.mismatch.names.tenable import recurring, tenable
-from identification.mismatch.names.verdict import (
-    alternatives,
-    joints_of,
-    significance,
-)
+from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.extension import Extension, uncertainties
@@ -78,7 +74,7 @@ def build_findings(
     settings: DiagnosisSettings,
     dependence: Dependence | None,
 ) -> Claims:
-    """The members that the rule of abstention lets pass, and the changes between periods, as findings.
+    """The members that no rule objects to, and the changes between periods, as findings.
 
     dependence: the classes that names have to stand out from; None where a data fault makes names worthless; then
     nothing is claimed.
@@ -88,20 +84,19 @@ def build_findings(
         None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
     )
     exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
-    trial, remarks, on_odds = admitted(exam, result.trial if physics else result.before)
-    trial, untenable = tenable(exam, trial)
-    unearned: list[str] = []
-    if dependence is not None:
-        trial, unearned = earned(exam, trial, dependence, on_odds)
     settled = partial(_as_fit_weighs, exam, fitted_role)
-    trial, harmful = harmless(exam, trial, settled)
+    classes = None if dependence is None else AgainstClasses(exam, dependence, settled)
+    rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
+    if classes is not None:
+        rules.append(classes.unearned)
+    trial, remarks = without_objection(exam, result.trial if physics else result.before, rules)
     before = settled(())
     now = settled(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
-    remarks += [*untenable, *unearned, *harmful, *(_came_again(change) for change in again)]
+    remarks += [_came_again(change) for change in again]
     findings = [
         *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before, settled),
@@ -109,7 +104,7 @@ def build_findings(
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
-        {} if dependence is None else held_beside_names(exam, trial, dependence),
+        {} if classes is None else classes.held(trial),
     )  # fmt: skip
 
 
@@ -132,30 +127,6 @@ def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: Sequence[M
         if np.allclose(problem.noise, before, rtol=REWEIGHTING_TOLERANCE, atol=0.0):
             break
     return replace(exam, problem=problem).check(members)
-
-
-def harmless(exam: Examination, trial: Trial, settled: Callable[[Sequence[Member]], Check]) -> tuple[Trial, list[str]]:
-    """The members that make no joint of a held-out recording worse than its noise allows, and sentences on the others.
-
-    settled: what a set of members leaves, as it stands in the result.
-    """
-    remarks: list[str] = []
-    while trial.members:
-        now = settled(trial.members).heldout_after
-        if now is None:
-            break
-        rest = [settled(without(trial.members, index)).heldout_after for index in range(len(trial.members))]
-        worse = [[] if item is None else np.flatnonzero(worsened(item, now)).tolist() for item in rest]
-        index = max(range(len(worse)), key=lambda place: len(worse[place]))
-        if not worse[index]:
-            break
-        member, joints = trial.members[index], ", ".join(str(joint + 1) for joint in worse[index])
-        remarks.append(
-            f"{name_of(member.effect.name, member.place.joint)} makes joint {joints} worse on data that were not "
-            "fitted than their noise allows: it is not claimed"
-        )
-        trial = fitted(exam.problem, without(trial.members, index), exam.settings)
-    return trial, remarks
 
 
 def _came_again(change: Change) -> str:

@@ -3,8 +3,8 @@
 The defaults are what `prove` scores. Nothing is computed here. Tuned on `prove` cases:
 complete_score and provisional_score on 74 clean recordings and decoys of seeds 200 and 230 (but for a hum and a
 jittering clock the best of all candidates has a median of 4.4 and a largest of 9.0, fitted and held-out together; an
-exponential tail puts one in 200 beyond 14); background_score and contrast_to_background on seeds 5 to 19, 101 and 102
-(false names of 78 to 150, true ones from 113, the least true contrast 14). Others by design.
+exponential tail puts one in 200 beyond 14); background_score on seeds 5 to 19, 101 and 102 (false names of 78 to 150,
+true ones from 113). Others by design.
 """
 
 from __future__ import annotations
@@ -20,18 +20,13 @@ predict there says nothing of an effect, and it is settled by these rows."""
 class DiagnosisSettings:
     """Thresholds and bandwidths of one diagnosis.
 
-    Scores are log-likelihood units (half a χ²), penalties included. complete_score: what an effect must gain where the
-    accepted ones explain the data down to the noise, on the fitted and the held-out recordings together;
+    Scores are log-likelihood units (half a χ²), penalties included. complete_score: what an effect must gain where no
+    other recording is held out, and a drift or the second of two that are tried together in any case;
     provisional_score: on the fitted ones alone, for the held-out ones to be asked; push_score: of a push that comes
     with every period, whose window is free in time; background_score: where unknown model error remains.
     consistency_probability: smallest probability, over joints and bands, at which a residual still counts as noise.
-    margin_of_search: other names of an effect that stay this close on the fitted recordings are asked on the held-out
-    ones too. margin_of_indistinguishable: those that stay this close are named as alternatives; 4.6 are odds of 100 to
-    1. margin_of_simplicity: what a name must bring beyond one that it holds as a special case, on fitted and held-out
-    recordings together. share_removed, heldout_share_removed: share of the excess misfit energy on the joints of a
-    finding that must be removed on the fitted and on the held-out recordings for a name to be given.
-    contrast_to_background: how many times more misfit, in squares of the noise, an effect must remove on its joints
-    than any other joint keeps unexplained, where something does stay.
+    margin_of_indistinguishable: other names that stay this close on the fitted recordings are named as alternatives;
+    4.6 are odds of 100 to 1.
     largest_explanation: most effects that explain everything together by the noise alone; five smooth ones fitted a
     weak background down to the noise (seed 9021), so beyond three each must stand as beside a background.
     largest_findings: most effects that one diagnosis names. torque_bandwidth_hz, motion_bandwidth_hz: lines compared,
@@ -45,12 +40,7 @@ class DiagnosisSettings:
     push_score: float = 20.0
     background_score: float = 100.0
     consistency_probability: float = 1e-4
-    margin_of_search: float = 10.0
     margin_of_indistinguishable: float = 4.6
-    margin_of_simplicity: float = 5.0
-    share_removed: float = 0.7
-    heldout_share_removed: float = 0.5
-    contrast_to_background: float = 4.0
     largest_explanation: int = 3
     largest_findings: int = 5
     torque_bandwidth_hz: float = 60.0

@@ -88,6 +88,20 @@ def test_what_the_bare_recording_shows_as_much_of_is_no_answer() -> None:
     assert class_answer([ALIEN], more, bare).elsewhere == 0
 
 
+def test_by_share_a_claim_counts_by_what_it_takes_of_its_joints_held_out_error() -> None:
+    """The class of joint 4 has fewer nats, and takes half of an error of which the other one takes a hundredth."""
+
+    def taking(gain: float, name: str, joint: int, nats: float) -> dict[str, Any]:
+        return claim(name, joint, nats) | {"heldout_gain_nm": [gain] * 7}
+
+    other, hidden = taking(0.01, "own_load", 1, 50.0), taking(1.0, "path_memory", 4, 20.0)
+    answer = class_answer(
+        [ALIEN], {"classes": [other, hidden], "class_model": {"heldout_after_nm": [1.0] * 7}}, {"classes": []}
+    )
+    assert (answer.right, answer.right_by_share) == (False, True)
+    assert class_answer([ALIEN], {"classes": [hidden]}, None).right_by_share is False
+
+
 def test_a_name_of_the_bare_recording_is_not_wrong_where_it_is_given_again() -> None:
     bare = diagnosis(finding("joint_coupling", 6))
     again = scored(label(ALIEN), diagnosis(finding("joint_coupling", 6)), bare)

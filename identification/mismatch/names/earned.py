@@ -2,88 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.heldout import Residuals, worsened
-from identification.mismatch.names.abstention import Examination, MemberKey, name_of, without
-from identification.mismatch.search.trial import Trial, fitted
-from identification.mismatch.unknown.dependence import Dependence, rival_of
-from identification.mismatch.unknown.named import Standing, held_beside, named, standings
+from identification.mismatch.names.examination import Check, Examination, without
+from identification.mismatch.names.objections import Objection
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.trial import Trial
+from identification.mismatch.unknown.dependence import Dependence
+from identification.mismatch.unknown.named import Named, Standing, held_beside, named, standings
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-def earned(exam: Examination, trial: Trial, dependence: Dependence, on_odds: Set[MemberKey]) -> tuple[Trial, list[str]]:
-    """The members that are earned, fitted without the others, and sentences on these, the least likely taken first.
+@dataclass(frozen=True, slots=True, eq=False)
+class AgainstClasses:
+    """Members of a model beside the classes that their joints hold.
 
-    on_odds: those that have to be earned also where no class is a rival (`admitted`).
+    settled: what a set of members leaves, as it stands in the result.
     """
-    settings, every, remarks = ClaimSettings(), dependence.every, list[str]()
-    elsewhere = None if exam.unseen is None else exam.unseen.library
-    if not trial.members:
-        return trial, remarks
-    rival, predicts = _rival(exam, dependence)
-    while trial.members:
-        check = exam.check(trial.members)
-        pairs = zip(trial.members, check.extension.coefficients, strict=True)
-        names = [named(*pair, elsewhere, every) for pair in pairs]
-        now = check.heldout_after
-        rivalled = predicts
-        if rival is not None and now is not None:
-            rivalled = predicts & _better(rival, dependence, now)
-        asked = [
-            index
-            for index, (member, name) in enumerate(zip(trial.members, names, strict=True))
-            if rivalled[list(name.joints)].any() or (member.effect.name, member.place) in on_odds
+
+    exam: Examination
+    dependence: Dependence
+    settled: Callable[[Sequence[Member]], Check]
+
+    def unearned(self, trial: Trial) -> list[Objection]:
+        """Members that classes describe as well, or that have another size on rows that were not fitted."""
+        settings, check = ClaimSettings(), self.exam.check(trial.members)
+        names = self._named(trial, check)
+        asked = [index for index, name in enumerate(names) if not self._foretells_most(trial, index, list(name.joints))]
+        found = standings(self.dependence.every, names, asked, settings)
+        return [
+            Objection(index, standing.odds, _why(standing, settings))
+            for index, standing in found.items()
+            if not standing.earned
         ]
-        found = standings(every, names, asked, settings)
-        failing = [index for index, standing in found.items() if not standing.earned]
-        if not failing:
-            break
-        worst = min(failing, key=lambda index: found[index].odds)
-        member = trial.members[worst]
-        remarks.append(f"{name_of(member.effect.name, member.place.joint)} {_why(found[worst], settings)}")
-        trial = fitted(exam.problem, without(trial.members, worst), exam.settings)
-    return trial, remarks
 
+    def held(self, trial: Trial) -> dict[int, frozenset[str]]:
+        """Joint (from 0) → classes that it holds beside the members of a trial; empty without members.
 
-def held_beside_names(exam: Examination, trial: Trial, dependence: Dependence) -> dict[int, frozenset[str]]:
-    """Joint (from 0) → classes that it holds beside the members of a trial; empty without members.
+        Where the noise is not known, a joint with a name holds none unless classes predict what was not fitted better.
+        """
+        if not trial.members:
+            return {}
+        now, dependence = self.exam.check(trial.members), self.dependence
+        names = self._named(trial, now)
+        held = held_beside(dependence.every, names, ClaimSettings(), dependence.chosen)
+        if self.exam.problem.noise_is_measured or now.heldout_after is None:
+            return held
+        better = _better(dependence.alone, dependence, now.heldout_after)
+        taken = {joint for name in names for joint in name.joints if not better[joint]}
+        return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
 
-    Where the noise is not known, a joint with a name holds none unless classes predict what was not fitted better.
-    """
-    if not trial.members:
-        return {}
-    elsewhere = None if exam.unseen is None else exam.unseen.library
-    now = exam.check(trial.members)
-    pairs = zip(trial.members, now.extension.coefficients, strict=True)
-    names = [named(*pair, elsewhere, dependence.every) for pair in pairs]
-    held = held_beside(dependence.every, names, ClaimSettings(), dependence.chosen)
-    if exam.problem.noise_is_measured or now.heldout_after is None:
-        return held
-    better = _better(dependence.alone, dependence, now.heldout_after)
-    taken = {joint for name in names for joint in name.joints if not better[joint]}
-    return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
+    def _foretells_most(self, trial: Trial, index: int, joints: list[int]) -> bool:
+        """Whether a name takes half of what classes take of rows that were not fitted, on its joints (from 0).
 
+        Asked where no noise is measured: there rows of one kind are no proof for each other, and how much there is to
+        take nobody knows; what takes little of it may be any name.
+        """
+        sets = ((), without(trial.members, index), trial.members)
+        before, rest, now = (self.settled(members).heldout_after for members in sets)
+        if self.exam.problem.noise_is_measured or before is None or rest is None or now is None:
+            return False
+        square = before.rms_nm[joints] ** 2
+        taken = (rest.rms_nm**2 - now.rms_nm**2)[joints] / square
+        there = 1.0 - self.dependence.after[1][joints] ** 2 / square
+        return bool(taken.sum() >= ClaimSettings().rival * there.sum())
 
-def _rival(exam: Examination, dependence: Dependence) -> tuple[Selection | None, BoolArray]:
-    """The classes that are rivals of names by what they predict, and the joints (n,) where they predict anything.
-
-    Where the noise is not known rows are no proof for each other: there classes are rivals only where they predict what
-    was not fitted, and better than the names do, beyond what its rows allow. None, and every joint, where all classes
-    are rivals by the odds alone.
-    """
-    if exam.problem.noise_is_measured or exam.unseen is None:
-        return None, np.ones(exam.problem.n, dtype=np.bool_)
-    rival = rival_of(dependence.every, ClaimSettings())
-    plain = Selection.of(rival.rows, range(rival.rows.folds), rival.settings)
-    return rival, dependence.left(rival)[1] < dependence.left(plain)[1]
+    def _named(self, trial: Trial, check: Check) -> list[Named]:
+        elsewhere = None if self.exam.unseen is None else self.exam.unseen.library
+        pairs = zip(trial.members, check.extension.coefficients, strict=True)
+        return [named(*pair, elsewhere, self.dependence.every) for pair in pairs]
 
 
 def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolArray:
@@ -92,9 +87,11 @@ def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolA
 
 
 def _why(standing: Standing, settings: ClaimSettings) -> str:
-    rivals = " and ".join(name.replace("_", " ") for name in standing.rivals)
+    rivals = " and ".join(name.replace("_", " ") for name in standing.rivals if name != "constant")
     if standing.agree < settings.invariance:
-        return "has another size on the data that were not fitted: it is not claimed"
+        return "has another size on the data that were not fitted"
     if rivals:
-        return f"describes part of a torque that depends on {rivals}, of no form that is known: it is not claimed"
-    return "explains no more than a torque of no known form does: it is not claimed"
+        return f"describes part of a torque that depends on {rivals}, of no form that is known"
+    if standing.rivals:
+        return "explains no more than a constant torque does"
+    return "explains no more than a torque of no known form does"

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -98,16 +97,13 @@ def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArra
     return coefficients_of(*gram_of(problem, member))
 
 
-def refine(
-    problem: Problem, library: Library, member: Member, rounds: int = ROUNDS, fixed: Sequence[str] = ()
-) -> Member:
+def refine(problem: Problem, library: Library, member: Member, rounds: int = ROUNDS) -> Member:
     """The member with nonlinear parameters that gain most, within their bounds, near where they are.
 
     Parameters with a textbook value first stand at it; then they are freed, and stay so if that gains more than it
-    costs. fixed: names of parameters that stay as they are.
+    costs.
     """
-    every = member.effect.shape_parameters(library.evidences[0].motion, member.place)
-    parameters = [item for item in every if item.name not in fixed]
+    parameters = list(member.effect.shape_parameters(library.evidences[0].motion, member.place))
     if not parameters:
         return member
     held = {item.name: item.textbook for item in parameters if item.textbook is not None}
@@ -121,20 +117,6 @@ def refine(
     starts = [best] if all(member.shape[name] == value for name, value in held.items()) else [best, member]
     freed = [_refined(problem, library, start, parameters, rounds) for start in starts]
     return max(best, *freed, key=lambda item: score_of(problem, item))
-
-
-def other_kinds(problem: Problem, library: Library, member: Member, margin: float) -> list[Member]:
-    """The same effect with other values of its whole-numbered parameters (an order), refined, within a margin."""
-    parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
-    whole = [item for item in parameters if item.integer]
-    least = score_of(problem, member) - margin
-    found = []
-    for values in product(*(range(math.ceil(item.lower), math.floor(item.upper) + 1) for item in whole)):
-        kind = {item.name: float(value) for item, value in zip(whole, values, strict=True)}
-        score, moved = _moved(problem, library, member, kind)
-        if moved is not None and score >= least and moved.shape != member.shape:
-            found.append(refine(problem, library, moved, fixed=list(kind)))
-    return found
 
 
 def _refined(

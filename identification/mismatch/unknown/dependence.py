@@ -14,14 +14,13 @@ import numpy.typing as npt
 
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.left import Left
-from identification.mismatch.unknown.predictive import Dropped, predictive, refused, useful
+from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,28 +64,17 @@ def _predicting(together: Selection) -> tuple[Selection, Left, tuple[Dropped, ..
     left = Left.of(rows)
     before = left(Selection.nominal(rows, range(rows.folds), together.settings))[1]
 
-    def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
-        rise = left(selection)[1] / before - 1.0
-        return rise, refused(selection, rise)
+    def error(selection: Selection) -> FloatArray:
+        return np.asarray(np.log(left(selection)[1] / before))
 
-    alone, dropped = predictive(weighed(rows, together.settings, predicted=True), judge)
-    return useful(alone, judge), left, dropped
+    alone, dropped = useful(weighed(rows, together.settings, predicted=True), error)
+    return alone, left, dropped
 
 
 def _found(together: Selection, alone: Selection, left: Left, dropped: tuple[Dropped, ...]) -> Dependence:
     held = tuple(item for item in together.held if item.number in alone.families(item.joint, alone.states[item.joint]))
     chosen = tuple(state.groups for state in together.states)
     return Dependence(together.rows, held, chosen, alone, left, left(alone), dropped)
-
-
-def rival_of(every: Rows, settings: ClaimSettings) -> Selection:
-    """The classes as names are judged against them, weights of the fitted rows alone.
-
-    Where the noise is not known it is what they leave, band by band: as little as they may, so that they are the most
-    that could stand in place of a name.
-    """
-    together = Selection.of(every, range(every.folds + every.heldout), settings).run()
-    return weighed(every.limited([state.groups for state in together.states]), settings)
 
 
 def beside_names(found: Dependence, torque: Sequence[Sequence[FloatArray]], settings: ClaimSettings) -> Selection:

@@ -28,7 +28,7 @@ from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal
-from identification.mismatch.unknown.predictive import LEAST_RISE
+from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -82,7 +82,7 @@ def judge(
     smooth = [item for item in standing if CLASSES[item.number].background]
     # A smooth error that other joints show may have any form on this one, that of a class too.
     needed = max((standing[item] for item in smooth), default=0.0)
-    chosen = [item for item, weight in standing.items() if weight >= needed]
+    chosen = sorted((item for item in standing if standing[item] >= needed), key=lambda item: -standing[item])
     claims = _claims(found, chosen, gain, problem, candidates)
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
@@ -122,7 +122,7 @@ def _weight(found: Dependence, item: Held, gain: Callable[[Held], FloatArray]) -
     if (item.joint, item.number) in found.dropped:
         return 0.0
     share = gain(item)[item.joint] / found.after[1][item.joint]
-    return float(np.log1p(share)) if share >= LEAST_RISE else 0.0
+    return float(np.log1p(share)) if share >= LEAST_CHANGE else 0.0
 
 
 def _claims(
@@ -132,9 +132,9 @@ def _claims(
     problem: Problem,
     candidates: Sequence[EffectRows],
 ) -> list[ClassClaim]:
-    """What of some classes may be said, those of most nats first."""
+    """What of some classes may be said, in their order."""
     alone, claims = found.alone, []
-    for item in sorted(chosen, key=lambda item: -item.loss):
+    for item in chosen:
         state = alone.states[item.joint]
         if any(CLASSES[number].background for number in (item.number, *item.alternatives)):
             # What a smooth background describes as well is nothing particular.

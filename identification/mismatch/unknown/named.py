@@ -162,7 +162,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     )  # fmt: skip
     earned = (
         odds >= settings.alternative
-        and worth >= max(_background(whole), *beside.values(), 0.0)
+        and worth >= max(_background(whole), *(_unnamed(whole, joint) for joint in name.joints))
         and kept <= odds
         and agree >= settings.invariance
         and not part
@@ -178,6 +178,15 @@ def _taken_over(selection: Selection, joint: int, state: JointState) -> Selectio
     option = selection.settled(joint, selection.state(joint, state.groups, state.hyper), FULL_ROUNDS)
     better = selection.score(joint, option) > selection.score(joint, selection.states[joint])
     return selection.with_state(joint, option) if better else selection
+
+
+def _unnamed(whole: Selection, joint: int) -> float:
+    """Nats that all classes of a joint are worth together beside the names."""
+    state = whole.states[joint]
+    if not state.groups:
+        return 0.0
+    none = whole.without(joint, state, list(whole.classes(joint, state)))
+    return max(0.0, whole.score(joint, state) - whole.score(joint, none))
 
 
 def _background(whole: Selection) -> float:

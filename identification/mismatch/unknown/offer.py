@@ -19,11 +19,10 @@ from identification.mismatch.unknown.claims import Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
-from identification.mismatch.unknown.predictive import Dropped, predictive, refused, useful
+from identification.mismatch.unknown.predictive import Dropped, harmless, held, useful
 from identification.mismatch.unknown.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 LISTED = 3
 """Classes of a joint that a sentence lists by name."""
@@ -32,22 +31,22 @@ LISTED = 3
 def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[Dropped, ...]]:
     """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
 
-    Terms stay where they lower the RMS of their joint there, and raise no other joint's by more than base parameters
-    may (`refused`). alone: classes with the weights of the fitted rows, beside the names. before: what the model with
-    its names leaves of the held-out rows. Terms have to do better than that, and better than the same model of the rows
-    of `alone`: it is open in the same directions of the base parameters as they are.
+    Terms stay where they lower the RMS of their joint there and raise no other joint's by more than base parameters may
+    (`harmless`). alone: classes with the weights of the fitted rows, beside the names. before: what the model with its
+    names leaves of the held-out rows. A joint with terms has to do better than that, and better than the same model of
+    the rows of `alone`: it is open in the same directions of the base parameters as they are.
     """
     nominal = Selection.nominal(alone.rows, range(alone.rows.folds), alone.settings)
-    rivals = (before, replace(before, rows=left.of_rows(nominal)[1]))
-    best = np.minimum(*(rival.rms_nm for rival in rivals))
+    plain = before.rms_nm
+    best = np.minimum(plain, replace(before, rows=left.of_rows(nominal)[1]).rms_nm)
 
-    def judge(selection: Selection) -> tuple[FloatArray, BoolArray]:
-        rise = replace(before, rows=left.of_rows(selection)[1]).rms_nm / best - 1.0
-        return rise, refused(selection, rise)
+    def error(selection: Selection) -> FloatArray:
+        rms = replace(before, rows=left.of_rows(selection)[1]).rms_nm
+        return np.asarray(np.log(rms / np.where(held(selection), best, plain)))
 
-    selection, dropped = predictive(alone, judge)
-    if not alone.rows.problem.noise_is_measured:
-        selection = useful(selection, judge)
+    selection, dropped = (alone, ()) if alone.rows.problem.noise_is_measured else useful(alone, error)
+    selection, more = harmless(selection, error)
+    dropped += more
     if not any(state.groups for state in selection.states):
         return None, dropped
     fitted, unseen = left(selection)

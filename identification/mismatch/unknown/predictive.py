@@ -1,12 +1,12 @@
-"""The classes that may stay because no joint is predicted worse by them: the others are taken away one at a time.
+"""Classes that predict rows which were not fitted; the others go one at a time, and the rest is estimated anew.
 
-A class in the wrong place spoils its joint's prediction, and through the base parameters another one's; the rest of
-what is known of that joint is kept.
+What two classes share is missed only once one of them is gone, and one in the wrong place spoils the prediction of its
+joint and, through the base parameters, of others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,66 +17,73 @@ from identification.mismatch.unknown.selection import FEW_ROUNDS, Selection
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-Judge = Callable[[Selection], tuple[FloatArray, BoolArray]]
-"""Of rows that were not fitted: rise (n,) of the RMS as a share of it, and the joints that refuse the selection."""
+Error = Callable[[Selection], FloatArray]
+"""(n,) logarithm of the held-out RMS of each joint over the one that is to be beaten."""
 Dropped = tuple[int, int]
 """Joint (from 0) and number of a class in CLASSES."""
 
-LEAST_RISE = 0.01
-"""Rise of a held-out RMS, as a share of it, that base parameters of another joint's terms may cause."""
+LEAST_CHANGE = 0.01
+"""Change of a held-out RMS, as a share of it, that base parameters may cause as well."""
 
 
-def refused(selection: Selection, rise: FloatArray) -> BoolArray:
-    """(n,) joints that classes of their own do not predict better, or that those of others predict worse."""
-    return np.asarray(rise >= np.where(_held(selection), 0.0, LEAST_RISE))
+def useful(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropped, ...]]:
+    """Only the classes that lower the error of their joint and that of all joints together, by LEAST_CHANGE at least.
 
-
-def predictive(selection: Selection, judge: Judge) -> tuple[Selection, tuple[Dropped, ...]]:
-    """The selection with as few classes less as no joint refuses, and what was dropped, in that order.
-
-    Each time the class goes without which the refused joints rise least, of those that hold classes if any does; then
-    all joints are estimated anew.
+    The sum of logarithms is the likelihood of rows of unknown noise. On a joint that is no better than without any no
+    class stays. The least useful one goes first; dropped are those that raised an error.
     """
     dropped: list[Dropped] = []
-    while any(state.groups for state in selection.states):
-        _, bad = judge(selection)
-        if not bad.any():
-            break
-        own = bad & _held(selection)
+    while True:
+        now, options = error(selection), []
+        for (joint, number), option in _shorter(selection, held(selection)):
+            change = error(option) - now
+            worth = float(min(change[joint], change.sum()))
+            if worth < np.log1p(LEAST_CHANGE) or now[joint] >= 0.0:
+                options.append((worth, (joint, number), option))
+        if not options:
+            return selection, tuple(dropped)
+        worth, place, option = min(options, key=lambda item: item[0])
+        selection = _settled(option)
+        if worth < 0.0:
+            dropped.append(place)
+
+
+def harmless(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropped, ...]]:
+    """The classes that raise the error of no joint, and what was dropped, in that order.
+
+    A joint with classes has to be better with them, one without any may be LEAST_CHANGE worse. Each time a class of the
+    joints that are worse goes, of any joint where these hold none: the one without which they are worse by least.
+    """
+    dropped: list[Dropped] = []
+    while (own := held(selection)).any() and (worse := _worse(selection, error(selection))).any():
+        asked = worse & own if (worse & own).any() else own
         options = []
-        for joint in np.flatnonzero(own if own.any() else _held(selection)).tolist():
-            for number, family in selection.families(joint, selection.states[joint]).items():
-                shorter = selection.without(joint, selection.states[joint], family)
-                option = selection.with_state(joint, selection.settled(joint, shorter, FEW_ROUNDS))
-                rise, still = judge(option)
-                options.append((float(rise[still].sum()), float(rise.sum()), (joint, number), option))
-        *_, place, best = min(options, key=lambda option: option[:2])
-        selection = _settled(best)
+        for place, option in _shorter(selection, asked):
+            now = error(option)
+            options.append((float(now[_worse(option, now)].sum()), float(now.sum()), place, option))
+        *_, place, option = min(options, key=lambda item: item[:2])
+        selection = _settled(option)
         dropped.append(place)
     return selection, tuple(dropped)
 
 
-def useful(selection: Selection, judge: Judge) -> Selection:
-    """Only the classes that lower their joint's RMS on rows that were not fitted, by LEAST_RISE at least.
+def held(selection: Selection) -> BoolArray:
+    """(n,) joints with classes."""
+    return np.array([bool(state.groups) for state in selection.states])
 
-    The least useful one of a joint goes first, and the others are estimated anew: what two classes share is missed only
-    once one of them is gone. None goes whose absence a joint refuses.
-    """
-    rise = judge(selection)[0]
-    for joint in range(len(selection.states)):
-        while True:
-            state, options = selection.states[joint], []
-            for family in selection.families(joint, state).values():
-                shorter = selection.settled(joint, selection.without(joint, state, family), FEW_ROUNDS)
-                option = selection.with_state(joint, shorter)
-                then, bad = judge(option)
-                if not bad.any():
-                    options.append((float((1.0 + then[joint]) / (1.0 + rise[joint])), option, then))
-            least = min(options, default=None, key=lambda option: option[0])
-            if least is None or least[0] >= 1.0 + LEAST_RISE:
-                break
-            _, selection, rise = least
-    return _settled(selection)
+
+def _worse(selection: Selection, error: FloatArray) -> BoolArray:
+    """(n,) joints that classes of their own do not predict better, or that those of others predict worse."""
+    return np.asarray(error >= np.where(held(selection), 0.0, np.log1p(LEAST_CHANGE)))
+
+
+def _shorter(selection: Selection, asked: BoolArray) -> Iterator[tuple[Dropped, Selection]]:
+    """Each class of some joints (n,) with the selection without it, its joint estimated anew."""
+    for joint in np.flatnonzero(asked).tolist():
+        state = selection.states[joint]
+        for number, family in selection.families(joint, state).items():
+            rest = selection.settled(joint, selection.without(joint, state, family), FEW_ROUNDS)
+            yield (joint, number), selection.with_state(joint, rest)
 
 
 def _settled(selection: Selection) -> Selection:
@@ -85,7 +92,3 @@ def _settled(selection: Selection) -> Selection:
     for joint, state in enumerate(selection.states):
         result.states[joint] = result.settled(joint, state, FEW_ROUNDS)
     return result
-
-
-def _held(selection: Selection) -> BoolArray:
-    return np.array([bool(state.groups) for state in selection.states])

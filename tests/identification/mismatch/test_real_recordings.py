@@ -20,7 +20,7 @@ from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.prepared import prepare
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.predictive import LEAST_RISE
+from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
@@ -162,7 +162,7 @@ def better_everywhere(diagnosis: Diagnosis) -> np.ndarray:
     assert diagnosis.heldout is not None
     assert diagnosis.offer is not None
     ratio = diagnosis.offer.heldout_rms / diagnosis.heldout.rms_after_nm
-    assert np.all(ratio < 1.0 + LEAST_RISE), ratio
+    assert np.all(ratio < 1.0 + LEAST_CHANGE), ratio
     return np.asarray(ratio)
 
 
@@ -172,7 +172,7 @@ def test_one_bad_class_takes_no_class_of_another_joint_with_it(
     """On the KR300 one class of joint 5 predicted run b badly, and no class of any joint was modelled for it."""
     better_everywhere(tx40[0])
     assert (better_everywhere(kr300) < 0.9).sum() >= 4
-    assert {item.joint for item in kr300.classes} >= {1, 2, 5}
+    assert {item.joint for item in kr300.classes} >= {2, 5}
 
 
 def test_the_model_of_the_panda_with_classes_is_better_on_every_joint(panda: tuple[Diagnosis, np.ndarray]) -> None:

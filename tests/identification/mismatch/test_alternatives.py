@@ -9,7 +9,7 @@ import numpy as np
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.names.verdict import alternatives, own_score
+from identification.mismatch.names.alternatives import alternatives, own_score
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import COEFFICIENT_COST, Library

@@ -1,0 +1,85 @@
+"""What a set of effects leaves on the fitted and on the held-out recordings, and effects and places in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.evidence import Evidence
+from identification.mismatch.heldout import Residuals, residuals
+from identification.mismatch.problem import Problem
+from identification.mismatch.search.extension import Extension, extend
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.search import SearchResult
+from identification.mismatch.settings import DiagnosisSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Evidences of one role, and their torque (R, n) Nm each without what changes between periods."""
+
+    evidences: tuple[Evidence, ...]
+    torque: tuple[FloatArray, ...]
+    library: Library
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """A set of members fitted, and what it leaves on the fitted and on the held-out recordings."""
+
+    extension: Extension
+    after: Residuals
+    heldout_after: Residuals | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examination:
+    """What members are examined with: problem and search result, fitted and held-out rows, thresholds."""
+
+    problem: Problem
+    result: SearchResult
+    rows: Rows
+    unseen: Rows | None
+    settings: DiagnosisSettings
+
+    def check(self, members: Sequence[Member]) -> Check:
+        """What a set of members leaves, fitted beside the base parameters."""
+        extension = extend(self.problem, members)
+        after, unseen = (
+            None if rows is None else residuals(extension, rows.evidences, rows.library, rows.torque)
+            for rows in (self.rows, self.unseen)
+        )
+        assert after is not None
+        return Check(extension, after, unseen)
+
+
+def torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:
+    """Torque rows (n, R) Nm of a member."""
+    rows = np.zeros((n, member.rows.rows.shape[1]))
+    rows[list(member.rows.joints)] = member.rows.rows @ coefficients
+    return rows
+
+
+def joints_of(member: Member, torque: FloatArray) -> list[int]:
+    """Joints (from 0) on which a member's torque (n, R) matters: those with at least a tenth of its largest energy."""
+    energy = (torque**2).sum(axis=1)
+    if len(member.rows.joints) == 1:
+        return list(member.rows.joints)
+    return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
+
+
+def without(members: Sequence[Member], index: int) -> list[Member]:
+    """All members but one."""
+    return [item for position, item in enumerate(members) if position != index]
+
+
+def name_of(effect: str, joint: int | None) -> str:
+    """An effect and its place in words."""
+    words = effect.replace("_", " ")
+    return words if joint is None else f"{words} of joint {joint}"

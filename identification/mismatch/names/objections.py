@@ -1,0 +1,138 @@
+"""What no finding may be, however well it fits: of no use elsewhere, of no certain size, of a sign no machine has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.mismatch.changes.between_periods import Change
+from identification.mismatch.effects.base import CERTAIN, Estimate, Place
+from identification.mismatch.heldout import worsened
+from identification.mismatch.names.alternatives import rivals
+from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of, without
+from identification.mismatch.problem import off
+from identification.mismatch.search.extension import uncertainties
+from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.screening import build_screen
+from identification.mismatch.search.trial import Trial, fitted
+
+FloatArray = npt.NDArray[np.float64]
+
+LEAST_SHOWN = 1e-3
+"""Share of an effect's energy that has to show beside the base parameters: else its size is that of their error."""
+
+
+@dataclass(frozen=True, slots=True)
+class Objection:
+    """Why one member, by its number, may not be named. worth: what speaks for it, on the scale of its rule."""
+
+    index: int
+    worth: float
+    why: str
+
+
+Rule = Callable[[Trial], Sequence[Objection]]
+
+
+def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) -> tuple[Trial, list[str]]:
+    """The members that no rule objects to, fitted without the others, and sentences on these.
+
+    The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
+    that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
+    """
+    remarks, fallen = list[str](), set[tuple[str, Place]]()
+    while trial.members:
+        asked = ((rule, rule(trial)) for rule in rules)
+        objecting, objections = next((pair for pair in asked if pair[1]), (None, ()))
+        if objecting is None:
+            break
+        worst = min(objections, key=lambda item: item.worth)
+        member = trial.members[worst.index]
+        fallen.add((member.effect.name, member.place))
+        remarks.append(f"{name_of(member.effect.name, member.place.joint)} {worst.why}: it is not claimed")
+        other = _under_another_name(exam, trial, worst.index, fallen)
+        if other is None or any(item.index == worst.index for item in objecting(other)):
+            other = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
+        trial = other
+    return trial, remarks
+
+
+def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set[tuple[str, Place]]) -> Trial | None:
+    """With the best name in the place of one member that the fitted recordings leave open; None without any."""
+    screen = build_screen(exam.problem, exam.result.candidates)
+    for _, rival in rivals(exam.problem, trial, index, screen, exam.rows.library, exam.settings):
+        if (rival.effect.name, rival.place) not in fallen:
+            members = [rival if place == index else member for place, member in enumerate(trial.members)]
+            return fitted(exam.problem, members, exam.settings, trial)
+    return None
+
+
+def useless(exam: Examination, settled: Callable[[Sequence[Member]], Check], trial: Trial) -> list[Objection]:
+    """Members that make a joint of the held-out recordings worse than its noise allows.
+
+    Where the noise is not measured also those that make none better: rows of one kind are no proof for each other.
+    settled: what a set of members leaves, as it stands in the result.
+    """
+    now = settled(trial.members).heldout_after
+    found = []
+    for index, member in enumerate(trial.members):
+        rest = settled(without(trial.members, index))
+        if now is None or rest.heldout_after is None:
+            return []
+        worse = (np.flatnonzero(worsened(rest.heldout_after, now)) + 1).tolist()
+        if worse:
+            joints = ", ".join(map(str, worse))
+            why = f"makes joint {joints} worse on data that were not fitted than their noise allows"
+            found.append(Objection(index, -len(worse), why))
+        elif not exam.problem.noise_is_measured:
+            own = settled(trial.members).extension.coefficients[index]
+            joints_shown = joints_of(member, torque_of(member, own, exam.problem.n))
+            if not worsened(now, rest.heldout_after)[joints_shown].any():
+                found.append(Objection(index, 0.0, "does not foretell data that were not fitted"))
+    return found
+
+
+def untenable(exam: Examination, trial: Trial) -> list[Objection]:
+    """Members without a certain size, hidden by the base parameters, or of a sign that no machine has."""
+    extension = exam.check(trial.members).extension
+    sure = uncertainties(
+        exam.problem, extension, trial.problem.residual, exam.rows.library, coloured=not trial.complete
+    )
+    found = []
+    for index, (member, coefficients, own) in enumerate(zip(trial.members, extension.coefficients, sure, strict=True)):
+        estimate = Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
+        # On every joint at once: the surest one speaks for all.
+        certainty, surest = max(
+            ((member.effect.parameters(part)[0].certainty, part) for part in member.effect.parts(estimate)),
+            key=lambda pair: pair[0],
+        )
+        rows = (torque_of(member, coefficients, exam.problem.n) * exam.problem.weight).ravel()
+        left = off(exam.problem.basis, rows)
+        why = ""
+        if member.effect.one_sided and surest.coefficients[0] < 0.0:
+            why = "would need a size below zero, which no machine has"
+        elif left @ left < LEAST_SHOWN * (rows @ rows):
+            why = "would be taken up by the base parameters, all but a thousandth of its energy"
+        elif certainty < CERTAIN:
+            why = "has a size that may as well be zero"
+        if why:
+            found.append(Objection(index, float(certainty), why))
+    return found
+
+
+def recurring(changes: Sequence[Change], others: Sequence[Change]) -> list[Change]:
+    """Pushes that come at the same moment of another recording too: no push of a person does, a fault of the set-up."""
+    return [change for change in changes if any(_overlap(change, other) for other in others if other is not change)]
+
+
+def _overlap(one: Change, other: Change) -> bool:
+    first, second = one.estimate.shape, other.estimate.shape
+    if one.effect.name != other.effect.name:
+        return False
+    if "start_s" not in first or "start_s" not in second:
+        return False
+    ends = [shape["start_s"] + shape["duration_s"] for shape in (first, second)]
+    return first["start_s"] < ends[1] and second["start_s"] < ends[0]
