@@ -63,11 +63,7 @@ def _predicting(together: Selection) -> tuple[Selection, Left, tuple[Dropped, ..
     rows = together.rows.limited([state.groups for state in together.states])
     left = Left.of(rows)
     before = left(Selection.nominal(rows, range(rows.folds), together.settings))[1]
-
-    def error(selection: Selection) -> FloatArray:
-        return np.asarray(np.log(left(selection)[1] / before))
-
-    alone, dropped = useful(weighed(rows, together.settings, predicted=True), error)
+    alone, dropped = useful(weighed(rows, together.settings, predicted=True), lambda item: left(item)[1], before)
     return alone, left, dropped
 
 

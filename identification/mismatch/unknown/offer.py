@@ -19,7 +19,7 @@ from identification.mismatch.unknown.claims import Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
-from identification.mismatch.unknown.predictive import Dropped, harmless, held, useful
+from identification.mismatch.unknown.predictive import Dropped, harmless, useful
 from identification.mismatch.unknown.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,12 +40,13 @@ def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None
     plain = before.rms_nm
     best = np.minimum(plain, replace(before, rows=left.of_rows(nominal)[1]).rms_nm)
 
-    def error(selection: Selection) -> FloatArray:
-        rms = replace(before, rows=left.of_rows(selection)[1]).rms_nm
-        return np.asarray(np.log(rms / np.where(held(selection), best, plain)))
+    def left_of(selection: Selection) -> FloatArray:
+        return replace(before, rows=left.of_rows(selection)[1]).rms_nm
 
-    selection, dropped = (alone, ()) if alone.rows.problem.noise_is_measured else useful(alone, error)
-    selection, more = harmless(selection, error)
+    selection, dropped = alone, tuple[Dropped, ...]()
+    if not alone.rows.problem.noise_is_measured:
+        selection, dropped = useful(alone, left_of, best)
+    selection, more = harmless(selection, left_of, best, plain)
     dropped += more
     if not any(state.groups for state in selection.states):
         return None, dropped

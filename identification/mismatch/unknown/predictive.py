@@ -17,8 +17,8 @@ from identification.mismatch.unknown.selection import FEW_ROUNDS, Selection
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-Error = Callable[[Selection], FloatArray]
-"""(n,) logarithm of the held-out RMS of each joint over the one that is to be beaten."""
+Left = Callable[[Selection], FloatArray]
+"""RMS (n,) Nm that a selection leaves of rows that were not fitted."""
 Dropped = tuple[int, int]
 """Joint (from 0) and number of a class in CLASSES."""
 
@@ -26,19 +26,19 @@ LEAST_CHANGE = 0.01
 """Change of a held-out RMS, as a share of it, that base parameters may cause as well."""
 
 
-def useful(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropped, ...]]:
+def useful(selection: Selection, left: Left, beaten: FloatArray) -> tuple[Selection, tuple[Dropped, ...]]:
     """Only the classes that lower the error of their joint and that of all joints together, by LEAST_CHANGE at least.
 
-    The sum of logarithms is the likelihood of rows of unknown noise. On a joint that is no better than without any no
-    class stays. The least useful one goes first; dropped are those that raised an error.
+    The sum of logarithms is the likelihood of rows of unknown noise. On a joint that is left no less than `beaten` (n,)
+    Nm no class stays. The least useful one goes first; dropped are those that raised an error.
     """
     dropped: list[Dropped] = []
     while True:
-        now, options = error(selection), []
+        now, options = left(selection), []
         for (joint, number), option in _shorter(selection, held(selection)):
-            change = error(option) - now
+            change = np.log(left(option) / now)
             worth = float(min(change[joint], change.sum()))
-            if worth < np.log1p(LEAST_CHANGE) or now[joint] >= 0.0:
+            if worth < np.log1p(LEAST_CHANGE) or now[joint] >= beaten[joint]:
                 options.append((worth, (joint, number), option))
         if not options:
             return selection, tuple(dropped)
@@ -48,19 +48,29 @@ def useful(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropped
             dropped.append(place)
 
 
-def harmless(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropped, ...]]:
+def harmless(
+    selection: Selection, left: Left, beaten: FloatArray, allowed: FloatArray
+) -> tuple[Selection, tuple[Dropped, ...]]:
     """The classes that raise the error of no joint, and what was dropped, in that order.
 
-    A joint with classes has to be better with them, one without any may be LEAST_CHANGE worse. Each time a class of the
-    joints that are worse goes, of any joint where these hold none: the one without which they are worse by least.
+    A joint with classes has to be left less than `beaten` (n,) Nm, one without any may be LEAST_CHANGE worse than
+    `allowed`. Each time a class of the joints that are worse goes, of any joint where these hold none: the one without
+    which they are worse by least.
     """
+
+    def excess(item: Selection) -> tuple[FloatArray, BoolArray]:
+        """Logarithm (n,) of what each joint has too much, and whether that counts."""
+        own = held(item)
+        most = np.where(own, beaten, allowed)
+        change = np.log(left(item) / most)
+        return change, np.asarray(change >= np.where(own, 0.0, np.log1p(LEAST_CHANGE)))
+
     dropped: list[Dropped] = []
-    while (own := held(selection)).any() and (worse := _worse(selection, error(selection))).any():
-        asked = worse & own if (worse & own).any() else own
+    while (own := held(selection)).any() and (worse := excess(selection)[1]).any():
         options = []
-        for place, option in _shorter(selection, asked):
-            now = error(option)
-            options.append((float(now[_worse(option, now)].sum()), float(now.sum()), place, option))
+        for place, option in _shorter(selection, worse & own if (worse & own).any() else own):
+            change, still = excess(option)
+            options.append((float(change[still].sum()), float(change.sum()), place, option))
         *_, place, option = min(options, key=lambda item: item[:2])
         selection = _settled(option)
         dropped.append(place)
@@ -70,11 +80,6 @@ def harmless(selection: Selection, error: Error) -> tuple[Selection, tuple[Dropp
 def held(selection: Selection) -> BoolArray:
     """(n,) joints with classes."""
     return np.array([bool(state.groups) for state in selection.states])
-
-
-def _worse(selection: Selection, error: FloatArray) -> BoolArray:
-    """(n,) joints that classes of their own do not predict better, or that those of others predict worse."""
-    return np.asarray(error >= np.where(held(selection), 0.0, np.log1p(LEAST_CHANGE)))
 
 
 def _shorter(selection: Selection, asked: BoolArray) -> Iterator[tuple[Dropped, Selection]]:

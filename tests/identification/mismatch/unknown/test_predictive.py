@@ -20,6 +20,8 @@ from tests.identification.mismatch.plant import on_joint, record
 
 FloatArray = npt.NDArray[np.float64]
 
+ONE = np.ones(7)
+
 
 def bends(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
     del torque
@@ -43,12 +45,12 @@ def test_only_the_class_that_spoils_a_joint_goes(
     before = held(selection, 2)
     assert {"own_position", "own_velocity", "path_memory"} <= before
 
-    def error(now: Selection) -> FloatArray:
+    def left(now: Selection) -> FloatArray:
         rise = np.full(7, -0.5)
         rise[2] = 0.2 if "path_memory" in held(now, 2) else -0.1
-        return np.log1p(rise)
+        return 1.0 + rise
 
-    kept, dropped = harmless(selection, error)
+    kept, dropped = harmless(selection, left, ONE, ONE)
     assert [(joint + 1, CLASSES[number].name) for joint, number in dropped] == [(3, "path_memory")]
     assert held(kept, 2) == before - {"path_memory"}
 
@@ -59,12 +61,12 @@ def test_a_joint_that_is_always_predicted_worse_loses_every_class_and_no_other_j
     selection = all_classes(iiwa14, iiwa14_base, table3)
     others = {joint: held(selection, joint) for joint in range(7) if joint != 2}
 
-    def error(now: Selection) -> FloatArray:
+    def left(now: Selection) -> FloatArray:
         rise = np.full(7, -0.5)
         rise[2] = 0.5 * LEAST_CHANGE
-        return np.log1p(rise)
+        return 1.0 + rise
 
-    kept, dropped = harmless(selection, error)
+    kept, dropped = harmless(selection, left, ONE, ONE)
     assert not held(kept, 2)
     assert {joint for joint, _ in dropped} == {2}
     assert {joint: held(kept, joint) for joint in others} == others
@@ -79,12 +81,12 @@ def test_a_joint_without_classes_that_base_parameters_spoil_is_heard(
         free, selection.states[free], list(selection.classes(free, selection.states[free]))
     )
 
-    def error(now: Selection) -> FloatArray:
+    def left(now: Selection) -> FloatArray:
         rise = np.full(7, -0.5)
         rise[free] = 2.0 * LEAST_CHANGE if "own_velocity" in held(now, 2) else 0.0
-        return np.log1p(rise)
+        return 1.0 + rise
 
-    kept, dropped = harmless(selection, error)
+    kept, dropped = harmless(selection, left, ONE, ONE)
     assert "own_velocity" not in held(kept, 2)
     joint, number = dropped[-1]
     assert (joint + 1, CLASSES[number].name) == (3, "own_velocity")
@@ -100,15 +102,15 @@ def test_of_two_classes_that_do_the_same_one_stays_and_what_does_nothing_goes(
         state = selection.states[joint]
         selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
 
-    def error(now: Selection) -> FloatArray:
+    def left(now: Selection) -> FloatArray:
         rise = np.zeros(7)
         here = held(now, 2)
         rise[2] = -0.6 if here & {"own_position", "configuration"} else -0.1
         rise[2] -= 0.2 if "own_velocity" in here else 0.0
-        return np.log1p(rise)
+        return 1.0 + rise
 
     before = list(selection.states)
-    kept = held(useful(selection, error)[0], 2)
+    kept = held(useful(selection, left, ONE)[0], 2)
     assert all(now is then for now, then in zip(selection.states, before, strict=True))
     assert "own_velocity" in kept
     assert len(kept) == 2
@@ -125,14 +127,14 @@ def test_a_class_that_moves_base_parameters_of_another_joint_stays_where_all_tog
         selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
 
     def kept(risen: float) -> tuple[set[str], bool]:
-        def error(now: Selection) -> FloatArray:
+        def left(now: Selection) -> FloatArray:
             change = np.zeros(7)
             if "own_velocity" in held(now, 2):
                 change[2], change[6] = np.log(0.5), np.log(risen)
-            return change
+            return np.asarray(np.exp(change))
 
-        left, dropped = useful(selection, error)
-        return held(left, 2), any(CLASSES[number].name == "own_velocity" for _, number in dropped)
+        stays, dropped = useful(selection, left, ONE)
+        return held(stays, 2), any(CLASSES[number].name == "own_velocity" for _, number in dropped)
 
     assert kept(1.1) == ({"own_velocity"}, False)
     assert kept(3.0) == (set(), True)
