@@ -52,11 +52,16 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
         worst = min(objections, key=lambda item: item.worth)
         member = trial.members[worst.index]
         fallen.add((member.effect.name, member.place))
-        remarks.append(f"{name_of(member.effect.name, member.place.joint)} {worst.why}: it is not claimed")
+        said = f"{name_of(member.effect.name, member.place.joint)} {worst.why}: it is not claimed"
         other = _under_another_name(exam, trial, worst.index, fallen)
         if other is None or any(item.index == worst.index for item in objecting(other)):
-            other = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
-        trial = other
+            trial = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
+        else:
+            trial, instead = other, other.members[worst.index]
+            said += f", {name_of(instead.effect.name, instead.place.joint)} is asked in its place"
+            if exam.unseen is not None:
+                said += "; the held-out recordings had a say in that, so their figures are not independent of it"
+        remarks.append(said)
     return trial, remarks
 
 
@@ -76,21 +81,20 @@ def useless(exam: Examination, settled: Callable[[Sequence[Member]], Check], tri
     Where the noise is not measured also those that make none better: rows of one kind are no proof for each other.
     settled: what a set of members leaves, as it stands in the result.
     """
-    now = settled(trial.members).heldout_after
-    found = []
+    check = settled(trial.members)
+    now, found = check.heldout_after, list[Objection]()
     for index, member in enumerate(trial.members):
-        rest = settled(without(trial.members, index))
-        if now is None or rest.heldout_after is None:
-            return []
-        worse = (np.flatnonzero(worsened(rest.heldout_after, now)) + 1).tolist()
+        rest = settled(without(trial.members, index)).heldout_after
+        if now is None or rest is None:
+            break
+        worse = (np.flatnonzero(worsened(rest, now)) + 1).tolist()
         if worse:
             joints = ", ".join(map(str, worse))
             why = f"makes joint {joints} worse on data that were not fitted than their noise allows"
             found.append(Objection(index, -len(worse), why))
         elif not exam.problem.noise_is_measured:
-            own = settled(trial.members).extension.coefficients[index]
-            joints_shown = joints_of(member, torque_of(member, own, exam.problem.n))
-            if not worsened(now, rest.heldout_after)[joints_shown].any():
+            own = joints_of(member, torque_of(member, check.extension.coefficients[index], exam.problem.n))
+            if not worsened(now, rest)[own].any():
                 found.append(Objection(index, 0.0, "does not foretell data that were not fitted"))
     return found
 
