@@ -32,8 +32,8 @@ class ClassAnswer:
 def class_answer(truths: Sequence[Json], diagnosis: Json | None, bare: Json | None) -> ClassAnswer:
     """The answer of one case. bare: diagnosis of the same recording without the effect, where it is a real one.
 
-    A claim counts by the nats that it has more than on the bare recording: what was there before is no answer. Where
-    nothing is hidden the right answer is none.
+    A claim counts by the nats, or the share of held-out error, that it has more than on the bare recording: what was
+    there before is no answer. Where nothing is hidden the right answer is none.
     """
     if diagnosis is None:
         return ClassAnswer(right=False, right_by_share=False)

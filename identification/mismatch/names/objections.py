@@ -43,7 +43,7 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
     The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
-    remarks, fallen = list[str](), set[tuple[str, Place]]()
+    remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
     while trial.members:
         asked = ((rule, rule(trial)) for rule in rules)
         objecting, objections = next((pair for pair in asked if pair[1]), (None, ()))
@@ -52,16 +52,22 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
         worst = min(objections, key=lambda item: item.worth)
         member = trial.members[worst.index]
         fallen.add((member.effect.name, member.place))
-        said = f"{name_of(member.effect.name, member.place.joint)} {worst.why}: it is not claimed"
+        name = name_of(member.effect.name, member.place.joint)
+        remarks.append(f"{name} {worst.why}: it is not claimed")
         other = _under_another_name(exam, trial, worst.index, fallen)
         if other is None or any(item.index == worst.index for item in objecting(other)):
             trial = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
         else:
-            trial, instead = other, other.members[worst.index]
-            said += f", {name_of(instead.effect.name, instead.place.joint)} is asked in its place"
-            if exam.unseen is not None:
-                said += "; the held-out recordings had a say in that, so their figures are not independent of it"
-        remarks.append(said)
+            trial, rival = other, other.members[worst.index]
+            instead[rival.effect.name, rival.place] = name
+    if exam.unseen is not None:
+        standing = {(member.effect.name, member.place) for member in trial.members}
+        remarks += [
+            f"{name_of(effect, place.joint)} stands in the place of {name}; the held-out recordings had a say in that, "
+            "so their figures are not independent of it"
+            for (effect, place), name in instead.items()
+            if (effect, place) in standing
+        ]
     return trial, remarks
 
 

@@ -142,11 +142,12 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     odds = whole.total() - rest.total() - cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
-    rivals, kept, beside = [], 0.0, dict[str, float]()
+    rivals, kept, beside, particular = [], 0.0, dict[str, float](), 0.0
     for joint in name.joints:
         losses, left = _losses(rest, joint), _losses(whole, joint)
         for number, loss in left.items():
             beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
+            particular = particular if CLASSES[number].background else max(loss, particular)
         for number, loss in losses.items():
             if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
                 continue
@@ -156,10 +157,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
                 kept = max(kept, left.get(number, 0.0))
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
-    part = any(CLASSES[number].name == "constant" for number in described) and any(
-        loss >= settings.speak and not CLASSES[number].background
-        for joint in name.joints for number, loss in _losses(whole, joint).items()
-    )  # fmt: skip
+    part = particular >= settings.speak and any(CLASSES[number].name == "constant" for number in described)
     earned = (
         odds >= settings.alternative
         and worth >= max(_background(whole), *(_unnamed(whole, joint) for joint in name.joints))

@@ -48,9 +48,7 @@ def test_an_offset_is_called_a_spring_only_where_its_slope_is_plain(
     diagnosis = diagnose([record(iiwa14, table3, hidden)], iiwa14, heldout=[unseen])
     assert [(item.effect, item.place.joint) for item in diagnosis.findings] == [(name, 6)]
     if name == "torque_offset":
-        assert (
-            "torque offset of joint 6 is asked in its place; the held-out recordings had a say" in diagnosis.remaining
-        )
+        assert "orque offset of joint 6 stands in the place of cable spring of joint 6; the held" in diagnosis.remaining
 
 
 def test_waves_of_an_order_that_no_gear_has_are_no_ripple(iiwa14: RobotModel, table3: PhysicalParameters) -> None:

@@ -172,7 +172,7 @@ def test_one_bad_class_takes_no_class_of_another_joint_with_it(
     """On the KR300 one class of joint 5 predicted run b badly, and no class of any joint was modelled for it."""
     better_everywhere(tx40[0])
     assert (better_everywhere(kr300) < 0.9).sum() >= 4
-    assert {item.joint for item in kr300.classes} >= {2, 5}
+    assert {item.joint for item in kr300.classes} >= {2, 5, 6}
 
 
 def test_the_model_of_the_panda_with_classes_is_better_on_every_joint(panda: tuple[Diagnosis, np.ndarray]) -> None:

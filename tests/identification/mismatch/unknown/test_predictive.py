@@ -138,3 +138,23 @@ def test_a_class_that_moves_base_parameters_of_another_joint_stays_where_all_tog
 
     assert kept(1.1) == ({"own_velocity"}, False)
     assert kept(3.0) == (set(), True)
+
+
+def test_losing_the_last_class_of_a_joint_is_no_gain_and_a_joint_without_one_is_held_against_the_fit(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """Joint 3 is left 0.6 Nm with classes and 1 without, where 0.7 is to be beaten and the fit leaves 1."""
+    selection = all_classes(iiwa14, iiwa14_base, table3)
+    for joint in (0, 1, 3, 4, 5, 6):
+        state = selection.states[joint]
+        selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+    beaten = np.full(7, 0.7)
+
+    def left(now: Selection) -> FloatArray:
+        rms = ONE.copy()
+        rms[2] = 0.6 if "own_velocity" in held(now, 2) else 1.0
+        return rms
+
+    assert held(useful(selection, left, beaten)[0], 2) == {"own_velocity"}
+    kept, dropped = harmless(selection, left, beaten, ONE)
+    assert (held(kept, 2), dropped) == (held(selection, 2), ())
