@@ -26,6 +26,7 @@ from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
+from identification.mismatch.search.detection import BandPower
 from identification.mismatch.search.extension import Extension, uncertainties
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.pruning import removal_scores
@@ -48,7 +49,8 @@ REWEIGHTING_TOLERANCE = 1e-3
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
-    heldout_searched: with all that the search found, also what may not be named.
+    before: of the nominal fit; after: of the model with names, fitted beside the torque without a name where that was
+    searched. heldout_searched: with all that the search found, also what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     """
@@ -62,11 +64,11 @@ class Claims:
     heldout_after: Residuals | None
     heldout_searched: Residuals | None
     remarks: tuple[str, ...]
+    power: BandPower
     beside: Mapping[int, frozenset[str]] = field(default_factory=dict)
 
 
 def build_findings(
-    problem: Problem,
     library: Library,
     result: SearchResult,
     fitted_role: Prepared,
@@ -83,14 +85,16 @@ def build_findings(
     elsewhere = (
         None if unseen is None else Rows(unseen.evidences, unseen.torque, Library(library.effects, unseen.evidences))
     )
-    exam = Examination(problem, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings)
+    exam = Examination(
+        result.trial.nominal, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings
+    )
     settled = partial(_as_fit_weighs, exam, fitted_role)
     classes = None if dependence is None else AgainstClasses(exam, dependence, settled)
     rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
     if classes is not None:
         rules.append(classes.unearned)
     trial, remarks = without_objection(exam, result.trial if physics else result.before, rules)
-    before = settled(())
+    before = _as_fit_weighs(replace(exam, problem=exam.plain), fitted_role, ())
     now = settled(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
@@ -104,7 +108,7 @@ def build_findings(
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
-        {} if classes is None else classes.held(trial),
+        fitted(exam.plain, trial.members, settings).power, {} if classes is None else classes.held(trial),
     )  # fmt: skip
 
 
@@ -145,7 +149,8 @@ def _repeatable(
     """
     if not trial.members:
         return []
-    problem, library, result, settings = exam.problem, exam.rows.library, exam.result, exam.settings
+    problem, plain, library = exam.problem, exam.plain, exam.rows.library
+    result, settings = exam.result, exam.settings
     screen = build_screen(problem, result.candidates)
     scores = removal_scores(problem, trial, settings)
     sure = uncertainties(problem, now.extension, trial.problem.residual, library, coloured=not trial.complete)
@@ -165,10 +170,10 @@ def _repeatable(
                     continue
                 joints = [joint_index(part.place)]
                 own = np.where(np.isin(np.arange(problem.n), joints)[:, None], rows, 0.0)
-            whitened = (own * problem.weight).ravel()
-            visible = off(problem.basis, whitened)
+            whitened = (own * plain.weight).ravel()
+            visible = off(plain.basis, whitened)
             phase = member.effect.phase(library.evidences[0].motion, part.place, member.shape)
-            curve, where = _place(problem, library.evidences[0], before, now, own, visible, joints, result, phase)
+            curve, where = _place(plain, library.evidences[0], before, now, own, visible, joints, result, phase)
             found.append(
                 Finding(
                     effect=member.effect.name,

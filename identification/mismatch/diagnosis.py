@@ -36,6 +36,7 @@ from identification.mismatch.data_faults.faults import find_data_faults, stops_p
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals
+from identification.mismatch.names.proposals import search_beside_classes
 from identification.mismatch.nominal import (
     Nominal,
     after_findings,
@@ -56,7 +57,8 @@ from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
-from identification.mismatch.unknown.dependence import find_dependence
+from identification.mismatch.unknown.covariance import ClassCovariance
+from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import changing, earned_over_time
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -76,7 +78,7 @@ Progress = Callable[[str, float], None]
 class Explained:
     """What the search settled on so far: the nominal model, what it was fitted to, and the effects beside it.
 
-    library: of the fitted evidences. problem: theirs, in which `result` was searched.
+    library: of the fitted evidences. problem: theirs, weighted by the noise alone.
     """
 
     regressor: BaseRegressor
@@ -158,7 +160,9 @@ def diagnose(
     unseen = unseen_by(now.regressor, now.problem, now.result.trial)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
     dependence = find_dependence(now.fitted, unseen) if physics else None
-    claims = build_findings(now.problem, now.result.library, now.result, now.fitted, unseen, settings, dependence)
+    if dependence is not None and now.problem.noise_is_measured and not now.result.trial.complete:
+        now = _beside_classes(now, dependence, settings)
+    claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
     judgement = None
@@ -225,7 +229,7 @@ def _summarised(
     """All that is said beside the findings. plain: what the nominal model leaves. inactive: effects without torque."""
     measured = now.problem.noise_is_measured
     if measured:
-        chances = [item.power.probability.min(axis=1) for item in (now.result.before, claims.trial)]
+        chances = [power.probability.min(axis=1) for power in (now.result.before.power, claims.power)]
     else:
         chances = [_found_by_chance(item, claims) for item in (claims.heldout_before, claims.heldout_after)]
     found, left = (chance < settings.consistency_probability for chance in chances)
@@ -306,6 +310,12 @@ def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSe
     return Explained(regressor, fitted, library, problem, result)
 
 
+def _beside_classes(now: Explained, dependence: Dependence, settings: DiagnosisSettings) -> Explained:
+    """With the names that stand out from torque of no known form, in place of those that left some of it."""
+    renewed, classes = now.fitted.renewal(now.regressor, now.library), ClassCovariance.of(now.problem, dependence)
+    return replace(now, result=search_beside_classes(classes, now.result.before, now.library, renewed, settings))
+
+
 def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
     """With a push that comes in every period, where it explains more and another motion does not speak against it."""
 
@@ -331,7 +341,8 @@ def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -
         push, problem, trial.members, elsewhere.library(), elsewhere.torque, settings
     ):
         return now
-    return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial))
+    before = fitted_again(problem, (), settings)
+    return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial, before=before))
 
 
 def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisSettings) -> Explained:

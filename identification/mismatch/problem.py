@@ -35,7 +35,8 @@ class Problem:
     evidence. frequency: (R,) Hz. torque: (n R,) whitened. nominal: (n, R, p) Nm
     per unit, base parameters first, then nuisances. basis: (n R, p') orthonormal basis of the nominal columns,
     whitened. residual: (n R,) torque off the basis. noise_is_measured: in every evidence; else nothing proves that
-    only noise is left.
+    only noise is left. unnamed: per joint, where rows are weighted beside torque of no known form (`beside`),
+    orthonormal directions (R, k) that it spreads along, and the share (k,) along each that is taken off the rows.
     """
 
     n: int
@@ -50,6 +51,15 @@ class Problem:
     basis: FloatArray
     residual: FloatArray
     noise_is_measured: bool = True
+    unnamed: tuple[tuple[FloatArray, FloatArray], ...] = ()
+
+    def whitened(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """Torque rows (len(joints), R, m) Nm in units of all that is not modelled, the same shape."""
+        result = rows * self.weight[list(joints)][..., None]
+        for place, joint in enumerate(joints if self.unnamed else ()):
+            along, share = self.unnamed[joint]
+            result[place] -= along @ (share[:, None] * (along.T @ result[place]))
+        return np.asarray(result, dtype=np.float64)
 
     @property
     def rows(self) -> int:
@@ -115,15 +125,36 @@ def reweighted(problem: Problem, inflation: FloatArray) -> Problem:
     )
 
 
+def beside(problem: Problem, spread_by: Sequence[FloatArray], inflation: FloatArray) -> Problem:
+    """The same rows where each joint holds torque of no known form besides, a Gaussian process of the state.
+
+    spread_by: per joint columns (R, k) Nm whose product with their own transpose is its covariance. inflation: (n, R)
+    factor on the noise's deviation.
+    """
+    weight = problem.weight / inflation
+    unnamed = []
+    for columns, scale in zip(spread_by, weight, strict=True):
+        along, size, _ = np.linalg.svd(columns * scale[:, None], full_matrices=False)
+        unnamed.append((along, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
+    changed = replace(problem, weight=weight, noise=problem.noise * inflation, unnamed=tuple(unnamed))
+    size = problem.basis.shape[1]
+    rows = np.column_stack([problem.basis, problem.torque]).reshape(problem.n, problem.rows, -1)
+    rows = rows / np.where(problem.weight > 0.0, problem.weight, np.inf)[..., None]
+    white = changed.whitened(rows, range(problem.n)).reshape(-1, size + 1)
+    basis = _quick_basis(white[:, :size])
+    return replace(changed, torque=white[:, size], basis=basis, residual=off(basis, white[:, size]))
+
+
 def with_torque(problem: Problem, torque: Sequence[FloatArray]) -> Problem:
     """The same problem for another torque, (R, n) Nm of each evidence."""
-    whitened = (np.concatenate(list(torque)).T * problem.weight).ravel()
+    rows = np.concatenate(list(torque)).T[..., None]
+    whitened = problem.whitened(rows, range(problem.n)).ravel()
     return replace(problem, torque=whitened, residual=off(problem.basis, whitened))
 
 
 def _with_basis(problem: Problem) -> Problem:
-    columns = (problem.nominal * problem.weight[..., None]).reshape(-1, problem.nominal.shape[2])
-    basis = orthonormal(columns)
+    columns = problem.whitened(problem.nominal, range(problem.n))
+    basis = orthonormal(columns.reshape(-1, problem.nominal.shape[2]))
     return replace(problem, basis=basis, residual=off(basis, problem.torque))
 
 
@@ -167,5 +198,5 @@ def extended(problem: Problem, columns: FloatArray) -> Problem:
 def spread(problem: Problem, joints: Sequence[int], rows: FloatArray) -> FloatArray:
     """Torque rows (len(joints), R, m) Nm as whitened columns over all joints (n R, m)."""
     columns = np.zeros((problem.n, problem.rows, rows.shape[2]))
-    columns[list(joints)] = rows * problem.weight[list(joints)][..., None]
+    columns[list(joints)] = problem.whitened(rows, joints)
     return columns.reshape(problem.n * problem.rows, -1)

@@ -62,11 +62,11 @@ def summarise(
     elsewhere = heldout is not None and bool(heldout.misfits)
     much = much_is_left(claims.after.rms_nm, fitted.evidences)
     verdict = verdict_of(claims.findings, baseline, left.tolist(), elsewhere, classes=classes, much=much)
-    curves = _curves(fitted.evidences[0], claims.trial.weighted, left)
+    curves = _curves(fitted.evidences[0], claims.after, left)
     return Diagnosis(
         robot=nominal.regressor.robot.name,
         verdict=verdict,
-        mode="complete" if claims.trial.complete else "background",
+        mode="complete" if claims.trial.complete and not claims.trial.nominal.unnamed else "background",
         baseline=baseline,
         findings=claims.findings,
         data_faults=faults,
@@ -147,10 +147,9 @@ def _shift(nominal: Nominal, claims: Claims) -> tuple[ParameterShift, ...]:
     )
 
 
-def _curves(evidence: Evidence, weighted: Problem, left: BoolArray) -> tuple[Curve, ...]:
+def _curves(evidence: Evidence, after: Residuals, left: BoolArray) -> tuple[Curve, ...]:
     size = evidence.frequency.size
-    rows = weighted.residual.reshape(weighted.n, -1) / np.where(weighted.weight > 0.0, weighted.weight, np.inf)
-    series = rows_to_time(evidence, rows[:, :size].T)
+    series = rows_to_time(evidence, after.rows[:, :size].T)
     curves = []
     for joint in np.flatnonzero(left):
         noise = float(np.sqrt((evidence.noise[:, joint] ** 2).sum() / evidence.samples))

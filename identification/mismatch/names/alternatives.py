@@ -15,6 +15,7 @@ from identification.mismatch.problem import Problem, off, orthonormal, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import Screen, gains, narrowed
+from identification.mismatch.search.search import GROWS
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
 
@@ -25,8 +26,6 @@ EXPLAINS_MORE = 1.0
 that it then gains two, which noise does in one of twenty."""
 MOST_ALTERNATIVES = 8
 """Rivals of one finding that are refined and compared."""
-GROWS = 0.5
-"""Share of its refined score that a candidate has on the grid at least."""
 
 
 def significance(score: float, coefficients: int, candidates: int) -> float:
@@ -87,11 +86,11 @@ def own_score(
     member: Member,
     settings: DiagnosisSettings,
 ) -> float:
-    """What a member gains beside the others, in the regime of the trial, less what its coefficients and shape cost.
+    """What a member gains beside the others, less what its coefficients and shape cost.
 
     rest: the others alone. With more coefficients a name explains more even where it is none.
     """
-    if trial.complete:
+    if nominal.noise_is_measured:
         return score_of(rest.problem, member)
     whole = fitted(nominal, [*others, member], settings, trial)
     return (whole.likelihood - whole.cost) - (rest.likelihood - rest.cost)

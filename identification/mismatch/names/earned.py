@@ -37,7 +37,7 @@ class AgainstClasses:
         settings, check = ClaimSettings(), self.exam.check(trial.members)
         names = self._named(trial, check)
         asked = [index for index, name in enumerate(names) if not self._foretells_most(trial, index, list(name.joints))]
-        found = standings(self.dependence.every, names, asked, settings)
+        found = standings(self.dependence.every, names, asked, settings, self.dependence.chosen)
         return [
             Objection(index, standing.odds, _why(standing, settings))
             for index, standing in found.items()

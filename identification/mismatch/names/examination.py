@@ -40,13 +40,21 @@ class Check:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examination:
-    """What members are examined with: problem and search result, fitted and held-out rows, thresholds."""
+    """What members are examined with: search result, fitted and held-out rows, thresholds.
+
+    problem: in which members are fitted, that of the result.
+    """
 
     problem: Problem
     result: SearchResult
     rows: Rows
     unseen: Rows | None
     settings: DiagnosisSettings
+
+    @property
+    def plain(self) -> Problem:
+        """The fitted rows weighted by the noise alone, no torque without a name beside them."""
+        return self.result.before.nominal
 
     def check(self, members: Sequence[Member]) -> Check:
         """What a set of members leaves, fitted beside the base parameters."""

@@ -13,16 +13,12 @@ from identification.mismatch.effects.base import CERTAIN, Estimate, Place
 from identification.mismatch.heldout import worsened
 from identification.mismatch.names.alternatives import rivals
 from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of, without
-from identification.mismatch.problem import off
 from identification.mismatch.search.extension import uncertainties
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import Trial, fitted
 
 FloatArray = npt.NDArray[np.float64]
-
-LEAST_SHOWN = 1e-3
-"""Share of an effect's energy that has to show beside the base parameters: else its size is that of their error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +102,7 @@ def useless(exam: Examination, settled: Callable[[Sequence[Member]], Check], tri
 
 
 def untenable(exam: Examination, trial: Trial) -> list[Objection]:
-    """Members without a certain size, hidden by the base parameters, or of a sign that no machine has."""
+    """Members without a certain size, or of a sign that no machine has."""
     extension = exam.check(trial.members).extension
     sure = uncertainties(
         exam.problem, extension, trial.problem.residual, exam.rows.library, coloured=not trial.complete
@@ -119,13 +115,9 @@ def untenable(exam: Examination, trial: Trial) -> list[Objection]:
             ((member.effect.parameters(part)[0].certainty, part) for part in member.effect.parts(estimate)),
             key=lambda pair: pair[0],
         )
-        rows = (torque_of(member, coefficients, exam.problem.n) * exam.problem.weight).ravel()
-        left = off(exam.problem.basis, rows)
         why = ""
         if member.effect.one_sided and surest.coefficients[0] < 0.0:
             why = "would need a size below zero, which no machine has"
-        elif left @ left < LEAST_SHOWN * (rows @ rows):
-            why = "would be taken up by the base parameters, all but a thousandth of its energy"
         elif certainty < CERTAIN:
             why = "has a size that may as well be zero"
         if why:

@@ -80,7 +80,7 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
 @lru_cache(maxsize=4)
 def nominal_factor(nominal: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Q, R and lengths of the whitened nominal columns, and `Extension.loose`; dozens of sets share one problem."""
-    plain = (nominal.nominal * nominal.weight[..., None]).reshape(nominal.torque.size, -1)
+    plain = nominal.whitened(nominal.nominal, range(nominal.n)).reshape(nominal.torque.size, -1)
     norms = np.linalg.norm(plain, axis=0)
     norms = np.maximum(norms, ABSENT * norms.max())
     factor, triangle = np.linalg.qr(plain / norms)

@@ -1,4 +1,4 @@
-"""Members of a model that are worth less than they must be are left out, by the regime that holds.
+"""Members of a model that are worth less than they must be are left out.
 
 `removal_scores` also by the claims.
 """
@@ -14,11 +14,11 @@ from identification.mismatch.settings import DiagnosisSettings
 
 
 def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
-    """Members whose loss costs less than the regime asks for, left out one by one, the weakest first."""
+    """Members whose loss costs less than it must, left out one by one, the weakest first."""
     while trial.members:
         scores = removal_scores(nominal, trial, settings)
         weakest = int(np.argmin(scores))
-        if scores[weakest] >= (settings.provisional_score if trial.complete else settings.background_score):
+        if scores[weakest] >= (settings.provisional_score if nominal.noise_is_measured else settings.background_score):
             return trial, scores
         kept = [member for index, member in enumerate(trial.members) if index != weakest]
         trial = fitted(nominal, kept, settings)
@@ -31,9 +31,9 @@ def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) 
 
 
 def removal_score(nominal: Problem, trial: Trial, index: int, settings: DiagnosisSettings) -> float:
-    """What is lost when a member is left out and the others are fitted again, in the regime that holds."""
+    """What is lost when a member is left out and the others are fitted again."""
     others = [other for position, other in enumerate(trial.members) if position != index]
     rest = fitted(nominal, others, settings, trial)
-    if trial.complete:
+    if nominal.noise_is_measured:
         return score_of(rest.problem, trial.members[index])
     return trial.likelihood - rest.likelihood

@@ -73,7 +73,7 @@ def gram_of_rows(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """`gram_of` for rows (len(touched), R, m) of any columns."""
     joints, count = list(touched), values.shape[2]
-    columns = (values * problem.weight[joints][..., None]).reshape(-1, count)
+    columns = problem.whitened(values, joints).reshape(-1, count)
     rows = problem.rows
     basis = problem.basis.reshape(problem.n, rows, -1)[joints].reshape(len(joints) * rows, -1)
     residual = problem.residual.reshape(problem.n, rows)[joints].ravel()

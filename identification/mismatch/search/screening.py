@@ -78,7 +78,7 @@ def build_screen(problem: Problem, candidates: Sequence[EffectRows]) -> Screen:
     parts = []
     for joints, chosen in on_joints.items():
         rows = np.concatenate([candidates[number].rows.transpose(2, 0, 1) for number in chosen])
-        columns = (rows * problem.weight[list(joints)]).reshape(rows.shape[0], -1)
+        columns = problem.whitened(rows.transpose(1, 2, 0), joints).transpose(2, 0, 1).reshape(rows.shape[0], -1)
         index = np.concatenate([start[number] + np.arange(sizes[number]) for number in chosen])
         parts.append(Part(joints, index, columns))
         first = 0
@@ -97,20 +97,9 @@ def build_screen(problem: Problem, candidates: Sequence[EffectRows]) -> Screen:
 
 def narrowed(screen: Screen, problem: Problem) -> Screen:
     """The screen beside further directions: problem extends the one that the screen was made for."""
-    return narrowed_each(screen, [problem])[0]
-
-
-def narrowed_each(screen: Screen, problems: Sequence[Problem]) -> list[Screen]:
-    """`narrowed` for several problems, each of which extends the one that the screen was made for by its own."""
-    first = screen.problem.basis.shape[1]
-    added = [problem.basis[:, first:] for problem in problems]
-    shadows = np.split(
-        _products(screen, np.concatenate(added, axis=1)), np.cumsum([item.shape[1] for item in added])[:-1], axis=1
-    )
-    return [
-        _without(screen, shadow, problem, screen.target - shadow @ (own.T @ screen.problem.residual))
-        for problem, own, shadow in zip(problems, added, shadows, strict=True)
-    ]
+    added = problem.basis[:, screen.problem.basis.shape[1] :]
+    shadow = _products(screen, added)
+    return _without(screen, shadow, problem, screen.target - shadow @ (added.T @ screen.problem.residual))
 
 
 def _products(screen: Screen, values: FloatArray) -> FloatArray:

@@ -1,9 +1,8 @@
-"""Which effects, together, explain the mean of the periods: forward with look-ahead, exchanged, pruned.
+"""Which effects, together, explain the mean of the periods: forward, exchanged, pruned.
 
-Two regimes. Where some set of effects leaves nothing but noise on every joint and in every band, it is ranked and
-pruned by the likelihood in units of the noise ("complete"). Where none does, unknown model error remains and replicate
-noise would prove anything; then by the profile likelihood with a free smooth background ("background").
-Decides nothing about words.
+Where the noise is measured, sets are ranked by the squares that they leave in units of it. Where it is not, by the
+profile likelihood with a free smooth background. Where no few effects leave nothing but noise, names are searched again
+beside torque of no known form (`names.proposals`). Decides nothing about words.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.effects.base import Place
-from identification.mismatch.problem import Problem, extended, off, spread
+from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.pruning import pruned
 from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
-from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed, narrowed_each
+from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
 
@@ -28,8 +27,8 @@ FloatArray = npt.NDArray[np.float64]
 
 SHORTLIST = 6
 """Candidates per screening that are refined."""
-LOOK_AHEAD = 12
-"""Candidates whose best partner is looked for where no single one is enough."""
+GROWS = 0.5
+"""Share of its refined score that a candidate has on the grid at least."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
 LEAST_STEP = 0.15
@@ -40,7 +39,7 @@ WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
 WORTH_RENEWING = 4.0
-"""Whitened squares that a new nominal torque must save in a step, and that it may cost at the end."""
+"""Whitened squares that a new nominal torque must save in a step."""
 
 Renewal = Callable[[FloatArray], Library]
 
@@ -70,25 +69,26 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     candidates = library.candidates()[0]
     screen = build_screen(nominal, candidates)
     trial = before
-    while len(trial.members) < settings.largest_findings:
-        step = _step(nominal, trial, _beside(screen, trial), library, settings)
+    # Beyond few effects that explain all by the noise alone, names have to stand out from classes.
+    most = settings.largest_explanation if nominal.noise_is_measured else settings.largest_findings
+    while len(trial.members) < most:
+        step = _step(trial, _beside(screen, trial), library, settings)
         if step is None:
             break
         known = library
-        step, library = _one_instead_of_two(nominal, trial, step, library, renewed, settings)
-        trial = _polished(nominal, step, library, settings)
-        if trial.complete:
+        trial = polished(nominal, step, library, settings)
+        if nominal.noise_is_measured:
             trial = _exchanged(nominal, trial, screen, library, settings)
         trial, library = _seen_anew(nominal, trial, library, renewed, settings)
         if library is not known:
             candidates = library.candidates()[0]
             screen = build_screen(nominal, candidates)
-    if not trial.complete:
+    if not nominal.noise_is_measured:
         trial = _exchanged(nominal, trial, screen, library, settings)
-    trial, library = _on_own_torque(nominal, trial, library, renewed, settings)
+    trial, library = on_own_torque(nominal, trial, library, renewed, settings)
     trial = _on_every_joint(nominal, before, trial, library, settings)
     trial, scores = pruned(nominal, trial, settings)
-    trial, library = _on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
+    trial, library = on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
     return SearchResult(trial, scores, before, library, candidates)
 
 
@@ -124,23 +124,6 @@ def _on_every_joint(
     return min(found, key=lambda item: item.penalised, default=trial)
 
 
-def _one_instead_of_two(
-    nominal: Problem, trial: Trial, step: Trial, library: Library, renewed: Renewal, settings: DiagnosisSettings
-) -> tuple[Trial, Library]:
-    """Of two members that came at once the stronger alone, where on the torque of its own fit it explains as much.
-
-    An effect that bends the nominal fit is seen wrongly at first, and the second one may be no more than that.
-    """
-    added = step.members[len(trial.members) :]
-    if len(added) < 2:
-        return step, library
-    singles = (fitted(nominal, [*trial.members, member], settings, trial) for member in added)
-    alone, other = _seen_anew(nominal, min(singles, key=lambda item: item.squares), library, renewed, settings)
-    if other is library or alone.penalised > step.penalised + 2.0 * settings.provisional_score:
-        return step, library
-    return alone, other
-
-
 def _seen_anew(
     nominal: Problem, trial: Trial, library: Library, renewed: Renewal, settings: DiagnosisSettings
 ) -> tuple[Trial, Library]:
@@ -158,11 +141,11 @@ def _seen_anew(
         if again.squares > trial.squares - WORTH_RENEWING:
             break
         library = other
-        trial = _polished(nominal, again, library, settings, alone=True)
+        trial = polished(nominal, again, library, settings, alone=True)
     return trial, library
 
 
-def _on_own_torque(
+def on_own_torque(
     nominal: Problem, trial: Trial, library: Library, renewed: Renewal, settings: DiagnosisSettings
 ) -> tuple[Trial, Library]:
     """The members on the torque of the model they belong to, also where that explains no more than the nominal one's.
@@ -175,7 +158,7 @@ def _on_own_torque(
         members = [Member(item, member.selection) for item, member in zip(rows, trial.members, strict=True) if item]
         again = fitted(nominal, members, settings, trial)
         same = len(members) == len(trial.members) and again.complete == trial.complete
-        if not same or again.squares > trial.squares + WORTH_RENEWING:
+        if not same or again.squares > trial.squares + 2.0 * settings.provisional_score:
             break
         trial, library = again, other
     return trial, library
@@ -222,42 +205,29 @@ def _beside(screen: Screen, trial: Trial) -> Screen:
     return narrowed(screen, trial.problem) if trial.members else screen
 
 
-def _step(
-    nominal: Problem, trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings
-) -> Trial | None:
-    """The best set with one member more (or two, where one is not enough); None when nothing is gained."""
+def _step(trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings) -> Trial | None:
+    """The best set with one member more; None when nothing is gained. screen: beside the members of the trial."""
     taken = {(member.effect.name, member.place) for member in trial.members}
-    shortlist = _shortlist(screen, library, taken)
-    if not trial.complete:
-        shortlist = _merged(shortlist, _shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
-    scored = [(score_of(trial.problem, member), member) for member in shortlist]
-    scored = [item for item in scored if item[0] >= settings.provisional_score]
-    if not scored:
+    found, measured = shortlist(screen, library, taken), trial.nominal.noise_is_measured
+    if not measured:
+        found = _merged(found, shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
+    worth = [member for member in found if score_of(trial.problem, member) >= settings.provisional_score]
+    if not worth:
         return None
-    trials = [fitted(nominal, [*trial.members, member], settings, trial) for _, member in scored]
-    best = _best(trials)
-    if best.complete or trial.complete or len(trial.members) + 2 > settings.largest_findings:
-        return best
-    pairs = [
-        fitted(nominal, [*trial.members, *pair], settings, best)
-        for pair in _pairs(trial.problem, screen, [member for _, member in scored], library, taken, settings)
-    ]
-    complete = [pair for pair in pairs if pair.complete]
-    if complete:
-        return _best(complete)
-    return best if best.likelihood - trial.likelihood >= LEAST_STEP * settings.background_score else None
+    best = _best([fitted(trial.nominal, [*trial.members, member], settings, trial) for member in worth])
+    enough = measured or best.likelihood - trial.likelihood >= LEAST_STEP * settings.background_score
+    return best if enough else None
 
 
 def _best(trials: Sequence[Trial]) -> Trial:
-    """The complete trial that leaves least for its size; without one, the likeliest beside an unknown background."""
-    complete = [trial for trial in trials if trial.complete]
-    if complete:
-        return min(complete, key=lambda trial: trial.penalised)
+    """The trial that leaves least for its size; where the noise is not measured the likeliest beside a background."""
+    if trials[0].nominal.noise_is_measured:
+        return min(trials, key=lambda trial: trial.penalised)
     return max(trials, key=lambda trial: trial.likelihood - trial.cost)
 
 
-def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]]) -> list[Member]:
-    """The best candidates, one per effect and place, refined."""
+def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], least: float = 0.0) -> list[Member]:
+    """The best candidates, one per effect and place, refined. taken: not these. least: score that they may reach."""
     chosen: dict[tuple[str, Place], Member] = {}
     best = 0.0
     for score, variant in gains(screen):
@@ -266,7 +236,7 @@ def _shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]]) 
         best = max(best, score)
         if key in taken or key in chosen:
             continue
-        if score < SMALLEST_SHARE_OF_BEST * best or len(chosen) >= SHORTLIST:
+        if score < max(SMALLEST_SHARE_OF_BEST * best, GROWS * least) or len(chosen) >= SHORTLIST:
             break
         chosen[key] = Member(rows, variant.selection)
     return [refine(screen.problem, library, member) for member in chosen.values()]
@@ -277,51 +247,7 @@ def _merged(first: Sequence[Member], second: Sequence[Member]) -> list[Member]:
     return [*first, *(member for member in second if (member.effect.name, member.place) not in keys)]
 
 
-def _pairs(
-    problem: Problem,
-    screen: Screen,
-    firsts: Sequence[Member],
-    library: Library,
-    taken: set[tuple[str, Place]],
-    settings: DiagnosisSettings,
-) -> list[tuple[Member, Member]]:
-    """Each of the best candidates (refined or not) with the partner that gains most beside it."""
-    seeds = list(firsts)
-    known = {(member.effect.name, member.place) for member in seeds} | taken
-    for _, variant in gains(screen):
-        rows = screen.candidates[variant.index]
-        key = (rows.effect.name, rows.place)
-        if len(seeds) >= LOOK_AHEAD:
-            break
-        if key not in known:
-            known.add(key)
-            seeds.append(Member(rows, variant.selection))
-    found = []
-    each = [
-        extended(problem, off(problem.basis, spread(problem, seed.rows.joints, seed.used_rows()))) for seed in seeds
-    ]
-    for seed, beside, partners in zip(seeds, each, narrowed_each(screen, each), strict=True):
-        own = (seed.effect.name, seed.place)
-        for score, variant in gains(partners):
-            rows = screen.candidates[variant.index]
-            if (rows.effect.name, rows.place) in taken | {own}:
-                continue
-            if score >= settings.complete_score:
-                found.append(
-                    (float(beside.residual @ beside.residual) / -2.0 + score, seed, Member(rows, variant.selection))
-                )
-            break
-    found.sort(key=lambda item: -item[0])
-    refined = []
-    for _, first, second in found[:3]:
-        beside = extended(problem, off(problem.basis, spread(problem, first.rows.joints, first.used_rows())))
-        second = refine(beside, library, second)
-        beside = extended(problem, off(problem.basis, spread(problem, second.rows.joints, second.used_rows())))
-        refined.append((refine(beside, library, first), second))
-    return refined
-
-
-def _polished(
+def polished(
     nominal: Problem, trial: Trial, library: Library, settings: DiagnosisSettings, *, alone: bool = False
 ) -> Trial:
     """Nonlinear parameters of all members refined beside each other; of a single one only when asked for."""
@@ -344,10 +270,10 @@ def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library,
         others = [other for position, other in enumerate(trial.members) if position != index]
         rest = fitted(nominal, others, settings)
         taken = {(member.effect.name, member.place) for member in others}
-        rivals = _shortlist(_beside(screen, rest), library, taken)
+        rivals = shortlist(_beside(screen, rest), library, taken)
         better = [fitted(nominal, [*others, rival], settings, trial) for rival in rivals]
         best = _best([trial, *better])
-        if best is not trial and (best.penalised < trial.penalised - 2.0 or not best.complete):
+        if best is not trial and (best.penalised < trial.penalised - 2.0 or not nominal.noise_is_measured):
             trial = _reordered(best, index)
     return trial
 

@@ -1,7 +1,8 @@
-"""A set of effects fitted together, and in which of the two regimes it stands.
+"""A set of effects fitted together, and what it leaves.
 
-"complete": few effects leave nothing but noise on every joint and in every band. "background": unknown model error
-remains, or so many effects describe it that they are a series expansion of it.
+"complete": few effects leave nothing but noise on every joint and in every band; many are a series expansion of an
+unknown model error. Where the noise is not measured that cannot be known, and sets are ranked by their likelihood
+beside an unknown background.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class Trial:
 
     @property
     def penalised(self) -> float:
-        """Whitened squares that are left, with twice the cost: what complete trials are compared by."""
+        """Whitened squares that are left, with twice the cost: what trials are compared by beside a measured noise."""
         return self.squares + 2.0 * self.cost
 
 

@@ -86,7 +86,7 @@ def judge(
     claims = _claims(found, chosen, gain, problem, candidates)
     if problem.noise_is_measured and not smooth:
         said = {claim.joint - 1 for claim in claims}
-        chance = names.trial.power.probability.min(axis=1)
+        chance = names.power.probability.min(axis=1)
         beyond = chance < DiagnosisSettings().consistency_probability
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     claims = [_with_names(claim, names) for claim in claims]
@@ -168,7 +168,7 @@ def _background(joints: Sequence[int]) -> str:
 
 def _somewhere(names: Claims, problem: Problem, joint: int) -> ClassClaim:
     """Where something is left on a joint (from 0) that repeats with the motion and that no class and no name takes."""
-    power, left = names.trial.power, names.after
+    power, left = names.power, names.after
     energy, deviation = left.excess_energy[joint], left.excess_deviation[joint]
     rms, low, high = (float(np.sqrt(max(energy + sign * 1.96 * deviation, 0.0))) for sign in (0.0, -1.0, 1.0))
     bands = np.flatnonzero(power.probability[joint] < DiagnosisSettings().consistency_probability)

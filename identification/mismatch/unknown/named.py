@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.mismatch.problem import off
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.classes import CLASSES
@@ -46,9 +47,8 @@ class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
     kept: most nats that a rival which lost half of them to the name keeps. beside: classes that the name's joints hold
-    once it is in, with their nats. agree: chance that its coefficients differ
-    so much between fitted and held-out rows; 1 without any. earned: whether it stands. Beside a torque of no known form
-    that weighs more than the name does, the name may be what that torque's functions fail to describe.
+    once it is in, with their nats. agree: chance that its coefficients differ so much between fitted and held-out rows;
+    1 without any. earned: whether it stands.
     """
 
     odds: float
@@ -79,12 +79,12 @@ def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int
 
 
 def standings(
-    every: Rows, names: Sequence[Named], asked: Sequence[int], settings: ClaimSettings
+    every: Rows, names: Sequence[Named], asked: Sequence[int], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
 ) -> dict[int, Standing]:
-    """Those names that are asked, by their number, each beside all others."""
+    """Those names that are asked, by their number, each beside all others. chosen: as in `_together`."""
     if not asked:
         return {}
-    whole = _together(every, names, settings)
+    whole = _together(every, names, settings, chosen)
     ends = every.prior.size + np.cumsum([name.size.size for name in names])
     return {
         index: _standing(whole, names[index], np.arange(ends[index] - names[index].size.size, ends[index]), settings)
@@ -101,7 +101,7 @@ def held_beside(
     names, as on rows of an unknown noise another choice says little.
     """
     if every.problem.noise_is_measured:
-        whole = _together(every, names, settings)
+        whole = _together(every, names, settings, chosen)
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
         whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
@@ -116,13 +116,23 @@ def held_beside(
     }
 
 
-def _together(every: Rows, names: Sequence[Named], settings: ClaimSettings) -> Selection:
-    """All names, and the classes that the joints hold beside them."""
+def _together(
+    every: Rows, names: Sequence[Named], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
+) -> Selection:
+    """All names, and the classes that the joints hold beside them, chosen anew on those that a name shows on.
+
+    chosen: groups of each joint's classes without names.
+    """
     rows = every.with_columns([(name.columns, name.size) for name in names])
     whole = Selection.of(rows, range(rows.folds + rows.heldout), settings)
+    shown = {joint for name in names for joint in name.joints}
     for joint in range(rows.problem.n):
-        if rows.asked[joint] and whole.asks(joint):
+        if not rows.asked[joint] or not whole.asks(joint):
+            continue
+        if joint in shown or not chosen[joint]:
             whole.states[joint] = whole.eliminated(joint)
+        else:
+            whole.states[joint] = whole.settled(joint, whole.unsettled(joint, chosen[joint]), FULL_ROUNDS, FULL_ROUNDS)
     return whole
 
 
@@ -132,7 +142,6 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     prior[own] = ABSENT
     rest = Selection(replace(whole.rows, prior=prior), settings, whole.worlds, whole.signs, list(whole.states))
     cost = settings.prior_cost + name.cost
-    worth = whole.total() - rest.total() - cost
     for joint in name.joints:
         if whole.rows.asked[joint]:
             held = whole.states[joint]
@@ -159,8 +168,8 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
     part = particular >= settings.speak and any(CLASSES[number].name == "constant" for number in described)
     earned = (
-        odds >= settings.alternative
-        and worth >= max(_background(whole), *(_unnamed(whole, joint) for joint in name.joints))
+        odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
+        and _shows_most(whole, name, own, size)
         and kept <= odds
         and agree >= settings.invariance
         and not part
@@ -178,19 +187,25 @@ def _taken_over(selection: Selection, joint: int, state: JointState) -> Selectio
     return selection.with_state(joint, option) if better else selection
 
 
-def _unnamed(whole: Selection, joint: int) -> float:
-    """Nats that all classes of a joint are worth together beside the names."""
-    state = whole.states[joint]
-    if not state.groups:
-        return 0.0
-    none = whole.without(joint, state, list(whole.classes(joint, state)))
-    return max(0.0, whole.score(joint, state) - whole.score(joint, none))
+def _unnamed(whole: Selection, settings: ClaimSettings) -> bool:
+    """Whether torque of no known form is beside the names on any joint: odds are then only as good as its functions."""
+    return any(loss >= settings.speak for joint in range(len(whole.states)) for loss in _losses(whole, joint).values())
 
 
-def _background(whole: Selection) -> float:
-    """Nats of the smooth error that weighs most on any joint: a name has to weigh as much, no class chosen anew."""
-    losses = (_losses(whole, joint) for joint in range(whole.rows.problem.n))
-    return max((loss for own in losses for number, loss in own.items() if CLASSES[number].background), default=0.0)
+def _shows_most(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> bool:
+    """Whether a name shows more than all classes of its joints together do beside it, off the base parameters.
+
+    own: its columns. A name that shows less may be what the functions of those classes fail to describe.
+    """
+    problem = whole.rows.problem
+    named, unnamed = np.zeros((2, problem.n, problem.rows))
+    for joint in name.joints:
+        rows, state = whole.rows.joints[joint], whole.states[joint]
+        named[joint] = rows.whitened[:, rows.columns + own] @ size
+        unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ whole.mean(joint, state)[0]
+    left = off(problem.basis, np.column_stack([named.ravel(), unnamed.ravel()]))
+    energy = (left**2).sum(axis=0)
+    return bool(energy[0] >= energy[1])
 
 
 def _losses(selection: Selection, joint: int) -> dict[int, float]:

@@ -154,7 +154,8 @@ class _Recording:
             return None
         names = [_named(contrasts, course, item) for item in (change, *(item for item in own if item is not change))]
         rows = self.rows(np.tensordot(course, contrasts.z, axes=1), names[0].joints)
-        standing = standings(rows, [name for name in names if np.any(name.columns)], [0], settings)[0]
+        elsewhere = [()] * rows.problem.n
+        standing = standings(rows, [name for name in names if np.any(name.columns)], [0], settings, elsewhere)[0]
         beside = {name: loss for name, loss in standing.beside.items() if loss >= settings.speak}
         if standing.earned and not beside:
             return None

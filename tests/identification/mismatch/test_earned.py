@@ -33,10 +33,10 @@ def test_without_a_measured_noise_a_name_that_takes_half_of_what_classes_take_is
         return SimpleNamespace(heldout_after=SimpleNamespace(rms_nm=rms))
 
     exam = SimpleNamespace(problem=SimpleNamespace(noise_is_measured=measured), check=lambda _: None)
-    dependence = SimpleNamespace(every=None, after=(None, np.array([by_classes, 5.0])))
+    dependence = SimpleNamespace(every=None, chosen=(), after=(None, np.array([by_classes, 5.0])))
     seen: list[list[int]] = []
     monkeypatch.setattr(AgainstClasses, "_named", lambda *_: [SimpleNamespace(joints=(0,))])
-    monkeypatch.setattr(earned, "standings", lambda _every, _names, chosen, _settings: seen.append(list(chosen)) or {})
+    monkeypatch.setattr(earned, "standings", lambda _every, _names, chosen, *_: seen.append(list(chosen)) or {})
     classes = AgainstClasses(cast(Any, exam), cast(Any, dependence), settled)
     assert classes.unearned(cast(Any, SimpleNamespace(members=("a name",)))) == []
     assert seen == [asked]

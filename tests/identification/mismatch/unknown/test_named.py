@@ -68,7 +68,7 @@ def asked(pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str
     settings = ClaimSettings()
     rows = build_rows(*pair, settings)
     names = [_named(rows, form, size, effect) for form, size in forms.items()]
-    return list(standings(rows, names, range(len(names)), settings).values())
+    return list(standings(rows, names, range(len(names)), settings, [()] * rows.problem.n).values())
 
 
 def _named(rows: Rows, form: Form, size: float, effect: str) -> Named:
