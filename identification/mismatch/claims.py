@@ -25,9 +25,10 @@ from identification.mismatch.names.examination import Check, Examination, Rows, 
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, off
+from identification.mismatch.problem import Problem, off, with_torque
+from identification.mismatch.problem import beside as reweighed
 from identification.mismatch.search.detection import BandPower
-from identification.mismatch.search.extension import Extension, uncertainties
+from identification.mismatch.search.extension import Extension, extend, predicted, uncertainties
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.pruning import removal_scores
 from identification.mismatch.search.refinement import Member
@@ -41,6 +42,7 @@ from identification.recordings.independence import recording_names
 FloatArray = npt.NDArray[np.float64]
 
 MOST_REWEIGHTINGS = 20
+REWEIGHTINGS_BY_MISFIT = 4
 REWEIGHTING_TOLERANCE = 1e-3
 """Relative change of a joint's noise up to which its weight stands still, as in `fit`."""
 
@@ -96,6 +98,8 @@ def build_findings(
     trial, remarks = without_objection(exam, result.trial if physics else result.before, rules)
     before = _as_fit_weighs(replace(exam, problem=exam.plain), fitted_role, ())
     now = settled(trial.members) if trial.members else before
+    if trial.members and trial.nominal.unnamed:
+        now = _through_what_is_left(exam, now.extension)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
@@ -133,6 +137,35 @@ def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: Sequence[M
     return replace(exam, problem=problem).check(members)
 
 
+def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
+    """Names of the size that they have beside torque without one, and base parameters fitted through that torque.
+
+    The model holds no such torque. Beside it base parameters are free along what it takes up, and foretell nothing
+    there; as in `fit`, a joint counts by how much is left of it.
+    """
+    plain, size = exam.plain, beside.base.size
+    names = predicted(replace(beside, base=np.zeros(size)), np.zeros((*plain.weight.shape, size)), exam.rows.library)
+    cuts = np.cumsum([len(rows) for rows in exam.rows.torque])[:-1]
+    left = np.split(np.concatenate(exam.rows.torque) - names.T, cuts)
+    problem, used = with_torque(plain, left), plain.weight > 0.0
+    for _ in range(REWEIGHTINGS_BY_MISFIT):
+        square = np.where(used, (problem.residual.reshape(used.shape) / np.maximum(problem.weight, 1e-300)) ** 2, 0.0)
+        excess = (square - np.where(used, plain.noise**2, 0.0)).sum(axis=1) / np.maximum(used.sum(axis=1), 1)
+        inflation = np.sqrt(1.0 + np.maximum(excess, 0.0)[:, None] / plain.noise**2)
+        problem = with_torque(reweighed(plain, [np.zeros((plain.rows, 0))] * plain.n, inflation), left)
+    through, both, covariance = (
+        extend(problem, ()),
+        extend(problem, beside.members).covariance,
+        beside.covariance.copy(),
+    )
+    # Base parameters move with the size of a name as they do in a fit of both.
+    drag = both[:size, size:] @ np.linalg.pinv(both[size:, size:]) @ covariance[size:, size:]
+    covariance[:size, :size] = through.covariance
+    covariance[:size, size:], covariance[size:, :size] = drag, drag.T
+    extension = replace(beside, base=through.base, covariance=covariance, loose=through.loose, problem=problem)
+    return exam.left_by(extension)
+
+
 def _came_again(change: Change) -> str:
     return (
         f"What looks like a push {change.estimate.shape['start_s']:.3g} s after the start comes at the same moment of "
@@ -159,7 +192,7 @@ def _repeatable(
         coefficients = now.extension.coefficients[index]
         estimate = Estimate(member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std)
         rows = torque_of(member, coefficients, problem.n)
-        gain = _heldout_gain(settled(without(trial.members, index)), now)
+        gain = _heldout_gain(settled(without(trial.members, index)), settled(trial.members))
         parts = member.effect.parts(estimate)
         others = alternatives(problem, trial, index, screen, library, settings) if len(parts) == 1 else ()
         for part in parts:

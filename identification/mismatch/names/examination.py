@@ -58,7 +58,10 @@ class Examination:
 
     def check(self, members: Sequence[Member]) -> Check:
         """What a set of members leaves, fitted beside the base parameters."""
-        extension = extend(self.problem, members)
+        return self.left_by(extend(self.problem, members))
+
+    def left_by(self, extension: Extension) -> Check:
+        """What an extended model leaves on the rows of both roles."""
         after, unseen = (
             None if rows is None else residuals(extension, rows.evidences, rows.library, rows.torque)
             for rows in (self.rows, self.unseen)
