@@ -51,8 +51,8 @@ REWEIGHTING_TOLERANCE = 1e-3
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
-    before: of the nominal fit; after: of the model with names, fitted beside the torque without a name where that was
-    searched. heldout_searched: with all that the search found, also what may not be named. power: what the names leave.
+    before: of the nominal fit; after: of the model with names. heldout_searched: with all that the search found, also
+    what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     """
@@ -153,11 +153,8 @@ def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
         excess = (square - np.where(used, plain.noise**2, 0.0)).sum(axis=1) / np.maximum(used.sum(axis=1), 1)
         inflation = np.sqrt(1.0 + np.maximum(excess, 0.0)[:, None] / plain.noise**2)
         problem = with_torque(reweighed(plain, [np.zeros((plain.rows, 0))] * plain.n, inflation), left)
-    through, both, covariance = (
-        extend(problem, ()),
-        extend(problem, beside.members).covariance,
-        beside.covariance.copy(),
-    )
+    through, covariance = extend(problem, ()), beside.covariance.copy()
+    both = extend(problem, beside.members).covariance
     # Base parameters move with the size of a name as they do in a fit of both.
     drag = both[:size, size:] @ np.linalg.pinv(both[size:, size:]) @ covariance[size:, size:]
     covariance[:size, :size] = through.covariance
