@@ -152,16 +152,14 @@ def diagnose(
     fitted, refused = earned_over_time(prepare(rows.fitted, robot, regressor, settings, split))
     nominal = nominal_of(rows.fit, regressor, fitted.evidences)
     report("search", 0.3)
-    now = _explained(regressor, fitted, settings)
+    now = _with_push(_explained(regressor, fitted, settings), unseen_by, settings)
     inactive = now.library.candidates()[1]
-    now = _with_push(now, unseen_by, settings)
     now = _with_drift(now, {item.joint for item in refused}, settings)
     report("held-out check", 0.8)
     unseen = unseen_by(now.regressor, now.problem, now.result.trial)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
     dependence = find_dependence(now.fitted, unseen) if physics else None
-    if dependence is not None and now.problem.noise_is_measured and not now.result.trial.complete:
-        now = _beside_classes(now, dependence, settings)
+    now = _beside_classes(now, dependence, settings)
     claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
@@ -310,8 +308,10 @@ def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSe
     return Explained(regressor, fitted, library, problem, result)
 
 
-def _beside_classes(now: Explained, dependence: Dependence, settings: DiagnosisSettings) -> Explained:
+def _beside_classes(now: Explained, dependence: Dependence | None, settings: DiagnosisSettings) -> Explained:
     """With the names that stand out from torque of no known form, in place of those that left some of it."""
+    if dependence is None or now.result.trial.complete or not now.problem.noise_is_measured:
+        return now
     renewed, classes = now.fitted.renewal(now.regressor, now.library), ClassCovariance.of(now.problem, dependence)
     return replace(now, result=search_beside_classes(classes, now.result.before, now.library, renewed, settings))
 
