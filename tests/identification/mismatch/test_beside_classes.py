@@ -39,7 +39,7 @@ def drag(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
 def test_rows_beside_a_torque_of_no_form_are_white(
     clean_evidence: Evidence, seed: int, size: float, columns: int
 ) -> None:
-    """W (N + B Bᵀ) Wᵀ = 1 for any columns B of up to 1 Nm (the dense product loses 1e-16 of its square over the noise's)."""
+    """W (N + B Bᵀ) Wᵀ = 1 for any columns B; of more than 1 Nm the dense product itself is no longer exact enough."""
     problem = build_problem([clean_evidence])
     random = np.random.default_rng(seed)
     spread = [size * random.normal(size=(problem.rows, columns)) for _ in range(problem.n)]
