@@ -25,8 +25,7 @@ from identification.mismatch.names.examination import Check, Examination, Rows, 
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, off, with_torque
-from identification.mismatch.problem import beside as reweighed
+from identification.mismatch.problem import Problem, off, reweighted, with_torque
 from identification.mismatch.search.detection import BandPower
 from identification.mismatch.search.extension import Extension, extend, predicted, uncertainties
 from identification.mismatch.search.library import Library
@@ -42,9 +41,10 @@ from identification.recordings.independence import recording_names
 FloatArray = npt.NDArray[np.float64]
 
 MOST_REWEIGHTINGS = 20
-REWEIGHTINGS_BY_MISFIT = 4
 REWEIGHTING_TOLERANCE = 1e-3
 """Relative change of a joint's noise up to which its weight stands still, as in `fit`."""
+REWEIGHTINGS_BY_MISFIT = 4
+"""Rounds in which a joint's weight takes in what is left of it, beside a measured noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +152,7 @@ def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
         square = np.where(used, (problem.residual.reshape(used.shape) / np.maximum(problem.weight, 1e-300)) ** 2, 0.0)
         excess = (square - np.where(used, plain.noise**2, 0.0)).sum(axis=1) / np.maximum(used.sum(axis=1), 1)
         inflation = np.sqrt(1.0 + np.maximum(excess, 0.0)[:, None] / plain.noise**2)
-        problem = with_torque(reweighed(plain, [np.zeros((plain.rows, 0))] * plain.n, inflation), left)
+        problem = with_torque(reweighted(plain, inflation), left)
     through, covariance = extend(problem, ()), beside.covariance.copy()
     both = extend(problem, beside.members).covariance
     # Base parameters move with the size of a name as they do in a fit of both.

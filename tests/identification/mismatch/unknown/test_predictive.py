@@ -32,10 +32,18 @@ def held(selection: Selection, joint: int) -> set[str]:
     return {CLASSES[number].name for number in selection.families(joint, selection.states[joint])}
 
 
-def all_classes(robot: RobotModel, base: BaseRegressor, truth: PhysicalParameters) -> Selection:
+def all_classes(
+    robot: RobotModel, base: BaseRegressor, truth: PhysicalParameters, *, only: int | None = None
+) -> Selection:
+    """All classes on every joint, or on one joint (from 0) alone."""
     settings = ClaimSettings()
     fitted = prepare([record(robot, truth, bends)], robot, base, DiagnosisSettings(), None)
-    return weighed(build_rows(fitted, None, settings), settings)
+    selection = weighed(build_rows(fitted, None, settings), settings)
+    for joint in range(7) if only is not None else ():
+        if joint != only:
+            state = selection.states[joint]
+            selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+    return selection
 
 
 def test_only_the_class_that_spoils_a_joint_goes(
@@ -96,11 +104,7 @@ def test_of_two_classes_that_do_the_same_one_stays_and_what_does_nothing_goes(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
     """Asked one by one both of the two would go: each is missed only once the other is gone."""
-    selection = all_classes(iiwa14, iiwa14_base, table3)
-    free = [joint for joint in range(7) if joint != 2]
-    for joint in free:
-        state = selection.states[joint]
-        selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+    selection = all_classes(iiwa14, iiwa14_base, table3, only=2)
 
     def left(now: Selection) -> FloatArray:
         rise = np.zeros(7)
@@ -121,10 +125,7 @@ def test_a_class_that_moves_base_parameters_of_another_joint_stays_where_all_tog
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
     """Its joint falls to a half; joint 7, which holds none, rises by a tenth, or to three times."""
-    selection = all_classes(iiwa14, iiwa14_base, table3)
-    for joint in (0, 1, 3, 4, 5, 6):
-        state = selection.states[joint]
-        selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+    selection = all_classes(iiwa14, iiwa14_base, table3, only=2)
 
     def kept(risen: float) -> tuple[set[str], bool]:
         def left(now: Selection) -> FloatArray:
@@ -144,10 +145,7 @@ def test_losing_the_last_class_of_a_joint_is_no_gain_and_a_joint_without_one_is_
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
     """Joint 3 is left 0.6 Nm with classes and 1 without, where 0.7 is to be beaten and the fit leaves 1."""
-    selection = all_classes(iiwa14, iiwa14_base, table3)
-    for joint in (0, 1, 3, 4, 5, 6):
-        state = selection.states[joint]
-        selection.states[joint] = selection.without(joint, state, list(selection.classes(joint, state)))
+    selection = all_classes(iiwa14, iiwa14_base, table3, only=2)
     beaten = np.full(7, 0.7)
 
     def left(now: Selection) -> FloatArray:
