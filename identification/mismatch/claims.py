@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from identification.mismatch.names.earned import AgainstClasses
 from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of, without
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
+from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off, reweighted, with_torque
 from identification.mismatch.search.detection import BandPower
@@ -51,7 +52,7 @@ REWEIGHTINGS_BY_MISFIT = 4
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
-    before: of the nominal fit; after: of the model with names. heldout_searched: with all that the search found, also
+    before: of the user's fit; after: of the model with names. heldout_searched: with all that the search found, also
     what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
@@ -77,11 +78,12 @@ def build_findings(
     unseen: Prepared | None,
     settings: DiagnosisSettings,
     dependence: Dependence | None,
+    nominal: Nominal,
 ) -> Claims:
     """The members that no rule objects to, and the changes between periods, as findings.
 
     dependence: the classes that names have to stand out from; None where a data fault makes names worthless; then
-    nothing is claimed.
+    nothing is claimed. nominal: the user's fit.
     """
     physics = dependence is not None
     elsewhere = (
@@ -90,16 +92,14 @@ def build_findings(
     exam = Examination(
         result.trial.nominal, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings
     )
-    settled = partial(_as_fit_weighs, exam, fitted_role)
+    settled = cache(partial(_as_fit_weighs, exam, fitted_role))
     classes = None if dependence is None else AgainstClasses(exam, dependence, settled)
     rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
     if classes is not None:
         rules.append(classes.unearned)
     trial, remarks = without_objection(exam, result.trial if physics else result.before, rules)
-    before = _as_fit_weighs(replace(exam, problem=exam.plain), fitted_role, ())
+    before = _left_by_fit(exam, fitted_role, nominal)
     now = settled(trial.members) if trial.members else before
-    if trial.members and trial.nominal.unnamed:
-        now = _through_what_is_left(exam, now.extension)
     others = () if unseen is None else unseen.evidences
     names = recording_names([item.recording for item in (*fitted_role.evidences, *others)])
     changes = fitted_role.changes if physics else ()
@@ -116,15 +116,25 @@ def build_findings(
     )  # fmt: skip
 
 
-def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: Sequence[Member]) -> Check:
-    """As `Examination.check`, but where no noise is measured by the weights of `fit`: by joint, of what these leave.
+def _left_by_fit(exam: Examination, fitted_role: Prepared, nominal: Nominal) -> Check:
+    """What the user's fit leaves; without periods the fit of the rows that are not held out, as `fit` weighs them."""
+    if not exam.problem.noise_is_measured:
+        return _as_fit_weighs(replace(exam, problem=exam.plain), fitted_role, ())
+    plain = extend(exam.plain, ())
+    # Nuisances of the fitted recordings, behind the base parameters, are no part of that model.
+    base = np.concatenate([nominal.values, np.zeros(plain.base.size - nominal.values.size)])
+    return exam.left_by(replace(plain, base=base))
 
-    One rule for the model with and without the members. By the weights of what all effects leave, a joint that is
-    misfitted without one of them bends the parameters of the others, and what that does would count for the effect or
-    against it.
+
+def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: tuple[Member, ...]) -> Check:
+    """As `Examination.check`, but by the weights of `fit`: each joint by what these members leave of it.
+
+    One rule for the model with and without the members. By the weights of the noise, or of what all effects leave, a
+    joint that is misfitted without one of them bends the parameters of the others, and what that does would count for
+    the effect or against it.
     """
     if exam.problem.noise_is_measured:
-        return exam.check(members)
+        return _through_what_is_left(exam, extend(exam.problem, members))
     problem = exam.problem
     for _ in range(MOST_REWEIGHTINGS):
         own = fitted(problem, members, exam.settings).problem
@@ -156,10 +166,13 @@ def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
     through, covariance = extend(problem, ()), beside.covariance.copy()
     both = extend(problem, beside.members).covariance
     # Base parameters move with the size of a name as they do in a fit of both.
-    drag = both[:size, size:] @ np.linalg.pinv(both[size:, size:]) @ covariance[size:, size:]
-    covariance[:size, :size] = through.covariance
+    moved = both[:size, size:] @ np.linalg.pinv(both[size:, size:])
+    drag = moved @ covariance[size:, size:]
+    covariance[:size, :size] = through.covariance + drag @ moved.T
     covariance[:size, size:], covariance[size:, :size] = drag, drag.T
-    extension = replace(beside, base=through.base, covariance=covariance, loose=through.loose, problem=problem)
+    # What a motion leaves open does not depend on what the model leaves: directions as the noise alone has them.
+    loose = extend(plain, ()).loose
+    extension = replace(beside, base=through.base, covariance=covariance, loose=loose, problem=plain)
     return exam.left_by(extension)
 
 
@@ -171,7 +184,7 @@ def _came_again(change: Change) -> str:
 
 
 def _repeatable(
-    exam: Examination, trial: Trial, now: Check, before: Check, settled: Callable[[Sequence[Member]], Check]
+    exam: Examination, trial: Trial, now: Check, before: Check, settled: Callable[[tuple[Member, ...]], Check]
 ) -> list[Finding]:
     """One finding per member that passed, with its alternatives and its held-out gain.
 

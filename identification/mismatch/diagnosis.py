@@ -160,7 +160,7 @@ def diagnose(
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
     dependence = find_dependence(now.fitted, unseen) if physics else None
     now = _beside_classes(now, dependence, settings)
-    claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence)
+    claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence, nominal)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
     judgement = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,7 @@ class AgainstClasses:
 
     exam: Examination
     dependence: Dependence
-    settled: Callable[[Sequence[Member]], Check]
+    settled: Callable[[tuple[Member, ...]], Check]
 
     def unearned(self, trial: Trial) -> list[Objection]:
         """Members that classes describe as well, or that have another size on rows that were not fitted."""
@@ -66,9 +66,11 @@ class AgainstClasses:
         Asked where no noise is measured: there rows of one kind are no proof for each other, and how much there is to
         take nobody knows; what takes little of it may be any name.
         """
+        if self.exam.problem.noise_is_measured:
+            return False
         sets = ((), without(trial.members, index), trial.members)
         before, rest, now = (self.settled(members).heldout_after for members in sets)
-        if self.exam.problem.noise_is_measured or before is None or rest is None or now is None:
+        if before is None or rest is None or now is None:
             return False
         square = before.rms_nm[joints] ** 2
         taken = (rest.rms_nm**2 - now.rms_nm**2)[joints] / square

@@ -77,7 +77,7 @@ def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set
     return None
 
 
-def useless(exam: Examination, settled: Callable[[Sequence[Member]], Check], trial: Trial) -> list[Objection]:
+def useless(exam: Examination, settled: Callable[[tuple[Member, ...]], Check], trial: Trial) -> list[Objection]:
     """Members that make a joint of the held-out recordings worse than its noise allows.
 
     Where the noise is not measured also those that make none better: rows of one kind are no proof for each other.

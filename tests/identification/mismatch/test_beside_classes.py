@@ -97,6 +97,30 @@ def test_the_model_beside_a_smooth_error_is_no_worse_than_the_users_fit_on_any_j
     assert rms[1][3] < 0.8 * rms[0][3]
 
 
+def test_held_out_before_and_after_are_what_validate_finds_of_the_fit_and_of_the_model(
+    iiwa14: RobotModel, table3: PhysicalParameters, tmp_path: Path
+) -> None:
+    """Weighted by the noise alone, the nominal model was bent by joint 4 and said to be worse than the user's fit is.
+
+    Motion 2 leaves no direction of the base parameters open, which held-out rows would settle.
+    """
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return 5.0 * drag(q, dq, torque)
+
+    first, second = record(iiwa14, table3, hidden, motion=2), record(iiwa14, table3, hidden, motion=1)
+    diagnosis = diagnose([first], iiwa14, heldout=[second])
+    assert diagnosis.heldout is not None
+    for model, said in (
+        (fit_recordings([first], iiwa14, FitSettings(physical=False)).to_model_json(), diagnosis.heldout.rms_before_nm),
+        (extended_model(replace(diagnosis, offer=None), [first], iiwa14), diagnosis.heldout.rms_after_nm),
+    ):
+        write_model(model, tmp_path / "model.json")
+        row = validate_with_effects(read_model(tmp_path / "model.json"), [second]).rows[0]
+        misfit = np.sqrt(row.rms_nm**2 - row.noise_floor_nm**2)
+        assert np.allclose(np.sqrt(said**2 - diagnosis.heldout.noise_floor_nm**2), misfit, rtol=0.03)
+
+
 def test_a_name_that_base_parameters_take_up_all_but_a_thousandth_of_is_that_name(
     iiwa14: RobotModel, table3: PhysicalParameters
 ) -> None:
