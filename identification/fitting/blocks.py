@@ -196,27 +196,31 @@ def whiten(blocks: list[Block], values: FloatArray) -> list[Block]:
     return [
         block
         if block.signals.row_time is not None
-        else replace(block, scale=1.0 / np.sqrt(line_variances(block, block.torque - block.columns @ values)))
+        else replace(block, scale=1.0 / np.sqrt(variances_of(block, block.torque - block.columns @ values)))
         for block in blocks
     ]
 
 
-def line_variances(block: Block, residual: FloatArray) -> FloatArray:
-    """(R, n) Nm² variance expected on each spectral row, from the noise between periods and the residual (R, n).
+def line_variances(residual: FloatArray, noise: FloatArray | None, floor: FloatArray) -> FloatArray:
+    """(R, n) Nm² variance expected on each spectral row, from the residual (R, n) and the noise between periods (R, n).
 
     Where the noise is known it is the answer, except on lines on which the residual's power, averaged over neighbouring
     lines, is more than three times the noise (chance of that in noise alone: below 1 in 1000): there the model, not
-    the noise, is the limit, and the residual's power stands in. Without known noise it always does.
+    the noise, is the limit, and the residual's power stands in. Without known noise it always does. floor: (n,) Nm².
     """
     power = smooth_over_lines(to_line_power(residual))
     # One residual says nothing about the variance of its own line: take the neighbourhood's.
     power[0] = power[min(1, len(power) - 1)]
-    noise = block.signals.row_noise
     if noise is not None:
         known = to_line_power(noise)
         power = np.where(power > MISFIT_OVER_NOISE * smooth_over_lines(known), np.maximum(power, known), known)
-    floor = np.maximum(1e-18 * np.mean(block.torque**2, axis=0), 1e-30)
     return to_rows(np.maximum(power, floor))
+
+
+def variances_of(block: Block, residual: FloatArray) -> FloatArray:
+    """`line_variances` of the spectral rows of a block."""
+    floor = np.maximum(1e-18 * np.mean(block.torque**2, axis=0), 1e-30)
+    return line_variances(residual, block.signals.row_noise, floor)
 
 
 def to_line_power(rows: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from identification.estimators.observation import ReducedProblem
-from identification.fitting.blocks import Block, line_variances, to_line_power, to_rows
+from identification.fitting.blocks import Block, to_line_power, to_rows, variances_of
 from identification.signals.periodic import to_lines
 from identification.signals.periods import smooth_over_lines
 
@@ -41,7 +41,7 @@ def coloured_covariance(
             continue
         residual = block.torque - block.columns @ values
         spectral = block.signals.row_time is None
-        known = line_variances(block, residual) if spectral and block.signals.row_noise is not None else None
+        known = variances_of(block, residual) if spectral and block.signals.row_noise is not None else None
         for joint in range(residual.shape[1]):
             rows = block.columns[:, joint] * (block.fitted[:, joint] * block.scale[:, joint])[:, None]
             used = np.flatnonzero((rows != 0.0).any(axis=0))

@@ -344,16 +344,12 @@ def weighted_by_result(evidences: Sequence[Evidence], trial: Trial) -> tuple[Evi
     return tuple(weighted_by(item, left[problem.evidence == index]) for index, item in enumerate(evidences))
 
 
-def weighted_by_joint(evidences: Sequence[Evidence], left: FloatArray, taken_up: FloatArray) -> tuple[Evidence, ...]:
+def weighted_by_joint(evidences: Sequence[Evidence], level: FloatArray) -> tuple[Evidence, ...]:
     """Evidences weighted as `fit` weighs rows without periods: each joint by what is left of it, bands alike.
 
-    left: (R, n) Nm, rows of all evidences. taken_up: (n,) rows of a joint that the fitted parameters take up: without
-    them the variance is without bias.
+    level: (n,) Nm, deviation of what is left of each joint.
     """
-    used = np.concatenate([item.used for item in evidences])
     torque = np.concatenate([item.torque for item in evidences])
-    counted = np.maximum(used.sum(axis=0), 1)
-    level = np.sqrt((np.where(used, left, 0.0) ** 2).sum(axis=0) / np.maximum(counted - taken_up, 0.1 * counted))
     noise = WEIGHT_SHARE * level + SMALLEST_WEIGHT * np.sqrt(np.mean(torque**2, axis=0)) + 1e-12
     return tuple(replace(item, noise=np.tile(noise, (len(item.torque), 1))) for item in evidences)
 

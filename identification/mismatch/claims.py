@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from identification.mismatch.aperiodic_evidence import weighted_by_joint
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
@@ -18,6 +17,7 @@ from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.figures import Curve
 from identification.mismatch.findings import Alternative, Finding
+from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
 from identification.mismatch.names.earned import AgainstClasses
@@ -26,7 +26,7 @@ from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, off, reweighted, with_torque
+from identification.mismatch.problem import Problem, off, with_torque
 from identification.mismatch.search.detection import BandPower
 from identification.mismatch.search.extension import Extension, extend, predicted, uncertainties
 from identification.mismatch.search.library import Library
@@ -40,12 +40,6 @@ from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]
-
-MOST_REWEIGHTINGS = 20
-REWEIGHTING_TOLERANCE = 1e-3
-"""Relative change of a joint's noise up to which its weight stands still, as in `fit`."""
-REWEIGHTINGS_BY_MISFIT = 4
-"""Rounds in which a joint's weight takes in what is left of it, beside a measured noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,36 +129,21 @@ def _as_fit_weighs(exam: Examination, fitted_role: Prepared, members: tuple[Memb
     """
     if exam.problem.noise_is_measured:
         return _through_what_is_left(exam, extend(exam.problem, members))
-    problem = exam.problem
-    for _ in range(MOST_REWEIGHTINGS):
-        own = fitted(problem, members, exam.settings).problem
-        left = own.residual.reshape(own.n, -1) / np.where(own.weight > 0.0, own.weight, np.inf)
-        taken_up = (own.basis**2).sum(axis=1).reshape(own.n, -1).sum(axis=1)
-        before = problem.noise
-        problem = replace(fitted_role, evidences=weighted_by_joint(fitted_role.evidences, left.T, taken_up)).problem()
-        if np.allclose(problem.noise, before, rtol=REWEIGHTING_TOLERANCE, atol=0.0):
-            break
-    return replace(exam, problem=problem).check(members)
+    return replace(exam, problem=without_periods(exam.problem, fitted_role, members)).check(members)
 
 
 def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
     """Names of the size that they have beside torque without one, and base parameters fitted through that torque.
 
     The model holds no such torque. Beside it base parameters are free along what it takes up, and foretell nothing
-    there; as in `fit`, a joint counts by how much is left of it.
+    there; the fit of what the names leave weighs rows as `fit` does.
     """
     plain, size = exam.plain, beside.base.size
     names = predicted(replace(beside, base=np.zeros(size)), np.zeros((*plain.weight.shape, size)), exam.rows.library)
     cuts = np.cumsum([len(rows) for rows in exam.rows.torque])[:-1]
     left = np.split(np.concatenate(exam.rows.torque) - names.T, cuts)
-    problem, used = with_torque(plain, left), plain.weight > 0.0
-    for _ in range(REWEIGHTINGS_BY_MISFIT):
-        square = np.where(used, (problem.residual.reshape(used.shape) / np.maximum(problem.weight, 1e-300)) ** 2, 0.0)
-        excess = (square - np.where(used, plain.noise**2, 0.0)).sum(axis=1) / np.maximum(used.sum(axis=1), 1)
-        inflation = np.sqrt(1.0 + np.maximum(excess, 0.0)[:, None] / plain.noise**2)
-        problem = with_torque(reweighted(plain, inflation), left)
-    through, covariance = extend(problem, ()), beside.covariance.copy()
-    both = extend(problem, beside.members).covariance
+    through, covariance = extend(with_periods(with_torque(plain, left)), ()), beside.covariance.copy()
+    both = extend(through.problem, beside.members).covariance
     # Base parameters move with the size of a name as they do in a fit of both.
     moved = both[:size, size:] @ np.linalg.pinv(both[size:, size:])
     drag = moved @ covariance[size:, size:]

@@ -21,7 +21,7 @@ import daemon.cli.analysis  # noqa: F401  registers the command
 from daemon.cli.app import app
 from identification.errors import EstimationError
 from identification.estimators.observation import CompressedObservation
-from identification.fitting.blocks import Block, line_variances
+from identification.fitting.blocks import Block, variances_of
 from identification.fitting.estimate import estimate_parameters
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording
@@ -200,9 +200,9 @@ def test_known_noise_is_used_and_misfit_takes_its_place_only_where_it_stands_out
     noise = block.signals.row_noise
     assert noise is not None
     residual = noise.copy()
-    np.testing.assert_allclose(line_variances(block, residual), noise**2)
+    np.testing.assert_allclose(variances_of(block, residual), noise**2)
     residual[100:120] *= 10.0
-    variance = line_variances(block, residual)
+    variance = variances_of(block, residual)
     assert np.all(variance[105:115] > 50.0 * noise[105:115] ** 2)
     np.testing.assert_allclose(variance[:80], noise[:80] ** 2)
 

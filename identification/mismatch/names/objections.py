@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -40,8 +41,9 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
+    answers = [cache(rule) for rule in rules]
     while trial.members:
-        asked = ((rule, rule(trial)) for rule in rules)
+        asked = ((rule, rule(trial)) for rule in answers)
         objecting, objections = next((pair for pair in asked if pair[1]), (None, ()))
         if objecting is None:
             break
