@@ -25,7 +25,6 @@ from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import BAND_EDGES_HZ
-from identification.mismatch.search.trial import Trial
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -335,13 +334,6 @@ def weighted_by(evidence: Evidence, left: FloatArray) -> Evidence:
         level[inside] = np.sqrt((np.where(evidence.used[inside], left[inside], 0.0) ** 2).sum(axis=0) / counted)
     white = np.zeros_like(level) if evidence.white_noise is None else evidence.white_noise
     return replace(evidence, noise=np.maximum(white, WEIGHT_SHARE * level + SMALLEST_WEIGHT * size + 1e-12))
-
-
-def weighted_by_result(evidences: Sequence[Evidence], trial: Trial) -> tuple[Evidence, ...]:
-    """Evidences of one problem weighted by what a set of effects leaves of it."""
-    problem = trial.weighted
-    left = (problem.residual.reshape(problem.n, -1) / np.where(problem.weight > 0.0, problem.weight, np.inf)).T
-    return tuple(weighted_by(item, left[problem.evidence == index]) for index, item in enumerate(evidences))
 
 
 def weighted_by_joint(evidences: Sequence[Evidence], level: FloatArray) -> tuple[Evidence, ...]:

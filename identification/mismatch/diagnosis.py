@@ -21,7 +21,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
-from identification.mismatch.aperiodic_evidence import default_split, weighted_by_result
+from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.baseline import ModelComparison, baseline_values, compare_model
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.changes.repeated_contact import (
@@ -297,13 +297,8 @@ def settled(diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:
-    """The first search over the mean of the periods."""
+    """What few effects explain of the mean of the periods, or of the rows where there are none."""
     problem, library = fitted.problem(), fitted.library()
-    if not problem.noise_is_measured:
-        # Weights are those of the misfit: the joints with most of it count least until theirs is explained.
-        first = search(problem, library, fitted.renewal(regressor, library), settings)
-        fitted = replace(fitted, evidences=weighted_by_result(fitted.evidences, first.trial))
-        problem = fitted.problem()
     result = search(problem, library, fitted.renewal(regressor, library), settings)
     return Explained(regressor, fitted, library, problem, result)
 
