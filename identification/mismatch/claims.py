@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,9 @@ from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names
 
 FloatArray = npt.NDArray[np.float64]
+
+REMEMBERED = 8
+"""Sets of members whose residuals are kept, to be asked for again; those of many recordings fill the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +89,7 @@ def build_findings(
     exam = Examination(
         result.trial.nominal, result, Rows(fitted_role.evidences, fitted_role.torque, library), elsewhere, settings
     )
-    settled = cache(partial(_as_fit_weighs, exam, fitted_role))
+    settled = lru_cache(REMEMBERED)(partial(_as_fit_weighs, exam, fitted_role))
     classes = None if dependence is None else AgainstClasses(exam, dependence, settled)
     rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
     if classes is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,8 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
-    answers = [cache(rule) for rule in rules]
+    # What takes the place of a member is asked before it is taken, and after.
+    answers = [lru_cache(2)(rule) for rule in rules]
     while trial.members:
         asked = ((rule, rule(trial)) for rule in answers)
         objecting, objections = next((pair for pair in asked if pair[1]), (None, ()))
