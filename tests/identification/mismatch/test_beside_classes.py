@@ -9,14 +9,17 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from identification.fitting.rms import RmsRow
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extended_model import extended_model
+from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.problem import beside, build_problem
 from identification.model_file import read_model, write_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
+from identification.recordings import Recording
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 
@@ -32,6 +35,20 @@ def smooth(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
 def drag(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """Friction with the square of speed on joint 4 beside the smooth error."""
     return smooth(q, dq, torque) + on_joint(4, 0.35 * dq[:, 3] * np.abs(dq[:, 3]))
+
+
+def validated(
+    diagnosis: Diagnosis, fitted: Recording, other: Recording, robot: RobotModel, folder: Path
+) -> tuple[RmsRow, RmsRow]:
+    """What `validate` finds on another recording of the user's fit, and of the model that a diagnosis leaves."""
+    rows = []
+    for model in (
+        fit_recordings([fitted], robot, FitSettings(physical=False)).to_model_json(),
+        extended_model(diagnosis, [fitted], robot),
+    ):
+        write_model(model, folder / "model.json")
+        rows.append(validate_with_effects(read_model(folder / "model.json"), [other]).rows[0])
+    return rows[0], rows[1]
 
 
 @settings(max_examples=15, deadline=None)
@@ -86,15 +103,9 @@ def test_the_model_beside_a_smooth_error_is_no_worse_than_the_users_fit_on_any_j
     first, second = record(iiwa14, table3, drag, motion=9), record(iiwa14, table3, drag)
     diagnosis = diagnose([first], iiwa14, heldout=[second])
     named = replace(diagnosis, offer=None)
-    rms = []
-    for model in (
-        fit_recordings([first], iiwa14, FitSettings(physical=False)).to_model_json(),
-        extended_model(named, [first], iiwa14),
-    ):
-        write_model(model, tmp_path / "model.json")
-        rms.append(validate_with_effects(read_model(tmp_path / "model.json"), [second]).rows[0].rms_nm)
-    assert np.all(rms[1] < 1.1 * rms[0])
-    assert rms[1][3] < 0.8 * rms[0][3]
+    fit, extended = (row.rms_nm for row in validated(named, first, second, iiwa14, tmp_path))
+    assert np.all(extended < 1.1 * fit)
+    assert extended[3] < 0.8 * fit[3]
 
 
 def test_held_out_before_and_after_are_what_validate_finds_of_the_fit_and_of_the_model(
@@ -111,12 +122,8 @@ def test_held_out_before_and_after_are_what_validate_finds_of_the_fit_and_of_the
     first, second = record(iiwa14, table3, hidden, motion=2), record(iiwa14, table3, hidden, motion=1)
     diagnosis = diagnose([first], iiwa14, heldout=[second])
     assert diagnosis.heldout is not None
-    for model, said in (
-        (fit_recordings([first], iiwa14, FitSettings(physical=False)).to_model_json(), diagnosis.heldout.rms_before_nm),
-        (extended_model(replace(diagnosis, offer=None), [first], iiwa14), diagnosis.heldout.rms_after_nm),
-    ):
-        write_model(model, tmp_path / "model.json")
-        row = validate_with_effects(read_model(tmp_path / "model.json"), [second]).rows[0]
+    rows = validated(replace(diagnosis, offer=None), first, second, iiwa14, tmp_path)
+    for row, said in zip(rows, (diagnosis.heldout.rms_before_nm, diagnosis.heldout.rms_after_nm), strict=True):
         misfit = np.sqrt(row.rms_nm**2 - row.noise_floor_nm**2)
         assert np.allclose(np.sqrt(said**2 - diagnosis.heldout.noise_floor_nm**2), misfit, rtol=0.03)
 
