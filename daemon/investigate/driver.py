@@ -47,19 +47,28 @@ class FriDriver:
         )
 
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
-        """On a real arm the lower rungs of the ladder, one period each; then the motion itself."""
-        rungs = () if self.simulation else RUNGS[:-1]
-        for rung in rungs:
-            prepared = self._prepared(trajectory, rung)
+        """On a real arm the lower rungs of the ladder, one period each; then the motion itself.
+
+        All are held against workspace, tool and stand of this very command first: a motion that was planned or broken
+        off may have been checked against others.
+        """
+        motions = [self._prepared(trajectory, rung) for rung in (RUNGS[-1:] if self.simulation else RUNGS)]
+        for prepared in motions:
+            if not prepared.preflight.safe:
+                why = prepared.preflight.failures[0].sentence
+                sentence = f"At amplitude {prepared.amplitude:g} the motion is not safe here: {why} Nothing was moved."
+                return Drive("unsafe", None, sentence)
+        *rungs, whole = motions
+        for prepared in rungs:
+            rung = prepared.amplitude
             if not self.agree(prepared, 1):
                 return Drive("stopped", None, f"The rung of amplitude {rung:g} was declined; nothing moved.")
             outcome = self._run(prepared, _rung_folder(folder, rung), 1)
             if outcome.outcome != "completed" or outcome.exit_code:
                 return _drive_of(outcome)
-        prepared = self._prepared(trajectory, 1.0)
-        if rungs and not self.agree(prepared, motion.periods):
+        if rungs and not self.agree(whole, motion.periods):
             return Drive("stopped", None, "The motion was declined; nothing moved.")
-        return _drive_of(self._run(prepared, folder, motion.periods))
+        return _drive_of(self._run(whole, folder, motion.periods))
 
     def ended(self, folder: Path) -> Drive | None:
         """As run.json of the motion says, or of the highest rung that was begun; a completed rung is no end of it."""

@@ -58,9 +58,12 @@ MOST_CONFIRMING = 2
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """How a motion ended. recording: what was recorded, None: nothing that can be used. exit_code: of the run."""
+    """How a motion ended. recording: what was recorded, None: nothing that can be used. exit_code: of the run.
 
-    outcome: Literal["recorded", "stopped", "dropped"]
+    outcome: "unsafe" where its check found against it, so that it was not begun.
+    """
+
+    outcome: Literal["recorded", "stopped", "dropped", "unsafe"]
     recording: Path | None
     sentence: str
     exit_code: int = 1
@@ -328,7 +331,7 @@ class Investigation:
             self._take(motion, drive.recording)
             return Event.RECORDED
         self._keep(sentence=drive.sentence, exit_code=drive.exit_code)
-        return Event.DROPPED if drive.outcome == "dropped" else Event.STOPPED
+        return {"dropped": Event.DROPPED, "unsafe": Event.UNSAFE}.get(drive.outcome, Event.STOPPED)
 
     def _take(self, motion: Motion, recording: Path) -> None:
         action = self.account.doing if motion.kind == SAME_MOTION else None

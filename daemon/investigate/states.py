@@ -73,6 +73,7 @@ TABLE: dict[tuple[State, Event], State] = {
     (_S.RECORDING, _E.RECORDED): _S.DIAGNOSING,
     (_S.RECORDING, _E.STOPPED): _S.INTERRUPTED,
     (_S.RECORDING, _E.DROPPED): _S.DROPPED,
+    (_S.RECORDING, _E.UNSAFE): _S.BLOCKED,
     # What follows needs a person: the command given anew, and after a drop one that says so.
     (_S.INTERRUPTED, _E.RESUMED): _S.ASKING,
     (_S.DECLINED, _E.RESUMED): _S.ASKING,

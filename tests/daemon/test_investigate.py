@@ -44,6 +44,7 @@ asking      resumed          asking
 recording   recorded         diagnosing
 recording   stopped          interrupted
 recording   dropped          dropped
+recording   unsafe           blocked
 recording   resumed          asking
 interrupted resumed          asking
 declined    resumed          asking
