@@ -54,6 +54,7 @@ class JobQueue:
         for job in self.store.all("fit", "running"):
             if job.worker_pid is None or not fit_is_alive(job.worker_pid, Path(job.folder)):
                 self._begin_again(job)
+        self._ask_from_now_on()  # the arm behind this address may be another one, and a real one
         unchecked = self.store.all("run", "checking")
         self._hold_when_checked.update(job.job_id for job in unchecked)
         return unchecked
@@ -180,10 +181,17 @@ class JobQueue:
         self.store.change(job_id, "held", _HELD)
 
     def hold_waiting(self) -> None:
-        """The same for every run that waits."""
+        """The same for every run that waits, and for what an investigation that is thinking now will ask for."""
         for job in self.store.all("run", "queued"):
             self.hold(job.job_id)
+        self._ask_from_now_on()
         self._hold_when_checked.update(job.job_id for job in self.store.all("run", "checking"))
+
+    def _ask_from_now_on(self) -> None:
+        """Investigations whose motions waited for nobody wait for the operator's word from now on."""
+        for job in self.store.all("investigation", "queued", "running", "held"):
+            if job.unasked:
+                self.store.change(job.job_id, job.phase, job.sentence, unasked=False)
 
     def release(self) -> int:
         """Held runs take their turn again; how many."""

@@ -131,6 +131,30 @@ def test_only_a_fake_robot_may_go_unasked_and_a_stop_holds_it_too(tmp_path: Path
     assert queue.phases() == [("investigation", "held"), ("run", "held")]
 
 
+def test_a_stop_while_it_thinks_holds_the_motion_that_follows(tmp_path: Path) -> None:
+    queue = Queue(tmp_path)
+    queue.begin(unasked=True)
+    job = queue.investigations.next_step()
+    assert job is not None
+    queue.investigations.step_of(job)
+    queue.jobs.hold_waiting()
+    queue.investigations.step_ended(StepEnded(job.job_id, MOTION, MOTION.sentence, 0))
+    assert queue.jobs.next_run() is None
+    assert queue.phases() == [("investigation", "held"), ("run", "held")]
+
+
+def test_what_went_unasked_on_a_fake_robot_asks_on_the_real_arm_of_the_next_service(tmp_path: Path) -> None:
+    queue = Queue(tmp_path)
+    queue.begin(unasked=True)
+    queue.jobs.close()
+    real = Queue(tmp_path, fri=REAL)
+    real.investigations.recover()
+    real.jobs.recover()
+    real.think(MOTION)
+    assert real.jobs.next_run() is None
+    assert [(run.amplitude, run.phase) for run in real.runs] == [(0.1, "held")]
+
+
 def test_a_motion_that_is_cancelled_was_declined(tmp_path: Path) -> None:
     queue = Queue(tmp_path)
     queue.begin()
