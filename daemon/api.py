@@ -139,8 +139,8 @@ class RunRequest(Message, frozen=True, kw_only=True):
         limits = self.external_torque_limit
         if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):
             raise ConfigurationError(f"{limits} is not 7 positive torques in Nm.", field="external_torque_limit")
-        if self.lead_in_s < 0.0:
-            raise ConfigurationError(f"{self.lead_in_s:g} s is negative.", field="lead_in_s")
+        if not 0.0 <= self.lead_in_s < float("inf"):
+            raise ConfigurationError(f"{self.lead_in_s:g} s is negative or no number.", field="lead_in_s")
         if self.ring_slots < 64:
             raise ConfigurationError(f"{self.ring_slots} slots; at least 64 are needed.", field="ring_slots")
 

@@ -21,6 +21,7 @@ Here: the structure, its checks, and the way into a run request. Not here: what 
 from __future__ import annotations
 
 import ipaddress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,6 +47,12 @@ __all__ = [
 ]
 
 MAXIMUM_BYTES = 1_000_000
+
+LONGEST_SILENCE_S = 60.0
+LONGEST_LEAD_IN_S = 60.0
+FARTHEST_FROM_MEASURED_RAD = 0.5
+LARGEST_TORQUE_NM = 400.0
+"""Beyond these a number is meant in ms, degrees or mNm, and would switch the protection off that it is to set."""
 
 _Settings = TypeVar("_Settings", bound=msgspec.Struct)
 
@@ -207,13 +214,47 @@ def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Set
         raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
     if len(data) > MAXIMUM_BYTES:
         raise ConfigurationError(f"has {len(data)} bytes; that is no configuration file.", file=str(file))
+    if not data.strip():
+        return kind()
     try:
-        return msgspec.yaml.decode(data, type=kind) if data.strip() else kind()
+        settings = msgspec.yaml.decode(data, type=kind)
+        twice = _named_twice(data)
     except msgspec.ValidationError as error:
         text, _, place = str(error).partition(" - at `$")
         raise ConfigurationError(f"{text}.", file=str(file), field=place.strip(".`") or _key_in(text)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(f"is no YAML: {' '.join(str(error).split())}.", file=str(file)) from error
+    if twice is not None:
+        key, line = twice
+        raise ConfigurationError(
+            f"the key stands there twice, again in line {line}; what stands under the first would not count.",
+            file=str(file),
+            field=key,
+        )
+    return settings
+
+
+def _named_twice(data: bytes) -> tuple[str, int] | None:
+    """The first key that a mapping of a YAML file names again, with its line from 1; the reader would take the last."""
+    import yaml
+
+    left, seen = [yaml.compose(data, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))], set()
+    while left:
+        node = left.pop()
+        if not isinstance(node, yaml.CollectionNode) or id(node) in seen:
+            continue
+        seen.add(id(node))
+        if not isinstance(node, yaml.MappingNode):
+            left.extend(node.value)
+            continue
+        keys: set[str] = set()
+        for key, value in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in keys:
+                    return key.value, key.start_mark.line + 1
+                keys.add(key.value)
+            left.append(value)
+    return None
 
 
 def _key_in(text: str) -> str | None:
@@ -241,6 +282,10 @@ def _check(config: DaemonConfig, file: str) -> None:
         value = getattr(fri, name)
         if value is not None and not 0.0 < value < float("inf"):
             raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
+    if fri.receive_timeout_s is not None and fri.receive_timeout_s > LONGEST_SILENCE_S:
+        raise refuse(
+            "fri.receive_timeout_s", f"{fri.receive_timeout_s:g} s of silence are too many ({LONGEST_SILENCE_S:g} s)."
+        )
     if fri.robot_host is None and not config.is_simulation:
         raise refuse(
             "fri.robot_host",
@@ -252,16 +297,32 @@ def _check(config: DaemonConfig, file: str) -> None:
         reason = endpoint_reason(config.control.endpoint, with_keys=config.control.server_key is not None)
         if reason:
             raise refuse("control.endpoint", reason)
+    _check_run(run, refuse)
+    if not 0 <= realtime.priority <= 90:
+        raise refuse(
+            "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."
+        )
+    if realtime.ring_slots < 64:
+        raise refuse("realtime.ring_slots", f"{realtime.ring_slots} slots; at least 64 are needed.")
+
+
+def _check_run(run: RunSettings, refuse: Callable[[str, str], ConfigurationError]) -> None:
     if run.periods < 1:
         raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
     if not 0.0 < run.amplitude <= 1.0:
         raise refuse("run.amplitude", f"{run.amplitude:g} is outside (0, 1].")
-    if not 0.0 < run.maximum_distance_to_measured < float("inf"):
-        raise refuse("run.maximum_distance_to_measured", f"{run.maximum_distance_to_measured:g} rad must be positive.")
-    limits = run.external_torque_limit
-    if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):
+    if not 0.0 <= run.lead_in_s <= LONGEST_LEAD_IN_S:
+        raise refuse("run.lead_in_s", f"{run.lead_in_s:g} s is outside 0 to {LONGEST_LEAD_IN_S:g} s.")
+    if not 0.0 < run.maximum_distance_to_measured <= FARTHEST_FROM_MEASURED_RAD:
         raise refuse(
-            "run.external_torque_limit", f"7 positive torques in Nm are needed, {len(limits)} values stand there."
+            "run.maximum_distance_to_measured",
+            f"{run.maximum_distance_to_measured:g} rad is no distance of 0 to {FARTHEST_FROM_MEASURED_RAD:g} rad.",
+        )
+    limits = run.external_torque_limit
+    if limits is not None and (len(limits) != 7 or not all(0.0 < limit <= LARGEST_TORQUE_NM for limit in limits)):
+        raise refuse(
+            "run.external_torque_limit",
+            f"7 positive torques of at most {LARGEST_TORQUE_NM:g} Nm are needed, not {list(limits)}.",
         )
     if run.gravity_m_s2 is not None:
         from identification.errors import RobotError
@@ -271,9 +332,3 @@ def _check(config: DaemonConfig, file: str) -> None:
             Installation(run.gravity_m_s2)
         except RobotError as error:
             raise refuse("run.gravity_m_s2", str(error)) from error
-    if not 0 <= realtime.priority <= 90:
-        raise refuse(
-            "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."
-        )
-    if realtime.ring_slots < 64:
-        raise refuse("realtime.ring_slots", f"{realtime.ring_slots} slots; at least 64 are needed.")

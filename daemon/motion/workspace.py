@@ -25,7 +25,10 @@ from safety.geometry import RobotGeometry, load_geometry
 from safety.limits import JointLimits
 from safety.preflight_distance import Distances
 
-__all__ = ["Surroundings", "load_surroundings"]
+__all__ = ["FARTHEST_M", "Surroundings", "load_surroundings"]
+
+FARTHEST_M = 10.0
+"""No arm of the family with any tool reaches so far: a floor, wall or box that is farther away is meant in mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +66,9 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
     """
     geometry = load_geometry(robot)
     entry = WorkspaceFile() if file is None else read_settings(file, WorkspaceFile, "workspace")
-    if entry.floor_height_m is not None and not math.isfinite(entry.floor_height_m):
-        raise ConfigurationError(f"{entry.floor_height_m} is no height.", file=str(file), field="floor_height_m")
+    if entry.floor_height_m is not None and not abs(entry.floor_height_m) <= FARTHEST_M:
+        reason = f"{entry.floor_height_m:g} m is no height of a floor (at most {FARTHEST_M:g} m from the base)."
+        raise ConfigurationError(reason, file=str(file), field="floor_height_m")
     for name, margin in msgspec.structs.asdict(entry.margins).items():
         if not 0.0 <= margin < math.inf:
             raise ConfigurationError(f"{margin} m is no distance to keep.", file=str(file), field=f"margins.{name}")
@@ -83,6 +87,9 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
         with _naming(file, f"boxes[{place}]"):
             _new_name(box.name, names)
             boxes.append(ForbiddenBox(box.name, box.center_m, box.size_m, box.yaw_rad))
+            _within_reach(box.name, math.hypot(*box.center_m) - math.hypot(*box.size_m) / 2.0)
+            if abs(box.yaw_rad) > math.tau:
+                raise GeometryError(f"{box.name!r} is turned by {box.yaw_rad:g} rad: are these degrees?")
     if entry.tool is not None and entry.tool.length_m is not None:
         with _naming(file, "tool"):
             geometry = geometry.with_tool(entry.tool.length_m, entry.tool.radius_m or 0.0)
@@ -121,4 +128,14 @@ def _plane(wall: WallEntry) -> Plane:
     if not 0.0 < length < math.inf:
         raise GeometryError(f"The normal of the wall {wall.name!r} has to point somewhere, not {wall.normal}.")
     x, y, z = (component / length for component in wall.normal)
-    return Plane(wall.name, (x, y, z), wall.offset_m)
+    plane = Plane(wall.name, (x, y, z), wall.offset_m)
+    _within_reach(wall.name, abs(wall.offset_m))
+    return plane
+
+
+def _within_reach(name: str, distance_m: float) -> None:
+    if distance_m > FARTHEST_M:
+        raise GeometryError(
+            f"{name!r} is {distance_m:g} m from the base, where no arm could meet it (at most {FARTHEST_M:g} m): are "
+            "these metres?"
+        )

@@ -63,6 +63,12 @@ def test_null_takes_the_floor_away(tmp_path: Path) -> None:
         ("tool: {length_m: 0.1, radius_m: -1}\n", "tool"),
         ("tool: {length_m: .inf, radius_m: 1}\n", "tool"),
         ("margins: {workspace_m: -0.1}\n", "margins.workspace_m"),
+        ("floor_height_m: -750\n", "floor_height_m"),
+        ("walls:\n- {name: in mm, normal: [1, 0, 0], offset_m: -800}\n", "walls[0]"),
+        ("boxes:\n- {name: in mm, center_m: [700, 400, 900], size_m: [100, 100, 1800]}\n", "boxes[0]"),
+        ("boxes:\n- {name: in degrees, center_m: [1, 0, 0], size_m: [1, 1, 1], yaw_rad: 45}\n", "boxes[0]"),
+        ("walls:\n- {name: a, normal: [1, 0, 0], offset_m: -1}\nfloor_height_m: 0\nwalls: []\n", "walls"),
+        ("tool: {mass_kg: 9, center_of_mass_m: [0, 0, 0.1], mass_kg: 0}\n", "mass_kg"),
     ],
 )
 def test_a_mistake_is_refused_with_file_and_place(text: str, field: str, tmp_path: Path) -> None:
@@ -77,3 +83,8 @@ def test_a_mistake_is_refused_with_file_and_place(text: str, field: str, tmp_pat
 def test_a_file_that_is_not_there_is_missing_input(tmp_path: Path) -> None:
     with pytest.raises(MissingInputError, match="workspace"):
         load_surroundings("iiwa14", tmp_path / "none.yaml")
+
+
+def test_a_box_that_is_far_away_but_reaches_here_counts(tmp_path: Path) -> None:
+    text = "boxes:\n- {name: hall, center_m: [12, 0, 0], size_m: [22, 22, 22]}\n"
+    assert load_surroundings("iiwa14", written(tmp_path, text)).workspace.boxes[0].name == "hall"
