@@ -21,6 +21,7 @@ from daemon.motion.tool import Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.motion.workspace import Surroundings, load_surroundings
 from daemon.motion.workspace_file import WorkspaceFile
+from identification.errors import TrajectoryError
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR
@@ -31,6 +32,8 @@ from safety.preflight_report import PreflightReport
 TABLE_RATE_HZ = 1000.0
 LEAD_IN_S = 1.0
 """Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
+LONGEST_PERIOD_S = 600.0
+"""A longer one excites nothing, was meant in ms as a rule, and its table at 1 kHz would fill the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +97,9 @@ def prepare_motion(
     workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
     trajectory = default_trajectory(robot or "iiwa14") if source is None else load_trajectory(source)
+    if not trajectory.period_s <= LONGEST_PERIOD_S:
+        reason = f"its period is {trajectory.period_s:g} s; at most {LONGEST_PERIOD_S:g} s can be driven. Is it in ms?"
+        raise TrajectoryError(f"{source or 'the shipped excitation'}: {reason}", file=source)
     arm = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
     surroundings = load_surroundings(arm, workspace, tool)

@@ -33,6 +33,9 @@ FloatArray = NDArray[np.float64]
 SAME_GRAVITY = 0.02
 """m/s², by axis: what 9.81 leaves open of the gravity of a place."""
 
+BLOCK_ROWS = 20_000
+"""Rows of a table of which the regressor, 3 kB each, is in memory at once: another motion may be under way here."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueForesight:
@@ -60,7 +63,11 @@ class TorqueForesight:
         before, after = np.roll(table, 1, axis=0), np.roll(table, -1, axis=0)
         velocity = (after - before) / (2.0 * sample_period_s)
         acceleration = (after - 2.0 * table + before) / sample_period_s**2
-        return np.asarray(self.regressor.matrix(table, velocity, acceleration) @ self.values)
+        blocks = [
+            self.regressor.matrix(table[rows], velocity[rows], acceleration[rows]) @ self.values
+            for rows in (slice(first, first + BLOCK_ROWS) for first in range(0, len(table), BLOCK_ROWS))
+        ]
+        return np.concatenate(blocks)
 
 
 def torque_foresight(

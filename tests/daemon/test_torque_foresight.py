@@ -11,6 +11,7 @@ import pinocchio
 import pytest
 
 from daemon.cli import main
+from daemon.motion import torque_foresight as torque_foresight_module
 from daemon.motion.preparation import TABLE_RATE_HZ, prepare_motion
 from daemon.motion.torque_foresight import torque_foresight
 from identification.base_parameters import BaseRegressor
@@ -111,3 +112,22 @@ def test_where_nothing_is_known_of_the_arm_no_torque_is_claimed(tmp_path: Path) 
     assert motion.foresight is None
     assert "torque" not in {check.name for check in motion.preflight.checks}
     assert "No torque was checked" in motion.foresight_sentence()
+
+
+def test_a_motion_with_its_times_in_ms_is_refused_before_its_table_fills_the_memory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four seconds in ms are 4000 s: a table of 4 million rows, whose regressor alone would take 12 GB."""
+    file = tmp_path / "ms.npz"
+    np.savez(file, t=1000.0 * np.arange(0.0, 4.0, 0.001), q=np.zeros((4000, 7)))
+    assert exit_code(["check", str(file)]) == 65
+    assert "at most 600 s can be driven" in capsys.readouterr().err
+
+
+def test_torque_foreseen_in_blocks_is_that_of_the_whole_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    foresight = torque_foresight("iiwa14")
+    assert foresight is not None
+    table = 0.3 * np.sin(2.0 * np.pi * np.arange(500)[:, None] / 500.0 + np.arange(7))
+    whole = foresight.along(table, 0.004)
+    monkeypatch.setattr(torque_foresight_module, "BLOCK_ROWS", 64)
+    np.testing.assert_allclose(foresight.along(table, 0.004), whole, rtol=1e-12)
