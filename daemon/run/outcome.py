@@ -29,9 +29,9 @@ __all__ = [
 
 
 def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
-    """Size and SHA-256 of the run's files; those outside the folder by their full path."""
+    """Size and SHA-256 of the run's files; those outside the folder by their full path. The folder may be gone."""
     files = sorted(
-        file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
+        file for file in folder.glob("*") if file.is_file() and not file.name.startswith(".") and file.name != RUN_NAME
     )
     if recording.is_file() and recording not in files:
         files.append(recording)

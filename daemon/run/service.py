@@ -156,6 +156,9 @@ class _Acquisition:
     def _start_recorder(self) -> None:
         part = len(self._parts)
         folder = self._folder
+        if part and not folder.is_dir():
+            self._disk_failed = True
+            self._narrator.remark(f"{folder} was moved or removed during the run; what stood there counts as lost.")
         if self._disk_failed:
             folder = spare_folder(self._request)
             self._narrator.remark(

@@ -18,9 +18,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daemon.api import RunEvent, RunOutcome, RunRequest
+from daemon.api import RUN_NAME, RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
 from daemon.run.service import run_acquisition
+from daemon.run.spare_folder import find_run_file
 from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
@@ -173,3 +174,27 @@ def test_a_disk_that_hangs_until_the_ring_is_nearly_full_stops_the_arm_and_costs
     assert outcome.loop.lost_in_handover == 0
     assert_nothing_missing(Path(outcome.recordings[0]))
     assert len(read_states(Path(outcome.recordings[0]))) == outcome.loop.received
+
+
+def test_a_folder_that_is_moved_away_in_the_run_is_said_and_what_it_held_is_counted(
+    robot: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when somebody tidies up: the account is written elsewhere, and no sample is forgotten in it."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    request = gentle_request(tmp_path, robot)
+    folder, away = Path(request.out_dir), tmp_path / "away"
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == "preflight":  # said of the start ramp, while the robot waits
+            folder.rename(away)
+
+    outcome = run_acquisition(request, observe=observe)
+    assert outcome.exit_code == 1
+    assert outcome.loop is not None
+    assert outcome.loop.standstill_confirmed
+    assert outcome.samples + outcome.handover_gaps >= outcome.loop.received > 0
+    assert any(f"{folder} was moved or removed" in sentence for sentence in outcome.sentences)
+    assert read_json(find_run_file(request, RUN_NAME), RunOutcome).sentences == outcome.sentences
