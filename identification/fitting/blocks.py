@@ -191,11 +191,12 @@ def observation(blocks: list[Block], names: tuple[str, ...], *, weighted: bool =
 def whiten(blocks: list[Block], values: FloatArray) -> list[Block]:
     """Scale each spectral row by one over the deviation expected there (`line_variances`), from a first fit's values.
 
-    Blocks whose rows are times are returned as they are, with the scale they have.
+    Blocks whose noise was not measured (rows are times, or one period only) are returned as they are, with the scale
+    they have: where the motion is, the fit takes up a good part of the residual, and these lines would look quiet.
     """
     return [
         block
-        if block.signals.row_time is not None
+        if block.signals.row_noise is None
         else replace(block, scale=1.0 / np.sqrt(variances_of(block, block.torque - block.columns @ values)))
         for block in blocks
     ]

@@ -3,7 +3,7 @@
 - ols: eq. (9), every row alike: the paper's.
 - weighted: each joint divided by its residual variance (iterated).
 - maximum_likelihood: each joint and spectral line divided by the noise measured there from period to period, which is
-  the likelihood of Gaussian noise of unknown colour; rows without periods are weighted per joint.
+  the likelihood of Gaussian noise of unknown colour; rows without periods that repeat are weighted per joint.
 - huber: maximum_likelihood after outliers have been bounded at two robust standard deviations, per joint, and in
   periodic recordings, where each sample has siblings in the other periods, replaced by what the coloured noise around
   them foretells (`signals.outliers`); in other recordings bounded at the residual, before any filter.
@@ -59,14 +59,13 @@ def estimate_parameters(blocks: list[Block], names: tuple[str, ...], estimator: 
         solution, inflation = ordinary, 1.0
     else:
         solution, inflation = solve_least_squares(plain, weighting="per_joint"), 1.0
-    if estimator == "maximum_likelihood" and any(block.signals.row_time is None for block in blocks):
+    if estimator == "maximum_likelihood" and any(block.signals.row_noise is not None for block in blocks):
         scaled = [replace(block, scale=block.scale * np.sqrt(solution.weights)) for block in blocks]
         blocks = whiten(scaled, solution.values)
         solution = solve_least_squares(observation(blocks, names), weighting="per_joint")
         inflation = _inflation(blocks)
-    measured = estimator != "maximum_likelihood" or any(block.signals.row_time is not None for block in blocks)
     covariance = solution.covariance
-    if measured:
+    if estimator != "maximum_likelihood" or any(block.signals.row_noise is None for block in blocks):
         covariance = coloured_covariance(blocks, solution.values, solution.reduced, solution.weights)
     covariance = inflation * covariance
     solution = replace(

@@ -127,6 +127,22 @@ def test_intervals_hold_on_autoregressive_residuals_without_periods() -> None:
     assert np.mean(np.abs(errors) < 1.96 * paper) < 0.9
 
 
+def test_intervals_hold_where_one_period_was_recorded_and_its_noise_is_judged_from_the_residual() -> None:
+    """Truth: Table 3 by Pinocchio; twelve draws of 57 parameters, which take up most residual where the motion is."""
+    robot, samples, period_s = load_robot("iiwa14"), 1000, 10.0
+    q, dq, ddq = fourier_motion(7, period_s=period_s, samples=samples, seed=100)
+    torque = inverse_dynamics(robot, table_three(), q, dq, ddq)
+    deviations = []
+    for seed in range(12):
+        noise = np.random.default_rng(seed).normal(scale=0.1, size=torque.shape)
+        recording = recording_of(q, torque + noise, period_s=period_s)
+        found = fit_recordings([recording], robot, FitSettings(physical=False, offset="no"))
+        assert found.pipelines == ("periodic",)
+        deviations.append((found.values - found.regressor.base_from_physical(table_three())) / found.std)
+    assert np.mean(np.abs(deviations) < 1.96) > 0.91
+    assert np.sqrt(np.mean(np.square(deviations))) < 1.15
+
+
 def test_outliers_cost_little_when_bounded_and_much_when_not(bound: np.ndarray) -> None:
     generator = np.random.default_rng(3)
     spread = {}
