@@ -119,6 +119,8 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolut
 ]:  # fmt: skip
     """Every hypothesis. rms: (K,) of each column over all joints; columns that are zero have no hypothesis.
 
+    But for gravity: its two tangents turn with it, so one without torque here has some where the base stands otherwise.
+
     own: whether the model is a fit of this arm, where a link does not change but what hangs on it does.
     """
     n = layout.n
@@ -128,6 +130,7 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolut
         chosen = np.array(columns, dtype=np.int64)
         live = rms[chosen] > 1e-9
         if live.any():
+            live |= effect == "base_tilt"
             widths = np.asarray(width, dtype=np.float64)
             result.append(Hypothesis(effect, chosen[live], widths[live], float(np.log(odds)), **place))  # type: ignore[arg-type]
 

@@ -194,7 +194,8 @@ def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial
         if whole.selection != member.selection:
             others = [other for place, other in enumerate(trial.members) if place != index]
             gram, _, raw = gram_of(fitted(nominal, others, settings, trial).problem, whole)
-            values = np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw)))
+            # A column without torque on this arm is told by no motion.
+            values = np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw))) if raw.all() else np.zeros(1)
             if values[0] > WELL_DETERMINED * values[-1]:
                 member = whole
         members.append(member)
