@@ -127,7 +127,7 @@ def _pinocchio_mjcf(path: Path, robot: RobotModel) -> Read | None:
 
 
 def _by_pinocchio(model: pinocchio.Model, robot: RobotModel, terms: tuple[str, ...]) -> Read:
-    model.gravity.linear = robot.gravity
+    model.gravity.linear = robot.gravity_in_files
     data, order = model.createData(), [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
 
     def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -221,7 +221,7 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
         # Drake takes a link of this name for the world itself: it is fixed already.
         if root != _WORLD:
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, instance))
-        plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
+        plant.mutable_gravity_field().set_gravity_vector(robot.gravity_in_files)  # type: ignore[arg-type]
         plant.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:  # a condition that Drake demands ends as SystemExit
         raise _RefusedError(program, _first_line(error)) from error

@@ -22,6 +22,7 @@ from identification.errors import RobotError
 from identification.export.xml_text import add, document, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
 from identification.robots.flange import IIWA_FLANGE
+from identification.robots.model import TABLE_IN_FILES
 
 __all__ = ["arm_without_inertias", "kinematic_urdf"]
 
@@ -53,7 +54,7 @@ def arm_without_inertias(robot: RobotModel, *, joint_names: Sequence[str] | None
     root = ElementTree.Element("robot", name=f"lbr_{robot.name}" if known else robot.name)
     carrier = pinocchio.SE3.Identity()
     if known:
-        carrier = pinocchio.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 0.0, _SHOULDER_HEIGHT_M[robot.name]]))
+        carrier = pinocchio.SE3(np.diag(TABLE_IN_FILES), np.array([0.0, 0.0, _SHOULDER_HEIGHT_M[robot.name]]))
     _add_tubes(add(root, "link", name="base_link"), [carrier.translation])
     for link in range(kinematics.n):
         ends = [kinematics.translation[joint] for joint in np.flatnonzero(kinematics.parent == link)]

@@ -26,7 +26,8 @@ def write_mjcf(
     physical = parameters.physical
     root = ElementTree.Element("mujoco", model=arm.name)
     add(root, "compiler", angle="radian", autolimits="true")
-    add(root, "option", timestep=number(TIME_STEP_S), integrator="implicitfast", gravity=numbers(robot.gravity))
+    gravity = numbers(robot.gravity_in_files)
+    add(root, "option", timestep=number(TIME_STEP_S), integrator="implicitfast", gravity=gravity)
     world = add(root, "worldbody")
     base = world if arm.base.name == "world" else add(world, "body", name=arm.base.name)
     _add_shapes(base, arm.base)

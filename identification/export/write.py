@@ -29,6 +29,7 @@ from identification.export.urdf import move_meshes, write_urdf
 from identification.export.xml_text import document
 from identification.model_file import Model
 from identification.robots import RobotModel
+from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import refuse_followers
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,7 +46,7 @@ _FRICTION_NOTES = {
     "sdf": (
         "<dynamics> holds viscous (damping) and Coulomb friction (friction). Gazebo hands both to its physics engine; "
         "Drake uses damping and ignores friction.",
-        "Gazebo's world has 9.8 m/s² unless told otherwise: set <gravity>0 0 -9.81</gravity> in yours.",
+        "Gazebo's world has 9.8 m/s² unless told otherwise: set <gravity>{gravity}</gravity> in yours.",
     ),
     "mjcf": (
         "damping and frictionloss hold viscous and Coulomb friction, the latter as hard as steps of 1 ms allow. MuJoCo "
@@ -58,6 +59,10 @@ _ROTOR_NOTES = {
     "sdf": "Rotor inertia stands in drake:rotor_inertia (Drake); Gazebo has no place for it ({values} kg m²).",
     "mjcf": "Rotor inertia stands in armature.",
 }
+_STAND_NOTE = (
+    "The arm stands turned, which the file does not say: in the frame of its base gravity is {gravity} m/s². Set that "
+    "in the simulator, or turn the base."
+)
 _NO_ROTOR_NOTE = (
     "No rotor inertia: the torque was measured behind the gear, where it cannot be seen. Stiff controllers need one to "
     "be stable in simulation."
@@ -103,11 +108,11 @@ def export_model(
         raise ModelFileError("A prior belongs to the consistent parameter set; the physical one has none.")
     parameters = parameters_of(model, parameter_set, None if prior is None else given_bodies(prior, robot))
     refuse_inconsistent(parameters.physical, file=model.path, advice=_ADVICE if parameter_set == "physical" else "")
-    notes = _notes(form, parameters)
+    notes = _notes(form, parameters, robot)
     if motor_inertia is not None:
         parameters = replace(parameters, rotor_inertia=parameters.rotor_inertia + motor_inertia)
         notes = (
-            *_notes(form, parameters),
+            *_notes(form, parameters, robot),
             "Part of the rotor inertia is a data-sheet prior, not identified: joint torques are those of the motors.",
         )
     effects = effects_note(model)
@@ -158,9 +163,12 @@ def _skeleton(robot: RobotModel, target: Path) -> ElementTree.Element:
     return root
 
 
-def _notes(form: str, parameters: ModelParameters) -> tuple[str, ...]:
+def _notes(form: str, parameters: ModelParameters, robot: RobotModel) -> tuple[str, ...]:
+    gravity = " ".join(f"{value:g}" for value in robot.gravity_in_files + 0.0)
+    notes = [note.format(gravity=gravity) for note in _FRICTION_NOTES[form]]
+    if form == "urdf" and robot.installation.gravity != STANDARD_GRAVITY:
+        notes.append(_STAND_NOTE.format(gravity=gravity))
     rotor = parameters.rotor_inertia
-    if not rotor.any():
-        return (*_FRICTION_NOTES[form], _NO_ROTOR_NOTE)
     values = ", ".join(f"{value:.4g}" for value in rotor)
-    return (*_FRICTION_NOTES[form], _ROTOR_NOTES[form].format(values=values))
+    notes.append(_ROTOR_NOTES[form].format(values=values) if rotor.any() else _NO_ROTOR_NOTE)
+    return tuple(notes)

@@ -23,6 +23,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 BUILT_IN = "built-in "
 """Before the name of a robot of this program, where its source is a file for others."""
+TABLE_IN_FILES = np.array([-1.0, -1.0, 1.0])
+"""Diagonal of the rotation from the base of a built-in arm's table to `base_link` of the files."""
 _RIGHT_ANGLE_TOLERANCE = 1e-5
 
 
@@ -140,6 +142,15 @@ class RobotModel:
         """How it stands and what of it is held, as `load_robot` takes it."""
         x, y, z = (float(value) for value in self.gravity)
         return Installation((x, y, z), self.locked_joints)
+
+    @property
+    def gravity_in_files(self) -> FloatArray:
+        """(3,) m/s² in the base frame of the arm's URDF, SDF and MJCF files, its own or other people's.
+
+        A built-in arm's is `base_link`, turned by π about z against the base of the paper's table.
+        """
+        turn = TABLE_IN_FILES if self.source.startswith(BUILT_IN) else np.ones(3)
+        return np.asarray(turn * self.gravity, dtype=np.float64)
 
     @property
     def torque_unit(self) -> str:

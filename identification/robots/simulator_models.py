@@ -94,7 +94,7 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
 
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
     model = parsed_urdf(path.read_text("utf-8"))
-    model.gravity.linear = robot.gravity
+    model.gravity.linear = robot.gravity_in_files
     data, names = model.createData(), list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
@@ -127,7 +127,7 @@ def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
-    model.opt.gravity[:] = robot.gravity
+    model.opt.gravity[:] = robot.gravity_in_files
     for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
         model.opt.disableflags |= flag
     # Its dry friction is a soft constraint; here it is the force at full sliding.
@@ -161,7 +161,7 @@ def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> Inver
     base = plant.get_body(plant.GetBodyIndices(instance)[0])
     if not any(joint.get("type") == "fixed" and joint.findtext("parent") == "world" for joint in root.iter("joint")):
         plant.WeldFrames(plant.world_frame(), base.body_frame())
-    plant.mutable_gravity_field().set_gravity_vector(np.array(robot.gravity))  # type: ignore[arg-type]
+    plant.mutable_gravity_field().set_gravity_vector(robot.gravity_in_files)  # type: ignore[arg-type]
     plant.Finalize()
     context = plant.CreateDefaultContext()
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]

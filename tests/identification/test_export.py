@@ -28,7 +28,8 @@ from identification.export.check import check_export
 from identification.export.parameters import parameters_of, principal_slack, refuse_inconsistent
 from identification.export.write import export_model
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import load_robot
+from identification.robots import Installation, load_robot
+from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of, random_arm, random_bodies
 from tests.identification.synthetic import inverse_dynamics
 from tests.reference import recording_file
@@ -324,3 +325,29 @@ def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3:
         ("stribeck_friction", 1), ("torque_offset", 2),
     ]  # fmt: skip
     assert "stribeck_friction of joint 1" in (tmp_path / "arm.urdf").read_text()
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
+def test_an_arm_on_a_wall_weighs_the_same_in_a_simulator(form: str, tmp_path: Path, table3: PhysicalParameters) -> None:
+    """On a wall the paper's +x points down, which is −x of `base_link` in every file (cabinet: A 0°, B −90°, C 0°)."""
+    wall = Installation.parse(mount="wall")
+    model = model_of(tmp_path, "iiwa14", consistent(table3), installation=wall)
+    path = tmp_path / f"arm{SUFFIX[form]}"
+    result = export_model(model, path, form, parameter_set="physical")
+    assert len(result.agreements) == 2
+    robot = load_robot("iiwa14", wall)
+    still = np.zeros_like(POSITIONS)
+    expected = inverse_dynamics(robot, consistent(table3), POSITIONS, still, still)
+    if form == "mjcf":
+        arm = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(arm)
+        assert arm.opt.gravity.tolist() == [-9.81, 0.0, 0.0]
+        for position, torque in zip(POSITIONS, expected, strict=True):
+            data.qpos[:] = position
+            mujoco.mj_forward(arm, data)
+            assert np.abs(data.qfrc_bias - torque).max() < 1e-9
+    else:
+        assert any("-9.81 0 0" in note for note in result.notes)
+    # The same file as other people's: `diagnose --model` and `compare --models` read it as it stands.
+    base = BaseRegressor(robot)
+    assert np.allclose(read_simulator_model(path, base), base.base_from_physical(consistent(table3)), atol=1e-6)
