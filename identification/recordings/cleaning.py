@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from identification.errors import RecordingError
+from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
 from identification.recordings.labels import label_by_time
 from identification.recordings.recording import (
     BoolArray,
@@ -219,7 +220,7 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
         "carries a time stamp far from its neighbours'; it was left out",
     )
     rest = time[good]
-    highest_before = np.concatenate([[-np.inf], np.maximum.accumulate(rest)[:-1]])
+    highest_before = highest_before_each(rest)
     repeated = rest == highest_before
     backwards = rest < highest_before
     if backwards.sum() > LARGEST_SHARE_OF_BAD_ROWS * rest.size:
@@ -237,7 +238,14 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
         number[good][backwards],
         "carries a time before an earlier row's; it was left out",
     )
-    good[good] = ~(repeated | backwards)
+    twice = before_a_clock_was_set_back(rest, GAP_FACTOR * ordinary)
+    _note_runs(
+        findings,
+        "time_backwards",
+        number[good][twice],
+        "stands at a time that comes twice, because the clock was set back behind it; it was left out, too",
+    )
+    good[good] = ~(repeated | backwards | twice)
     return good
 
 

@@ -1,14 +1,18 @@
-"""Is the clock of a recording right? Its velocity, where one was recorded, says so without a model. Pure."""
+"""Is the clock of a recording right? Its velocity, where one was recorded, says so without a model; the order of its
+stamps says whether it was set back. Pure.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from identification.recordings.recording import Recording
+from identification.recordings.recording import BoolArray, FloatArray, Recording
 
-__all__ = ["WIDEST_RATIO", "clock_by_velocity"]
+__all__ = ["WIDEST_RATIO", "before_a_clock_was_set_back", "clock_by_velocity", "highest_before_each"]
 
 WIDEST_RATIO = 30.0
+SET_BACK_ROWS = 3
+"""In a row with a time before an earlier row's: fewer are single rows that came late."""
 
 
 def clock_by_velocity(recording: Recording) -> tuple[float, float] | None:
@@ -39,3 +43,23 @@ def clock_by_velocity(recording: Recording) -> tuple[float, float] | None:
     if not 1.0 / WIDEST_RATIO < ratio < WIDEST_RATIO or spread > 0.05 * ratio:
         return None
     return ratio, max(spread / np.sqrt(chosen.size), 1e-4)
+
+
+def highest_before_each(time: FloatArray) -> FloatArray:
+    """(N,) the latest time in the rows before each, −∞ before the first."""
+    return np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1]])
+
+
+def before_a_clock_was_set_back(time: FloatArray, gap_s: float) -> BoolArray:
+    """(N,) rows that are as late as those behind them, of a clock that was set back and ran on. gap_s: longest step.
+
+    Without these rows and those behind there is a gap, as long as the clock was set back by. Else two moments would
+    stand side by side, and the arm would seem to leap. Rows that merely come late leave a hole where they are missing.
+    """
+    twice = np.zeros(time.size, dtype=np.bool_)
+    backwards = time < highest_before_each(time)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], backwards, [False]]).astype(np.int8)))
+    for first, after in edges.reshape(-1, 2):
+        if after - first >= SET_BACK_ROWS and (after == time.size or time[after] - time[after - 1] <= gap_s):
+            twice[:first] |= time[:first] >= time[first]
+    return twice & ~backwards

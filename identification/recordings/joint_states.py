@@ -14,6 +14,7 @@ import numpy as np
 
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, JOINT_STATE, Bag, Topic
+from identification.recordings.clock import before_a_clock_was_set_back
 from identification.recordings.fri_log import installation_in, number_in
 from identification.recordings.npz_reader import resolve_robot
 from identification.recordings.recording import CLOCK_START, Finding, FloatArray
@@ -92,10 +93,12 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
                 "no_header_stamp", 1, count, count, f"{topic.name} carries no time stamps; the log's times are used"
             )
         )
-    # A bag holds messages as they came in; which was measured first is for their stamps to say.
-    order = np.argsort(stamps, kind="stable")
+    # A bag holds messages as they came in; which was measured first is for their stamps to say, unless these went back.
+    order, steps = np.argsort(stamps, kind="stable"), np.abs(np.diff(stamps))
     late = int((np.diff(stamps) < 0).sum())
-    if late:
+    if late and before_a_clock_was_set_back((stamps - stamps[0]) * 1e-9, 1.5e-9 * float(np.median(steps))).any():
+        order = np.arange(count)
+    elif late:
         sentence = (
             f"{late} messages on {topic.name} stand after ones with later stamps; rows are in the order of stamps"
         )

@@ -125,3 +125,14 @@ def test_a_folder_of_other_things_is_refused_before_it_is_read(tmp_path: Path) -
         (crowd / str(number)).touch()
     with pytest.raises(RecordingError, match=f"more than {MOST_ENTRIES} files"):
         recording_file(crowd)
+
+
+def test_a_clock_that_is_set_back_in_a_bag_leaves_a_gap_and_mixes_no_moments(tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[250:] -= 0.1521
+    file = write_mcap(tmp_path / "a.mcap", messages_of(time, NAMES, POSITION, TORQUE))
+    recording = read_recording(file, robot="iiwa14")
+    assert not recording.report.of_kind("late_messages")
+    assert [item.first_row for item in recording.report.of_kind("time_backwards")] == [221, 251]
+    rows = [int(np.flatnonzero((position == POSITION).all(axis=1))[0]) for position in recording.position]
+    assert np.all(np.diff(rows) > 0)

@@ -161,6 +161,29 @@ def test_repeated_stamps_and_steps_back_are_left_out(tmp_path: Path) -> None:
     assert np.all(np.diff(recording.time) > 0.0)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.0021])
+def test_a_clock_that_is_set_back_leaves_a_gap_and_no_leap(tmp_path: Path, off: float) -> None:
+    """Truth: of 0.25 s that come twice, both times are left out; then no step in time holds two moments' motion."""
+    arrays = _arrays()
+    arrays["t"][300:] -= 0.25 + off
+    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    before, behind = recording.report.of_kind("time_backwards")
+    assert (before.first_row, before.last_row) == (251, 300)
+    assert behind.first_row == 301
+    assert recording.report.of_kind("gap")[0].count == 1
+    steps = np.diff(recording.time)
+    leaps = np.abs(np.diff(recording.position, axis=0)).max(axis=1)
+    assert np.all(leaps[steps < 1.5 * STEP] < 2.0 * 1.01 * STEP)
+
+
+def test_rows_that_come_late_cost_no_others(tmp_path: Path) -> None:
+    arrays = _arrays()
+    order = np.arange(ROWS)
+    order[100:110] = [106, 107, 108, 109, 100, 101, 102, 103, 104, 105]
+    recording = read_recording(_save(tmp_path / "a.npz", **{name: values[order] for name, values in arrays.items()}))
+    assert recording.samples == ROWS - 6
+
+
 def test_one_wild_stamp_costs_one_row(tmp_path: Path) -> None:
     arrays = _arrays()
     arrays["t"][300] = 1e9
