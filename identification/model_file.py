@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,11 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, ModelFileNotFoundError, reason_of
 from identification.physical_parameters import PhysicalParameters
+from identification.recordings.independence import recording_names
+from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
-__all__ = ["MODEL_FORMAT", "Model", "read_model", "write_model"]
+__all__ = ["MODEL_FORMAT", "Model", "no_check", "read_model", "write_model"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,11 +61,12 @@ class Model:
             return load_robot(self.robot, installation)
         return load_robot(Path(self.path).parent / self.robot, installation)
 
-    @property
-    def fitted_digests(self) -> frozenset[str]:
-        """SHA-256 of the recordings it was fitted to, as far as the file says."""
+    def fitted_among(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
+        """Names of those recordings that it was fitted to, as far as the file says: they are no check of it."""
         inputs = self.data.get("provenance", {}).get("inputs", [])
-        return frozenset(str(item.get("sha256")) for item in inputs)
+        fitted = {str(item.get("sha256")) for item in inputs}
+        named = zip(recordings, recording_names(recordings), strict=True)
+        return tuple(name for recording, name in named if recording.source.sha256 in fitted)
 
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
         """(p,) base parameters in the order of a regressor. Raises ModelFileError if the names are not the same."""
@@ -116,6 +120,11 @@ class Model:
         return regressor.base_from_full(full)
 
 
+def no_check(name: str) -> str:
+    """What is said of a recording that a model is compared with and was fitted to."""
+    return f"NO CHECK: the model was fitted to {name} itself, and its RMS there is the fit's own. Give another run."
+
+
 def write_model(data: dict[str, Any], path: str | Path) -> Path:
     """Write the JSON of `FitResult.to_model_json` and return its path; an existing file is replaced in one step.
 
@@ -153,8 +162,9 @@ def read_model(path: str | Path) -> Model:
     try:
         base = data[where]
         names = tuple(str(item["name"]) for item in base)
-        values = np.array([float(item["value"]) for item in base])
-        std = np.array([float(item["std"]) for item in base])
+        values, std = (_finite([item[key] for item in base]) for key in ("value", "std"))
+        if not names or len(set(names)) < len(names) or np.any(std < 0.0):
+            raise ValueError("empty, a name that stands twice, or a negative deviation")
         units = tuple(str(item["unit"]) for item in base)
         where = "friction"
         viscous, coulomb = (_column(data.get(where, []), key, "joint") for key in ("viscous", "coulomb"))
@@ -162,21 +172,39 @@ def read_model(path: str | Path) -> Model:
         rotor, offset = (_column(data.get(where, []), key, "joint") for key in ("rotor_inertia", "offset"))
         where = "physical_parameters"
         physical = _physical(data.get(where, []), viscous, coulomb)
+        where = "effects"
+        _ = [(item["effect"], item["joint"]) for item in _part(data, where, list)]
+        where = "provenance"
+        provenance = _part(data, where, dict)
+        where = "provenance.settings"
+        _part(provenance, "settings", dict)
+        where = "provenance.inputs"
+        _ = [item.get("sha256") for item in _part(provenance, "inputs", list)]
         where = "provenance.regressor"
-        options = RegressorOptions.from_json(data.get("provenance", {}).get("regressor", {}))
+        options = RegressorOptions.from_json(_part(provenance, "regressor", dict))
         where = "robot"
         robot = str(data[where])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise ModelFileError(
             f"{path.name}: field '{where}' is not as it should be ({error!r})", file=path, field=where
         ) from error
-    if not names or not (np.all(np.isfinite(values)) and np.all(np.isfinite(std))):
-        raise ModelFileError(
-            f"{path.name}: base_parameters is empty or holds a number that is not finite",
-            file=path,
-            field="base_parameters",
-        )
     return Model(robot, names, values, std, units, physical, rotor, offset, options, str(path), data)
+
+
+def _part(data: dict[str, Any], key: str, kind: type[Any]) -> Any:
+    """A part of the file, empty where it is absent. Raises TypeError for one of another kind."""
+    value = data.get(key, kind())
+    if not isinstance(value, kind):
+        raise TypeError(f"{type(value).__name__} in place of {kind.__name__}")
+    return value
+
+
+def _finite(values: Any) -> FloatArray:
+    """As an array. Raises ValueError for a number that is not finite, which JSON does not know but Python reads."""
+    array = np.array(values, dtype=np.float64)
+    if not np.all(np.isfinite(array)):
+        raise ValueError("a number that is not finite")
+    return array
 
 
 def _column(rows: list[dict[str, Any]], key: str, index: str) -> FloatArray:
@@ -184,7 +212,7 @@ def _column(rows: list[dict[str, Any]], key: str, index: str) -> FloatArray:
     ordered = sorted(rows, key=lambda row: int(row[index]))
     if [int(row[index]) for row in ordered] != list(range(1, len(ordered) + 1)):
         raise ValueError(f"{index} does not run from 1 to {len(ordered)}")
-    return np.array([0.0 if row[key] is None else float(row[key]) for row in ordered])
+    return _finite([0.0 if row[key] is None else row[key] for row in ordered])
 
 
 def _physical(rows: list[dict[str, Any]], viscous: FloatArray, coulomb: FloatArray) -> PhysicalParameters | None:
@@ -192,9 +220,9 @@ def _physical(rows: list[dict[str, Any]], viscous: FloatArray, coulomb: FloatArr
         return None
     ordered = sorted(rows, key=lambda row: int(row["link"]))
     return PhysicalParameters(
-        mass=np.array([float(row["mass"]) for row in ordered]),
-        center_of_mass=np.array([[float(value) for value in row["com"]] for row in ordered]),
-        inertia=np.array([[[float(value) for value in line] for line in row["inertia"]] for row in ordered]),
+        mass=_finite([row["mass"] for row in ordered]),
+        center_of_mass=_finite([row["com"] for row in ordered]),
+        inertia=_finite([row["inertia"] for row in ordered]),
         viscous=viscous if viscous.size else np.zeros(len(ordered)),
         coulomb=coulomb if coulomb.size else np.zeros(len(ordered)),
     )

@@ -200,20 +200,18 @@ def validate(
     Example: iiwa-ident validate model.json runs/other/recording.mcap
     """
     from identification.mismatch.prediction import validate_with_effects
-    from identification.model_file import read_model
-    from identification.recordings.independence import recording_names
+    from identification.model_file import no_check, read_model
 
     model = read_model(model_file)
     arm = model.load_robot()
     recordings = load_inputs(logs, robot, joints=joints, model_robot=arm).recordings
     table = validate_with_effects(model, recordings)
-    named = zip(recordings, recording_names(recordings), strict=True)
-    same = [name for recording, name in named if recording.source.sha256 in model.fitted_digests]
+    same = model.fitted_among(recordings)
     if json_file is not None:
         own = tuple(f"{name}, " for name in same)
         write_json(json_file, [{**row, "same_recording": row["label"].startswith(own)} for row in table.to_json()])
     say = message if wants_json_on_stdout(json_file) else data
     for name in same:
-        say(f"NO CHECK: the model was fitted to {name} itself, and its RMS there is the fit's own. Give another run.")
+        say(no_check(name))
     if not wants_json_on_stdout(json_file):
         show_rms(table, "RMS of measured minus modelled torque per joint", unit=arm.torque_unit)

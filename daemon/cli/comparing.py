@@ -21,7 +21,7 @@ from daemon.cli.inputs import (
     stated_mount,
 )
 from daemon.cli.lists import AFTER, TwoLists
-from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
     from identification.audit.between import Change
@@ -112,7 +112,8 @@ def _changes(
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
     from identification.audit.trend import LEAST, trend_of, with_hours
-    from identification.model_file import read_model
+    from identification.model_file import no_check, read_model
+    from identification.recordings.independence import refuse_repeated
 
     known = read_model(first) if first.suffix == ".json" else None
     inputs = load_inputs(
@@ -123,6 +124,9 @@ def _changes(
         find_mount=auto,
         model_robot=None if known is None else known.load_robot(),
     )
+    refuse_repeated(inputs.recordings)
+    for name in () if known is None else known.fitted_among(inputs.recordings):
+        message(no_check(name))
     if known is None:
         require_stated_stand(inputs.recordings[:1], inputs.robot)
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)

@@ -21,7 +21,8 @@ from identification.audit.rows import COULOMB_VELOCITY, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
 from identification.fitting.rms import RmsRow
-from identification.model_file import Model, read_model
+from identification.model_file import Model, no_check, read_model
+from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 from identification.robots.simulator_models import read_simulator_model
@@ -34,7 +35,8 @@ FloatArray = npt.NDArray[np.float64]
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
     """One model. rms: its line of the table. offsets: (n,) Nm taken off each joint, None where nothing is fitted.
-    audit: what is wrong in it. refusal: why it can have no line; then the rest is None.
+    audit: what is wrong in it. refusal: why it can have no line; then the rest is None. fitted_to: those of the
+    recordings that it was fitted to, which are no check of it.
     """
 
     name: str
@@ -42,13 +44,15 @@ class Standing:
     offsets: FloatArray | None
     audit: Audit | None
     refusal: str | None = None
+    fitted_to: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is wrong in it, in words."""
         if self.audit is None:
             return (self.refusal or "",)
-        return tuple(item.sentence for item in self.audit.differences) or (self.audit.sentence,)
+        own = tuple(no_check(name) for name in self.fitted_to)
+        return own + (tuple(item.sentence for item in self.audit.differences) or (self.audit.sentence,))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -59,6 +63,7 @@ class Standing:
             "audit": None if self.audit is None else self.audit.to_json(),
             "differences": [] if self.audit is None else [item.to_json() for item in self.audit.differences],
             "refusal": self.refusal,
+            "fitted_to": list(self.fitted_to),
         }
 
 
@@ -68,8 +73,9 @@ def leaderboard(
     """The models, best first by the sum of RMS over the joints; those of another arm last.
 
     offsets: whether one constant a joint is fitted, as a torque sensor's zero; the line then says so. Raises
-    RobotNotFoundError for a file that is not there, RecordingError for recordings too short or at rest.
+    RobotNotFoundError for a file that is not there, RecordingError for recordings too short or at rest, or given twice.
     """
+    refuse_repeated(recordings)
     standings = [_standing(path, recordings, robot, offsets) for path in models]
     return tuple(sorted(standings, key=lambda item: np.inf if item.rms is None else item.rms.total_nm))
 
@@ -92,4 +98,5 @@ def _standing(path: Path, recordings: Sequence[Recording], robot: RobotModel, of
         left, torque = left - found, torque - np.nanmean(torque, axis=0)
     rms, size = (np.sqrt(np.nanmean(item**2, axis=0)) for item in (left, torque))
     line = RmsRow(path.name, rms, size, np.full(robot.n, np.nan))
-    return Standing(str(path), line, found, audit(recordings, robot, model))
+    own = model.fitted_among(recordings) if isinstance(model, Model) else ()
+    return Standing(str(path), line, found, audit(recordings, robot, model), fitted_to=own)

@@ -23,6 +23,7 @@ from identification.audit.evidence import Estimate, Products, as_they_scatter, p
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
+from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots.flange import Flange
 from identification.robots.model import RobotModel, refuse_followers
@@ -70,14 +71,15 @@ def weigh(
     """The body on the last link that only the second recordings have.
 
     In the flange's frame where the robot has one on its last link, else in that link's.
-    Raises RecordingError for recordings at rest or too short, EstimationError where no load can be seen or it is beyond
-    reason.
+    Raises RecordingError for recordings at rest or too short and for one that is given twice, EstimationError where no
+    load can be seen or it is beyond reason.
     """
     refuse_followers(robot, "weigh a load on")
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
     flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
     runs = [rows_of(recordings) for recordings in (without, with_load)]
+    refuse_repeated([*without, *with_load])
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     factor, width = _prior(sizes, robot.n)

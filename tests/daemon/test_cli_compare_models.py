@@ -5,6 +5,7 @@ Truth: torque of the paper's arm by Pinocchio; models of that arm as files, one 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -151,3 +152,22 @@ def test_a_model_is_written_only_beside_the_one_that_was_given(
 ) -> None:
     assert run("diagnose", "a.npz", *words) == 2
     assert "--write-model" in capsys.readouterr().err
+
+
+def test_a_model_that_was_fitted_to_the_recording_says_so(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, own = folder / "log.npz", tmp_path / "own.json"
+    digest = hashlib.sha256(log.read_bytes()).hexdigest()
+    fitted = json.loads((folder / "model.json").read_text()) | {"provenance": {"inputs": [{"sha256": digest}]}}
+    own.write_text(json.dumps(fitted))
+    assert run("leaderboard", own, folder / "true.urdf", "--on", log, "--json", tmp_path / "board.json") == 0
+    board = json.loads((tmp_path / "board.json").read_text())
+    assert {Path(item["model"]).name: item["fitted_to"] for item in board["models"]} == {
+        "own.json": ["log.npz"],
+        "true.urdf": [],
+    }
+    assert capsys.readouterr().out.count("NO CHECK") == 1
+    assert run("compare", own, log) == 0
+    assert "NO CHECK" in capsys.readouterr().err
+    assert run("leaderboard", own, "--on", log, "--on", log) == 65

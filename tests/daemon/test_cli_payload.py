@@ -93,7 +93,10 @@ def test_one_list_is_refused_with_what_to_write(files: tuple[Path, Path], capsys
 
 
 def test_the_same_arm_without_a_tool_has_no_load(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("payload", str(files[0]), str(files[0])) == 65
+    bare, other = dict(np.load(files[0])), files[0].with_name("other.npz")
+    noise = 0.03 * np.random.default_rng(6).standard_normal(bare["tau"].shape)
+    np.savez(other, **{**bare, "tau": bare["tau"] + noise})
+    assert run("payload", str(files[0]), str(other)) == 65
     assert "No load can be seen" in capsys.readouterr().err
 
 
@@ -110,3 +113,21 @@ def test_compare_names_the_tool_as_what_changed(files: tuple[Path, Path], tmp_pa
     # Every run's recording is a recording.mcap: the sentence has the path that the user gave.
     assert difference["sentence"].endswith(f"of the difference to {files[0]}.")
     assert abs(change["parameters"][0]["sigmas"]) > 10.0
+
+
+@pytest.mark.parametrize("words", [["bare", "--", "tool", "again"], ["bare", "--", "tool", "bare"]])
+def test_one_measurement_weighs_once(
+    words: list[str], files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A copy in single precision is the same measurement; counted twice, every interval would be too narrow."""
+    bare, tool = files
+    held = dict(np.load(tool))
+    np.savez(bare.with_name("again.npz"), **{**held, "tau": held["tau"].astype(np.float32)})
+    named = {"bare": str(bare), "tool": str(tool), "again": str(bare.with_name("again.npz")), "--": "--"}
+    assert run("payload", *(named[word] for word in words)) == 65
+    assert "counts once" in capsys.readouterr().err
+
+
+def test_a_recording_is_not_compared_with_itself(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("compare", str(files[0]), str(files[0])) == 65
+    assert "counts once" in capsys.readouterr().err

@@ -129,6 +129,20 @@ def test_a_missing_or_spoilt_model_is_refused_with_the_field(result: FitResult, 
         ("base_parameters", [{"name": "ZZR_1", "value": "x", "std": 1, "unit": ""}], "base_parameters"),
         ("physical_parameters", [{"link": 1, "mass": 1.0}], "physical_parameters"),
         ("friction", [{"joint": 2, "viscous": 1, "coulomb": 1}], "friction"),
+        # As a file looks that was edited by hand.
+        ("base_parameters", [*data["base_parameters"], data["base_parameters"][0]], "base_parameters"),
+        ("base_parameters", [{**data["base_parameters"][0], "std": -1.0}], "base_parameters"),
+        ("friction", [{**item, "coulomb": float("nan")} for item in data["friction"]], "friction"),
+        (
+            "physical_parameters",
+            [{**item, "mass": np.inf} for item in data["physical_parameters"]],
+            "physical_parameters",
+        ),
+        ("effects", None, "effects"),
+        ("effects", [{"effect": "payload"}], "effects"),
+        ("provenance", None, "provenance"),
+        ("provenance", {"inputs": ["a.mcap"]}, "provenance.inputs"),
+        ("provenance", {"settings": "auto"}, "provenance.settings"),
     ]
     for number, (key, value, named) in enumerate(spoilt):
         path = tmp_path / f"{number}.json"
