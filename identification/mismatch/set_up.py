@@ -22,10 +22,12 @@ from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
-from identification.mismatch.data_faults.faults import find_data_faults
+from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, upright
 from identification.mismatch.findings import DataFault
 from identification.mismatch.nominal import nominal_fit
 from identification.mismatch.settings import DiagnosisSettings
+from identification.recordings.clock import clock_by_velocity
+from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 from identification.signals.aperiodic import sixth_order_difference, zero_phase_low_pass
@@ -66,8 +68,11 @@ class SetUpCheck:
 def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[SetUpCheck, ...]:
     """Every check of some recordings of one robot. Raises RecordingError for those that are too short or at rest."""
     fit = nominal_fit(recordings, robot, DiagnosisSettings())
-    faults = find_data_faults(recordings, BaseRegressor(robot) if fit is None else fit.regressor)
-    return set_up_checks(recordings, robot, [fault for own in faults for fault in own], _delay(fit))
+    regressor = BaseRegressor(robot) if fit is None else fit.regressor
+    faults = find_data_faults(recordings, regressor)
+    checks = set_up_checks(recordings, robot, [fault for own in faults for fault in own], _delay(fit))
+    doubt = _clock_in_doubt([upright(*each) for each in zip(recordings, faults, strict=True)], regressor)
+    return tuple(doubt if doubt and (each.name, each.status) == ("clock", "ok") else each for each in checks)
 
 
 def set_up_checks(
@@ -99,6 +104,21 @@ def _of_faults(name: str, kinds: Sequence[str], well: str, faults: Sequence[Data
     # Rows that are lost are left out; what is read with the wrong sign or clock spoils everything.
     status: Status = "warning" if name == "rows" else "failed"
     return SetUpCheck(name, status, " ".join(fault.sentence for fault in found))
+
+
+def _clock_in_doubt(recordings: Sequence[Recording], regressor: BaseRegressor) -> SetUpCheck | None:
+    """A warning where another clock would do better, though physics that nobody has named would, too."""
+    for recording, name in zip(recordings, recording_names(recordings), strict=True):
+        # A recorded velocity that goes with the positions has the clock right.
+        found = None if clock_by_velocity(recording) else clock_in_doubt(recording, regressor)
+        if found is not None:
+            return SetUpCheck(
+                "clock",
+                "warning",
+                f"{name}: inertia goes better with gravity by a clock of {found[0]:.3g} ± {1.96 * found[1]:.2g} times "
+                "the stated rate; physics beyond the model may look like that, too. Check the sampling rate.",
+            )
+    return None
 
 
 def _units(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:

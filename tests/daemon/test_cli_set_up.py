@@ -6,6 +6,7 @@ Truth: torque of the paper's arm by Pinocchio, read with a fault that is put in.
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
@@ -93,6 +94,19 @@ def test_a_turned_sensor_fails_its_check(sound: dict[str, np.ndarray], tmp_path:
     assert code == 1
     assert checks["torque signs"]["status"] == "failed"
     assert "joint 3" in checks["torque signs"]["sentence"]
+
+
+def test_a_clock_that_runs_twice_as_fast_is_not_called_right(sound: dict[str, np.ndarray], tmp_path: Path) -> None:
+    """Recorded at 100 Hz and stamped as if at 50 Hz; without a velocity only inertia against gravity tells."""
+    q = sound["q"] + 1e-5 * np.random.default_rng(8).standard_normal(sound["q"].shape)
+    slow = {"t": 2.0 * sound["t"], "q": q, "tau": sound["tau"], "tau_ext": sound["tau_ext"]}
+    _, checks = examined(slow, tmp_path)
+    # Free functions of each joint do as well as another clock here, so it is no fault.
+    assert checks["clock"]["status"] == "warning"
+    ratio = float(re.findall(r"clock of ([\d.]+)", checks["clock"]["sentence"])[0])
+    assert ratio == pytest.approx(2.0, abs=0.1)
+    _, right = examined({name: values for name, values in sound.items() if name != "dq"}, tmp_path)
+    assert right["clock"]["status"] == "ok"
 
 
 @pytest.mark.parametrize(

@@ -272,6 +272,18 @@ def _time_base(
     return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio)
 
 
+def clock_in_doubt(recording: Recording, regressor: BaseRegressor) -> tuple[float, float] | None:
+    """True rate over stated rate and its deviation where inertia asks for another clock against gravity, None else.
+
+    Free functions of each joint may do as well: what is beyond them is a fault (`find_data_faults`). Signs are right.
+    """
+    stretch = _thinned(recording)
+    if stretch is None:
+        return None
+    ratio, std, cost_ratio = _ratio_from_torque(stretch.signals, regressor, np.ones(recording.n))
+    return (ratio, std) if _is_wrong(ratio, std, cost_ratio) else None
+
+
 def _is_wrong(ratio: float, std: float, cost_ratio: float) -> bool:
     """Whether the misfit falls enough with another clock, and that clock is another."""
     return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
