@@ -25,7 +25,7 @@ from identification.fitting.band import BandChoice
 from identification.fitting.blocks import Block, Evaluation, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.estimate import Estimate
-from identification.fitting.misfit import misfit_over_noise
+from identification.fitting.misfit import misfit_over_noise, notes_on_joints_missed
 from identification.fitting.nominal_model import (
     NominalModel,
     Progress,
@@ -74,7 +74,7 @@ def fit_recordings(
     refuse_repeated(recordings)
     recordings = [for_robot(recording, robot) for recording in recordings]
     for recording in recordings:
-        check_recording(recording)
+        check_recording(recording, robot)
     processed, band = process_all(recordings, robot, settings, report)
     if band is not None:
         settings = replace(settings, low_pass_hz=band.low_pass_hz)
@@ -101,6 +101,7 @@ def fit_recordings(
     sets = {"base": least_squares.values}
     if real.constrained is not None:
         sets["physical"] = real.constrained.base_values
+    rms = _rms_table(blocks, sets, noise_floor)
     result = FitResult(
         robot=robot,
         regressor=regressor,
@@ -113,22 +114,22 @@ def fit_recordings(
         constrained=real.constrained,
         consistent=real.consistent,
         feasibility=real.feasibility,
-        rms=_rms_table(blocks, sets, noise_floor),
+        rms=rms,
         noise_floor_nm=noise_floor,
         misfit=misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values),
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=(*_notes_on_signals(processed, band), *notes_on_model(regressor, settings)),
+        notes=(*_notes_on_data(rms, processed, band), *notes_on_model(regressor, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
     return result
 
 
-def _notes_on_signals(processed: Sequence[Processed], band: BandChoice | None) -> list[str]:
+def _notes_on_data(rms: RmsTable, processed: Sequence[Processed], band: BandChoice | None) -> list[str]:
     notes = [f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes]
-    return notes if band is None else [*notes, band.sentence]
+    return [*notes_on_joints_missed(rms), *notes, *([] if band is None else [band.sentence])]
 
 
 def _silent(phase: str, share: float) -> None:

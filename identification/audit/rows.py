@@ -119,7 +119,10 @@ class Rows:
 
 
 def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_VELOCITY) -> Rows:
-    """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest."""
+    """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest.
+
+    A joint whose torque never changes has none that was measured, so no row of it is used.
+    """
     step = max(recording.sampling_period_s for recording in recordings)
     low_pass_hz = min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
     found: list[Rows] = []
@@ -131,6 +134,7 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                 field="q",
             )
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
+        measured = np.ptp(recording.torque, axis=0) > 0.0
         for piece in process_aperiodic(recording, AperiodicSettings(low_pass_hz=low_pass_hz)):
             first = 1 + (int(found[-1].block[-1]) if found else -1)
             smooth = Smooth.of(piece, low_pass_hz)
@@ -144,7 +148,7 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                     piece.project(np.tanh(piece.velocity / coulomb_velocity)),
                     torque,
                     rate,
-                    piece.used,
+                    piece.used & measured,
                     first + ((time - time[0]) / duration).astype(np.int64),
                     float(time[1] - time[0]),
                     low_pass_hz,

@@ -1,4 +1,5 @@
-"""How much of each joint's torque the fitted model leaves beyond the noise, where the recordings know their noise.
+"""How much of each joint's torque the fitted model leaves: beyond the noise, where the recordings know their noise, and
+beyond the torque itself, which no model of the joint does.
 
 The diagnosis finds out what it is.
 """
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.fitting.blocks import Block
+from identification.fitting.rms import RmsTable
 from identification.json_values import json_list
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,6 +22,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 DEVIATIONS = 5.0
 """Of the energy that noise alone leaves, by which a misfit is beyond it."""
+NOISE_ALONE = 1.5
+"""Times the noise up to which a joint has no torque that a model could describe."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,3 +83,19 @@ def misfit_over_noise(blocks: Sequence[Block], values: FloatArray) -> Misfit:
     beyond = left - expected
     over = np.sqrt(np.maximum(beyond, 0.0) / np.maximum(expected, 1e-300))
     return Misfit(over, beyond > DEVIATIONS * np.sqrt(spread))
+
+
+def notes_on_joints_missed(rms: RmsTable) -> tuple[str, ...]:
+    """A warning where a fit leaves a joint as much as no model at all would: the recording is not what it states."""
+    fits = [row for row in rms.rows if row.label.startswith("fit,")]
+    noise = np.array([row.rms_nm <= NOISE_ALONE * row.noise_floor_nm for row in fits])
+    share = np.where(noise, 0.0, [row.percent for row in fits]).max(axis=0)
+    missed = np.flatnonzero(share >= 100.0)
+    if not missed.size:
+        return ()
+    joints = ", ".join(str(joint + 1) for joint in missed)
+    shares = ", ".join(f"{share[joint]:.0f}" for joint in missed)
+    return (
+        f"WARNING, the model describes nothing of joint{'s' * (missed.size > 1)} {joints}: it leaves {shares} % of the "
+        "RMS torque there; `iiwa-ident doctor --log` checks signs, units, clock and order of the recording",
+    )

@@ -70,7 +70,7 @@ def process_all(
 
 
 def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings: FitSettings) -> list[Block]:
-    """The rows of every stretch. Raises RecordingError where none is left to fit."""
+    """The rows of every stretch. Raises RecordingError where none is left to fit, or a split holds none out."""
     split = None if settings.split is None else Split.parse(settings.split)
     blocks = []
     for number, item in enumerate(processed):
@@ -82,6 +82,13 @@ def build_blocks(processed: list[Processed], regressor: BaseRegressor, settings:
     if not any(block.fitted.any() for block in blocks):
         raise RecordingError(
             "No row is left to fit: the robot stands still in all of the recording, or all is held out"
+        )
+    if split is not None and not any(block.held_out.any() for block in blocks):
+        longest = max(item.recording.duration_s for item in processed)
+        raise RecordingError(
+            f"'{settings.split}' holds out no row of what lasts {longest:.4g} s at most; choose shorter blocks, or "
+            "'first:0.6'",
+            field="split",
         )
     return blocks
 

@@ -35,8 +35,8 @@ class Processed:
     notes: tuple[str, ...]
 
 
-def check_recording(recording: Recording) -> None:
-    """Raises RecordingError if the torque is in another unit, or if nothing moves."""
+def check_recording(recording: Recording, robot: RobotModel) -> None:
+    """Raises RecordingError if the torque is in another unit, nothing moves, or what moves has no measured torque."""
     name = Path(recording.source.path).name
     if recording.torque_unit != "Nm":
         raise RecordingError(
@@ -45,11 +45,22 @@ def check_recording(recording: Recording) -> None:
             file=recording.source.path,
             field="tau_unit",
         )
-    if float(np.ptp(recording.position, axis=0).max()) < SMALLEST_MOTION:
+    travel = np.ptp(recording.position, axis=0)
+    if float(travel.max()) < SMALLEST_MOTION:
         raise RecordingError(
             f"{name}: no joint moves by more than {SMALLEST_MOTION} rad; parameters need a motion",
             file=recording.source.path,
             field="q",
+        )
+    dead = [j for j in robot.driven if travel[j] >= SMALLEST_MOTION and np.ptp(recording.torque[:, j]) == 0.0]
+    if dead:
+        joints = ", ".join(str(joint + 1) for joint in dead)
+        raise RecordingError(
+            f"{name}: the torque of joint {joints} never changes although the joint moves: it was not measured, or "
+            "too coarsely, and the parameters of all joints would be bent to it",
+            file=recording.source.path,
+            field="tau",
+            joint=dead[0] + 1,
         )
 
 
@@ -60,7 +71,7 @@ def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> P
     the aperiodic one, with a note why. Raises RecordingError when the recording cannot be used that way.
     """
     recording = for_robot(recording, robot)
-    check_recording(recording)
+    check_recording(recording, robot)
     whole = process_whole_periods(recording, settings)
     return process_without_periods(recording, settings) if whole is None else whole
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any, get_args
 
 import numpy as np
@@ -15,6 +16,9 @@ from identification.fitting.choices import Choice, DelayCorrection, Estimator, P
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+
+OF_PROCESSING = ("pipeline", "split", "low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
+"""Settings that other recordings are processed by, too, when they are compared with the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +117,17 @@ class FitSettings:
         ):
             if getattr(self, name) not in allowed:
                 raise EstimationError(f"{name} is '{getattr(self, name)}'; known are {', '.join(allowed)}")
+        for name in ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz"):
+            hertz = getattr(self, name)
+            if (name, hertz) != ("low_pass_hz", None) and not _is_positive(hertz):
+                raise EstimationError(f"{name} is {hertz!r}; it is a positive number of Hz")
+        if not isinstance(self.flip_torque, bool):
+            raise EstimationError(f"flip_torque is {self.flip_torque!r}; it is true or false")
 
     def to_json(self) -> dict[str, Any]:
         """The settings as plain JSON types."""
         return asdict(self)
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < np.inf

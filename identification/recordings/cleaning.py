@@ -34,6 +34,8 @@ JITTER_SHARE = 0.05
 # ordinary step of its channel (99th percentile of the change of that median) and of its ordinary scatter.
 SPIKE_STEPS = 10.0
 SPIKE_SCATTER = 15.0
+LARGEST = 1e100
+"""Of a position or torque: squares of far larger ones are not finite."""
 _BLOCK = 4096
 _ZERO_IS_ABSENT = {
     "link_position": ("no_second_encoder", "q_link", "second encoder"),
@@ -97,15 +99,17 @@ def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> BoolA
     number: of each row, from 1. Raises RecordingError where too many do not.
     """
     keep = np.ones(number.size, dtype=np.bool_)
-    finite = np.isfinite(table.time) & np.isfinite(table.position).all(axis=1) & np.isfinite(table.torque).all(axis=1)
+    finite = np.isfinite(table.time)
+    for values in (table.position, table.torque):
+        finite &= (np.abs(values) < LARGEST).all(axis=1)
     _note_runs(
         findings,
         "garbled_rows",
         number[~finite],
-        "holds a value in t, q or tau that is not finite; it was left out",
+        "holds a value in t, q or tau that is not finite, or beyond any number measured; it was left out",
     )
     keep &= finite
-    _refuse_too_many(table, keep, "hold values that are not finite")
+    _refuse_too_many(table, keep, "hold values that are not finite, or beyond any number measured")
 
     keep[keep] = _advancing_time(table, table.time[keep], number[keep], findings)
     spikes = _spikes(_kept(table.position, keep)) | _spikes(_kept(table.torque, keep))

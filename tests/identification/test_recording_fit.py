@@ -132,6 +132,18 @@ def test_inverted_torque_is_refused_and_can_be_turned() -> None:
     assert straight.torque_sign.gravity_correlation > 0.5
 
 
+def test_a_joint_that_the_model_misses_altogether_is_said_with_the_fit() -> None:
+    """The sensor of joint 3 turned round: no rigid arm has such a torque. Joint 7 is half noise anyway."""
+    recording, robot = _noisy(periods=4), load_robot("iiwa14")
+    turned = replace(recording, torque=recording.torque * [1, 1, -1, 1, 1, 1, 1])
+    sound, missed = (fit_recordings([item], robot, FitSettings(physical=False)) for item in (recording, turned))
+    assert missed.rms.row("fit, base").percent[2] > 100.0
+    (said,) = [note for note in missed.to_model_json()["provenance"]["notes"] if "WARNING" in note]
+    assert "nothing of joint 3: " in said
+    assert "doctor --log" in said
+    assert not any("WARNING" in note for note in sound.notes)
+
+
 def test_the_same_motion_without_period_gives_the_same_parameters() -> None:
     """The aperiodic pipeline on noise-free data stays within 0.1 % of the torque and finds the same friction."""
     robot = load_robot("iiwa14")
@@ -154,6 +166,11 @@ def test_a_robot_at_rest_and_the_wrong_robot_are_refused() -> None:
         fit_recordings([replace(recording, position=recording.position[:, :6], torque=recording.torque[:, :6])], robot)
     with pytest.raises(RecordingError, match="in A"):
         fit_recordings([replace(recording, torque_unit="A")], robot)
+    for constant in (0.0, 3.0):
+        torque = np.where(np.arange(7) == 2, constant, recording.torque)
+        with pytest.raises(RecordingError, match="torque of joint 3 never changes") as caught:
+            fit_recordings([replace(recording, torque=torque)], robot)
+        assert (caught.value.field, caught.value.joint) == ("tau", 3)
     with pytest.raises(EstimationError):
         fit_recordings([], robot)
 
@@ -191,6 +208,14 @@ def test_splits_are_parsed_and_partition_the_time() -> None:
     for text in ("", "half", "first:1.5", "blocks:0.5", "blocks:0:3", "first:x"):
         with pytest.raises(EstimationError):
             Split.parse(text)
+
+
+@pytest.mark.parametrize("split", ["blocks:50:3", "first:0.999"])
+def test_a_split_that_holds_nothing_out_is_refused(split: str) -> None:
+    """10 s of recording: the first 50 s are fitted, and what the low-pass leaves of the last 10 ms is no row."""
+    with pytest.raises(RecordingError, match=f"'{split}' holds out no row of what lasts 9.995 s") as caught:
+        fit_recordings([_clean()], load_robot("iiwa14"), FitSettings(split=split, physical=False))
+    assert caught.value.exit_code == 65
 
 
 def test_settings_that_do_not_exist_are_refused() -> None:

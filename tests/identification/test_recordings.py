@@ -307,6 +307,8 @@ def test_more_bad_rows_than_a_fifth_are_refused(tmp_path: Path) -> None:
     arrays = _arrays()
     arrays["tau"][::4] = np.nan
     _refused(_save(tmp_path / "a.npz", **arrays), f"150 of {ROWS}", "row 1")
+    arrays["tau"] = 1e300 * _arrays()["tau"]
+    _refused(_save(tmp_path / "b.npz", **arrays), "beyond any number measured")
 
 
 def test_unknown_units_and_periods_are_refused(tmp_path: Path) -> None:

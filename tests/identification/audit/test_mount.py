@@ -35,6 +35,15 @@ def test_a_level_arm_is_found_level_within_one_degree(file: str) -> None:
     assert not level.is_other
 
 
+def test_a_joint_whose_torque_was_not_measured_hides_no_stand() -> None:
+    robot = recording_file("ur10_mdh.csv")
+    whole = read_recording(recording_file("ur10.npz"), robot=robot)
+    deaf = replace(whole, torque=whole.torque * (np.arange(whole.n) != 3))
+    level = mounting_of([deaf], load_robot(robot))
+    assert level is not None
+    assert np.degrees(level.angle) < 1.0
+
+
 @pytest.mark.parametrize("file", ARMS)
 def test_a_level_arm_that_is_said_to_hang_on_a_wall_is_told_so(file: str) -> None:
     wall = found(file, Installation((9.81, 0.0, 0.0)))
