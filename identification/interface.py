@@ -17,6 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from identification.audit.mount import require_stated_stand
+from identification.errors import RecordingError
 from identification.excitation.design import DesignResult
 from identification.excitation.design import design_excitation as search_excitation
 from identification.excitation.limits import limits_of_robot
@@ -30,8 +31,9 @@ from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.settings import DiagnosisSettings
-from identification.model_file import Model, read_model, write_model
+from identification.model_file import Model, no_check, read_model, write_model
 from identification.recording_fit import fit_recordings
+from identification.recordings.independence import seen_among
 from identification.recordings.reader import Inputs, inputs_of, read_recording
 from identification.recordings.recording import Recording
 from identification.report.diagnosis_sections import verdict_sentence
@@ -130,9 +132,13 @@ class Fit(_Printed):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Validation(_Printed):
-    """RMS of measured minus modelled torque, as Table 4 of the paper. result: the numbers."""
+    """RMS of measured minus modelled torque, as Table 4 of the paper. result: the numbers.
+
+    fitted_to: names of those recordings that the model was fitted to, as far as it is known: they are no check of it.
+    """
 
     result: RmsTable
+    fitted_to: tuple[str, ...] = ()
 
     @property
     def table(self) -> Table:
@@ -140,7 +146,8 @@ class Validation(_Printed):
         lines = self.result.rows
         joints = len(lines[0].rms_nm) if lines else 0
         rows = tuple((line.label, *(f"{x:.4f}" for x in line.rms_nm), f"{line.total_nm:.4f}") for line in lines)
-        return Table(("RMS", *(f"joint {joint}" for joint in range(1, joints + 1)), "sum"), rows)
+        said = tuple(no_check(name) for name in self.fitted_to)
+        return Table(("RMS", *(f"joint {joint}" for joint in range(1, joints + 1)), "sum"), rows, said)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -167,15 +174,15 @@ class Answer(_Printed):
         joints = len(result.baseline.rms_nm)
         rows = tuple((name, *(f"{x:.4f}" for x in values)) for name, values in lines.items() if len(values))
         said = (
+            *(() if result.model_comparison is None else result.model_comparison.no_check),
             verdict_sentence(result),
             *(fault.sentence for fault in result.data_faults),
             *(finding.sentence for finding in result.findings),
             *(claim.sentence for claim in result.unnamed),
             result.remaining,
         )
-        return Table(
-            ("RMS, Nm", *(f"joint {joint}" for joint in range(1, joints + 1))), rows, tuple(filter(None, said))
-        )
+        head = (f"RMS, {self.fitted.robot.torque_unit}", *(f"joint {joint}" for joint in range(1, joints + 1)))
+        return Table(head, rows, tuple(filter(None, said)))
 
     def save_model(self, path: str | Path) -> Path:
         """Write the model with what was found in it. Raises OSError."""
@@ -239,14 +246,16 @@ def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation
     if isinstance(model, (str, Path)):
         model = read_model(model)
     if isinstance(model, Fit):
-        return Validation(validate_model(model.result, _read(recordings, None, model.result.robot).recordings))
-    return Validation(validate_with_effects(model, _read(recordings, None, model.load_robot()).recordings))
+        read = _read(recordings, None, model.result.robot).recordings
+        return Validation(validate_model(model.result, read), seen_among(model.result.recordings, read))
+    read = _read(recordings, None, model.load_robot()).recordings
+    return Validation(validate_with_effects(model, read), model.fitted_among(read))
 
 
 @_on_one_thread
 def diagnose(
     *recordings: Source,
-    heldout: Sequence[Source] = (),
+    heldout: Source | Sequence[Source] = (),
     robot: str | Path | None = None,
     model: Model | str | Path | None = None,
     **settings: Any,
@@ -260,7 +269,8 @@ def diagnose(
     if isinstance(given, Path) and given.suffix == ".json":
         given = read_model(given)
     of_model = given.load_robot() if isinstance(given, Model) and robot is None else None
-    inputs = _read((*recordings, *heldout), robot, of_model)
+    others = (heldout,) if isinstance(heldout, (Recording, str, Path)) else heldout
+    inputs = _read((*recordings, *others), robot, of_model)
     if given is None:
         require_stated_stand(inputs.recordings, inputs.robot)
     fitted, unseen = inputs.recordings[: len(recordings)], inputs.recordings[len(recordings) :]
@@ -285,6 +295,8 @@ def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings
 
 def _read(sources: Sequence[Source], robot: str | Path | None, of_model: RobotModel | None = None) -> Inputs:
     """The recordings and their robot: the one given, else the model's, else the one that all recordings name."""
+    if not sources:
+        raise RecordingError("No recording was given")
     read = [
         item if isinstance(item, Recording) else read_recording(item, robot=robot, model_robot=of_model)
         for item in sources

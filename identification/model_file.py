@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import ModelFileError, ModelFileNotFoundError, reason_of
+from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
+from identification.fitting.settings import OF_PROCESSING, FitSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
@@ -67,6 +68,18 @@ class Model:
         fitted = {str(item.get("sha256")) for item in inputs}
         named = zip(recordings, recording_names(recordings), strict=True)
         return tuple(name for recording, name in named if recording.source.sha256 in fitted)
+
+    def torque_shift(self, joints: int) -> FloatArray:
+        """(n,) s by which its fit took the torque earlier. Raises ModelFileError for another number of joints."""
+        shift = self.data.get("provenance", {}).get("torque_shift_s") or [0.0] * joints
+        if len(shift) != joints:
+            raise ModelFileError(
+                f"{self.path or 'The model'}: field 'provenance.torque_shift_s' has {len(shift)} numbers, the robot "
+                f"{joints} joints",
+                file=self.path or None,
+                field="provenance.torque_shift_s",
+            )
+        return np.array(shift, dtype=np.float64)
 
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
         """(p,) base parameters in the order of a regressor. Raises ModelFileError if the names are not the same."""
@@ -172,21 +185,29 @@ def read_model(path: str | Path) -> Model:
         rotor, offset = (_column(data.get(where, []), key, "joint") for key in ("rotor_inertia", "offset"))
         where = "physical_parameters"
         physical = _physical(data.get(where, []), viscous, coulomb)
+        where = "drives"
+        if physical is not None and rotor.size not in (0, physical.n):
+            raise ValueError(f"{rotor.size} joints have drives, {physical.n} links bodies")
         where = "effects"
         _ = [(item["effect"], item["joint"]) for item in _part(data, where, list)]
         where = "provenance"
         provenance = _part(data, where, dict)
         where = "provenance.settings"
-        _part(provenance, "settings", dict)
+        noted = _part(provenance, "settings", dict)
+        FitSettings(**{name: noted[name] for name in OF_PROCESSING if name in noted})
+        where = "provenance.torque_shift_s"
+        if _finite(_part(provenance, "torque_shift_s", list)).ndim != 1:
+            raise ValueError("no list of numbers")
         where = "provenance.inputs"
         _ = [item.get("sha256") for item in _part(provenance, "inputs", list)]
         where = "provenance.regressor"
         options = RegressorOptions.from_json(_part(provenance, "regressor", dict))
         where = "robot"
         robot = str(data[where])
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, EstimationError) as error:
+        reason = str(error) if isinstance(error, EstimationError) else repr(error)
         raise ModelFileError(
-            f"{path.name}: field '{where}' is not as it should be ({error!r})", file=path, field=where
+            f"{path.name}: field '{where}' is not as it should be ({reason})", file=path, field=where
         ) from error
     return Model(robot, names, values, std, units, physical, rotor, offset, options, str(path), data)
 
@@ -219,8 +240,11 @@ def _physical(rows: list[dict[str, Any]], viscous: FloatArray, coulomb: FloatArr
     if not rows:
         return None
     ordered = sorted(rows, key=lambda row: int(row["link"]))
+    mass = _finite([row["mass"] for row in ordered])
+    if np.any(mass < 0.0):
+        raise ValueError(f"the mass of link {int(np.argmin(mass)) + 1} is {mass.min():.4g} kg")
     return PhysicalParameters(
-        mass=_finite([row["mass"] for row in ordered]),
+        mass=mass,
         center_of_mass=_finite([row["com"] for row in ordered]),
         inertia=_finite([row["inertia"] for row in ordered]),
         viscous=viscous if viscous.size else np.zeros(len(ordered)),

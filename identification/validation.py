@@ -63,9 +63,7 @@ def validate_model(
         physical = model.physical_base_values(regressor)
         if physical is not None:
             sets["physical"] = physical
-        provenance = model.data.get("provenance", {})
-        noted = provenance.get("settings", {})
-        shift = np.array(provenance.get("torque_shift_s") or np.zeros(robot.n), dtype=np.float64)
+        noted, shift = model.data.get("provenance", {}).get("settings", {}), model.torque_shift(robot.n)
     rows = []
     for number, (recording, name) in enumerate(zip(recordings, recording_names(recordings), strict=True)):
         if progress is not None:

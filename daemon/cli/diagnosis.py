@@ -174,11 +174,12 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 
 def set_up_lines(diagnosis: Diagnosis) -> Sequence[str]:
     """What differs between the given model and the arm, before anything that a fit of these recordings says."""
+    compared = diagnosis.model_comparison
+    no_check = () if compared is None else compared.no_check
     if diagnosis.audit is None:
-        return []
-    if not diagnosis.audit.differences:
-        return [f"Set-up: {diagnosis.audit.sentence}"]
-    return [f"Set-up: {item.sentence}" for item in diagnosis.audit.differences]
+        return no_check
+    found = diagnosis.audit.differences or (diagnosis.audit,)
+    return [*no_check, *(f"Set-up: {item.sentence}" for item in found)]
 
 
 def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.base_parameters import BaseRegressor
-from identification.errors import InconsistentParametersError, ModelFileError
+from identification.errors import InconsistentParametersError, ModelFileError, SolverError
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
 from identification.model_file import Model
 from identification.physical_parameters import PhysicalParameters
@@ -124,9 +124,7 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         raise ModelFileError(f"There is no parameter set '{which}'; known are {', '.join(PARAMETER_SETS)}.")
     if which == "consistent":
         regressor = BaseRegressor(model.load_robot(), model.options)
-        settled = settle_open_directions(
-            model.base_values(regressor), model.base_covariance(regressor), regressor, prior
-        )
+        settled = _settled(model, regressor, prior)
         rotor, offset = (regressor.extra_of(settled.full, symbol) for symbol in ("IA", "OFF"))
         none = np.zeros(settled.physical.n)
         return ModelParameters(
@@ -145,6 +143,20 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         values if values.size else np.zeros(n) for values in (model.rotor_inertia, model.offset)
     )  # fmt: skip
     return ModelParameters(model.physical, rotor, offset)
+
+
+def _settled(model: Model, regressor: BaseRegressor, prior: BodyPrior | None) -> SettledParameters:
+    """Bodies that exist for a model's base parameters; those of a file may be such that none are found."""
+    values, covariance = model.base_values(regressor), model.base_covariance(regressor)
+    try:
+        return settle_open_directions(values, covariance, regressor, prior)
+    except SolverError as error:
+        why = "" if model.std.any() else ": every 'std' is zero, and no real body has exactly these values"
+        raise ModelFileError(
+            f"{model.path or 'The model'}: no real bodies were found for field 'base_parameters'{why} ({error})",
+            file=model.path or None,
+            field="base_parameters",
+        ) from error
 
 
 def principal_slack(physical: PhysicalParameters) -> FloatArray:

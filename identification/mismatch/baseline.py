@@ -22,7 +22,7 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import Extension
-from identification.model_file import Model
+from identification.model_file import Model, no_check
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
@@ -79,6 +79,7 @@ class ModelComparison:
     model_nm: what the model leaves. parameters_nm: torque between its parameters and those fitted with the
     findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings. torque_units: of
     each joint, empty: all Nm. set_up: what an audit of the set-up says in place of wrong links, empty where it is open.
+    fitted_to: names of those recordings that the model was fitted to, as far as it says.
     """
 
     source: str
@@ -90,6 +91,12 @@ class ModelComparison:
     links: tuple[LinkDeviation, ...]
     torque_units: tuple[str, ...] = ()
     set_up: str = ""
+    fitted_to: tuple[str, ...] = ()
+
+    @property
+    def no_check(self) -> tuple[str, ...]:
+        """What is said first where the model is compared with what it was fitted to."""
+        return tuple(no_check(name) for name in self.fitted_to)
 
     @property
     def sentence(self) -> str:
@@ -116,6 +123,7 @@ class ModelComparison:
         return {
             "source": self.source,
             "sentence": self.sentence,
+            "fitted_to": list(self.fitted_to),
             "rms_nm": {
                 "model": json_list(self.model_nm),
                 "parameter_difference": json_list(self.parameters_nm),

@@ -172,7 +172,8 @@ def diagnose(
         compared = compare_model(
             *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
-        diagnosis = _with_model(diagnosis, compared, audited)
+        known = model.fitted_among(recordings) if isinstance(model, Model) else ()
+        diagnosis = _with_model(diagnosis, replace(compared, fitted_to=known), audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if judgement is not None:
         diagnosis = _with_classes(diagnosis, judgement)

@@ -81,6 +81,18 @@ def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recordi
     refuse_repeated(heldout)
 
 
+def seen_among(fitted: Sequence[Recording], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Names of those recordings that a fitted one holds, whole or in part, told as `refuse_shared_samples` tells it."""
+    prints = _all_fingerprints([*fitted, *recordings])
+    known = list(zip(fitted, prints, strict=False))
+    others = zip(recordings, recording_names(recordings), prints[len(fitted) :], strict=True)
+    return tuple(
+        name
+        for other, name, other_prints in others
+        if any(_shared(own, other, "", own_prints, other_prints) for own, own_prints in known)
+    )
+
+
 def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, other_prints: Prints) -> str:
     """What two recordings have in common, said of the other one; empty where they are different measurements."""
     if own.source.sha256 and own.source.sha256 == other.source.sha256:

@@ -32,6 +32,7 @@ def comparison_section(comparison: ModelComparison | None) -> Section | None:
     )
     wrong = sorted((item for item in comparison.parameters if item.wrong), key=lambda item: -item.torque_nm)
     blocks: list[Block] = [
+        *(Paragraph(sentence, "warning") for sentence in comparison.no_check),
         Paragraph(comparison.sentence, "lead"),
         Table("RMS of measured minus modelled torque by joint, Nm", ("", *joint_heads(comparison.model_nm.size)), rows),
         Table("Its links", ("link", "parameters", "torque of the difference, Nm", "chance if right"), links),

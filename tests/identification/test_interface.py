@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -80,9 +81,28 @@ def test_what_is_saved_is_what_every_command_reads(ran: dict[str, Any], tmp_path
     assert ident.validate(extended, folder / "emps_b.npz").result.rows[0].rms_nm.shape == (1,)
 
 
-def test_bad_input_is_the_same_sentence_as_at_the_command_line(tmp_path: Path) -> None:
+def test_a_model_is_not_checked_by_what_it_was_fitted_to(ran: dict[str, Any], tmp_path: Path) -> None:
+    """By content: the fit itself knows its samples, and a part of them too; the file knows the file's digest."""
+    fitted, other = (REPOSITORY / "fixtures" / "recordings" / name for name in ("emps_a.npz", "emps_b.npz"))
+    model = ran["model"]
+    assert [Path(item.source.path).name for item in model.result.recordings] == [fitted.name]
+    with np.load(fitted) as whole:
+        rows = len(whole["t"])
+        part = {name: item[rows // 2 :] if item.shape[:1] == (rows,) else item for name, item in whole.items()}
+    np.savez(tmp_path / "part.npz", **{**part, "robot": str(fitted.with_name("emps.urdf"))})
+    file = model.save(tmp_path / "model.json")
+    for known, recording in ((model, fitted), (model, tmp_path / "part.npz"), (file, fitted)):
+        assert f"NO CHECK: the model was fitted to {recording.name} itself" in str(ident.validate(known, recording))
+    assert not any("NO CHECK" in str(ident.validate(known, other)) for known in (model, file))
+
+
+def test_bad_input_is_the_same_sentence_as_at_the_command_line(ran: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(RecordingNotFoundError, match="there is no such recording"):
         ident.fit(tmp_path / "none.npz")
+    with pytest.raises(RecordingNotFoundError, match=r"none\.npz"):
+        ident.diagnose(REPOSITORY / "fixtures" / "recordings" / "ur10.npz", heldout=str(tmp_path / "none.npz"))
+    with pytest.raises(RecordingError, match="No recording was given"):
+        ident.validate(ran["model"])
     with pytest.raises(AttributeError, match="no attribute 'fits'"):
         _ = ident.fits  # type: ignore[attr-defined]
 

@@ -12,6 +12,7 @@ import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, ModelFileNotFoundError
+from identification.export.parameters import parameters_of
 from identification.model_file import read_model, write_model
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.robots import load_robot
@@ -22,6 +23,10 @@ CONTRACT_KEYS = {
     "format", "robot", "base_parameters", "physical_parameters", "friction", "effects", "rms_nm", "certificate",
     "provenance",
 }  # fmt: skip
+WRONG_SETTINGS: tuple[dict[str, Any], ...] = (
+    {"pipeline": "nope"}, {"split": 7}, {"split": "half"}, {"low_pass_hz": -5.0}, {"low_pass_hz": True},
+    {"motion_bandwidth_hz": None}, {"torque_bandwidth_hz": "60 Hz"}, {"flip_torque": "maybe"},
+)  # fmt: skip
 
 
 def _result(seed: int = 1) -> FitResult:
@@ -138,11 +143,21 @@ def test_a_missing_or_spoilt_model_is_refused_with_the_field(result: FitResult, 
             [{**item, "mass": np.inf} for item in data["physical_parameters"]],
             "physical_parameters",
         ),
+        ("drives", [{"joint": 1, "rotor_inertia": 0.4, "offset": 0.0}], "drives"),
         ("effects", None, "effects"),
         ("effects", [{"effect": "payload"}], "effects"),
         ("provenance", None, "provenance"),
         ("provenance", {"inputs": ["a.mcap"]}, "provenance.inputs"),
         ("provenance", {"settings": "auto"}, "provenance.settings"),
+        *(("provenance", {"settings": wrong}, "provenance.settings") for wrong in WRONG_SETTINGS),
+        ("provenance", {"torque_shift_s": "late"}, "provenance.torque_shift_s"),
+        ("provenance", {"torque_shift_s": [0.001, "x"]}, "provenance.torque_shift_s"),
+        ("provenance", {"torque_shift_s": [[0.001]] * 7}, "provenance.torque_shift_s"),
+        (
+            "physical_parameters",
+            [{**item, "mass": -item["mass"]} for item in data["physical_parameters"]],
+            "physical_parameters",
+        ),
     ]
     for number, (key, value, named) in enumerate(spoilt):
         path = tmp_path / f"{number}.json"
@@ -154,6 +169,23 @@ def test_a_missing_or_spoilt_model_is_refused_with_the_field(result: FitResult, 
     (tmp_path / "letters.json").write_text("not json")
     with pytest.raises(ModelFileError, match="JSON"):
         read_model(tmp_path / "letters.json")
+
+
+def test_a_delay_of_other_joints_is_refused(result: FitResult, tmp_path: Path) -> None:
+    data = result.to_model_json()
+    data["provenance"]["torque_shift_s"] = [0.002] * 3
+    with pytest.raises(ModelFileError, match="3 numbers, the robot 7 joints") as caught:
+        _validated(data, result.recordings[0])
+    assert caught.value.field == "provenance.torque_shift_s"
+
+
+def test_a_model_without_any_deviation_is_no_ground_for_bodies(result: FitResult, tmp_path: Path) -> None:
+    """A fit's values are off by its noise: no arm has exactly these, and σ = 0 allows for no others."""
+    data = result.to_model_json()
+    data |= {"base_covariance": [], "base_parameters": [{**item, "std": 0.0} for item in data["base_parameters"]]}
+    with pytest.raises(ModelFileError, match="every 'std' is zero") as caught:
+        parameters_of(read_model(write_model(data, tmp_path / "model.json")))
+    assert (caught.value.exit_code, caught.value.field) == (65, "base_parameters")
 
 
 def test_a_model_of_another_robot_is_refused(result: FitResult, tmp_path: Path) -> None:

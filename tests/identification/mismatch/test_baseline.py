@@ -9,13 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daemon.cli.diagnosis import set_up_lines
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
 from identification.export.write import export_model
+from identification.interface import Answer
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import Model
 from identification.physical_parameters import PhysicalParameters
+from identification.recordings.reader import Inputs
+from identification.report.comparison_section import comparison_section
+from identification.report.document import Paragraph
 from identification.robots import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of
@@ -90,3 +95,23 @@ def test_a_right_model_has_no_wrong_parameter(
     assert not any(item.wrong for item in diagnosis.model_comparison.links)
     assert not any(item.wrong for item in diagnosis.model_comparison.parameters)
     assert diagnosis.to_json()["model_comparison"]["sentence"] in diagnosis.notes
+    assert not diagnosis.model_comparison.no_check
+
+
+def test_a_model_that_was_fitted_to_the_recording_is_no_news_of_it(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    recording = record(iiwa14, table3)
+    given = _model_of_base(iiwa14_base, iiwa14_base.base_from_physical(table3))
+    noted = {"provenance": {"inputs": [{"sha256": recording.source.sha256}]}}
+    diagnosis = diagnose([recording], iiwa14, model=replace(given, data=noted))
+    compared = diagnosis.model_comparison
+    assert compared is not None
+    assert diagnosis.to_json()["model_comparison"]["fitted_to"] == [Path(recording.source.path).name]
+    (said,) = compared.no_check
+    assert said.startswith("NO CHECK: the model was fitted to ")
+    assert set_up_lines(diagnosis)[0] == said
+    assert str(Answer(diagnosis, Inputs((recording,), iiwa14))).startswith(said)
+    section = comparison_section(compared)
+    assert section is not None
+    assert section.blocks[0] == Paragraph(said, "warning")
