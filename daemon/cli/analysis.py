@@ -64,7 +64,7 @@ def fit(
         int | None,
         typer.Option("--folds", min=2, help="Also score each recording by fits without it, in so many groups."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of the constrained program's starts.")] = 20240607,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording),

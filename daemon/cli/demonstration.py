@@ -42,7 +42,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for all files.")] = Path("demo-output"),
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
     realtime: Annotated[bool, typer.Option("--realtime", help="1 kHz by the clock instead of lockstep.")] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Of the fake robot's noise and of what it hides.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the fake robot's noise and of what it hides.")] = 1,
     json_file: JsonOption = None,
 ) -> None:
     """The whole chain without a robot: record over FRI, fit, find what the robot hides, open its seal, compare.

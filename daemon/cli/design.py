@@ -52,7 +52,7 @@ def design(
         typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen."),
     ] = "paper",
     robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
-    seed: Annotated[int, typer.Option("--seed")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
     budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,
     table: Annotated[bool, typer.Option("--table", help="Also write the 1 kHz table into the file.")] = False,
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods of the run that σ is predicted for.")] = 16,
@@ -111,7 +111,8 @@ def design(
 
     for_payload = purpose == "payload"
     objective = objective or ("payload" if for_payload else "cond")
-    period = period or (20.0 if for_payload else 10.0)
+    if period is None:
+        period = 20.0 if for_payload else 10.0
     stand = installation_of(gravity, mount, None) or ON_THE_FLOOR
     model = load_robot(robot, stand)
     limits_used = limits_of_robot(model)

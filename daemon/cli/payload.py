@@ -61,12 +61,15 @@ def payload(
     if json_file is not None:
         write_json(json_file, to_json(body, stated))
     if not wants_json_on_stdout(json_file):
-        for line in lines_of(body, stated):
+        for line in lines_of(body, stated, found.robot.torque_unit):
             data(line)
 
 
-def lines_of(body: Body, stated: Sequence[dict[str, str]]) -> list[str]:
-    """What an operator types into the cabinet, each with half of its 95 % interval. stated: of a log without, with."""
+def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[str]:
+    """What an operator types into the cabinet, each with half of its 95 % interval.
+
+    stated: of a log without, with. unit: of the robot's torques.
+    """
     from identification.audit.difference import with_interval
     from identification.audit.payload import cabinet_load_data
 
@@ -80,7 +83,7 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]]) -> list[str]:
         f"Centre of mass X, Y, Z: {x}, {y}, {z} mm from {body.frame}",
         f"Inertia about it: {inertia}",
         f"As load data (kg, mm, degrees, kg m²): {typed}",
-        f"With this load {after:.3g} Nm RMS stay (all joints together), without it {before:.3g} Nm.",
+        f"With this load {after:.3g} {unit} RMS stay (all joints together), without it {before:.3g} {unit}.",
         *([] if longer is None else [longer]),
         compared(body, stated),
     ]

@@ -166,7 +166,8 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     holds = bool(np.all(np.minimum(least, after) < STILL_ITS_OWN * own))
     verdict = _verdict(differences, before, after, noise.std, holds)
     return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
-                 _sentence(model.name, verdict, differences, before, after), holds)  # fmt: skip
+                 _sentence(model.name, verdict, differences, before, after, given.geometry.robot.torque_unit),
+                 holds)  # fmt: skip
 
 
 def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,
@@ -181,17 +182,14 @@ def _verdict(differences: list[Difference], before: FloatArray, after: FloatArra
     return "named" if explained >= ENOUGH * possible else "partly"
 
 
-def _sentence(source: str, verdict: str, differences: list[Difference], before: FloatArray, after: FloatArray) -> str:
-    left, stays = (float(np.sqrt(np.sum(values**2))) for values in (before, after))
+def _sentence(source: str, verdict: str, differences: list[Difference], before: FloatArray, after: FloatArray,
+              unit: str) -> str:  # fmt: skip
+    left, stays = (f"{float(np.sqrt(np.sum(values**2))):.3g} {unit}" for values in (before, after))
     match verdict:
         case "nothing":
-            return (
-                f"{source} holds: it leaves {left:.3g} Nm RMS (all joints together), and nothing in the set-up differs."
-            )
+            return f"{source} holds: it leaves {left} RMS (all joints together), and nothing in the set-up differs."
         case "unexplained":
-            return (
-                f"{source} leaves {left:.3g} Nm RMS (all joints together), and no one thing in the set-up explains it."
-            )
+            return f"{source} leaves {left} RMS (all joints together), and no one thing in the set-up explains it."
     found = " ".join(item.sentence for item in differences)
     rest = "" if verdict == "named" else " That is not all that differs."
-    return f"{found} {left:.3g} Nm RMS before, {stays:.3g} Nm after, on rows not used for it.{rest}"
+    return f"{found} {left} RMS before, {stays} after, on rows not used for it.{rest}"

@@ -80,6 +80,8 @@ class Stage:
 STAGES = (Stage(1.0, 60, 0.3, 1, 4.0), Stage(0.3, 60, 0.4, 1, 12.0), Stage(0.1, 60, 0.5, 2, 32.0))
 HOP = (Descent(40, 1, 8.0), Descent(60, 2, 32.0))
 POLISH = Descent(150, 4, 128.0)
+LONGEST_PERIOD_S = 3600.0
+"""What is verified of a motion at 1 kHz fits into the memory up to here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +118,14 @@ class DesignSettings:
         mixture_weights(self.objective)
         if self.limits not in ("paper", "true"):
             raise DesignError(f"Unknown limits '{self.limits}'; known are paper, true.")
-        if not (np.isfinite(self.period_s) and self.period_s > 0.0):
-            raise DesignError(f"The period must be a positive number of seconds, not {self.period_s}.")
+        if not 0.0 < self.period_s <= LONGEST_PERIOD_S:
+            raise DesignError(
+                f"The period must be a positive number of seconds, at most {LONGEST_PERIOD_S:g}, not {self.period_s}."
+            )
+        if self.budget_s is not None and not 0.0 < self.budget_s < np.inf:
+            raise DesignError(f"The budget must be a positive number of seconds, not {self.budget_s}.")
+        if self.seed < 0:
+            raise DesignError(f"The seed must not be negative, as {self.seed} is.")
         if self.harmonics < 3 or self.starts < 1 or self.processes < 1:
             raise DesignError("A design needs at least 3 harmonics, one start and one process.")
         if self.noise_nm is not None and not all(np.isfinite(x) and x > 0.0 for x in self.noise_nm):

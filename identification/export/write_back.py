@@ -23,6 +23,7 @@ from identification.base_parameters import BaseRegressor
 from identification.export.amend import Amended, amend
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["WrittenBack", "draw_before_after", "write_back"]
@@ -58,9 +59,10 @@ class WrittenBack:
     def sentence(self) -> str:
         """What it is worth."""
         before, after = (float(np.sqrt(np.sum(self.rms(each) ** 2))) for each in (self.before, self.after))
+        unit = in_units("Nm", self.units)
         return (
-            f"{self.amended.path} has what was found: {before:.3g} Nm RMS (all joints together) of measured minus "
-            f"simulated torque before, {after:.3g} Nm after."
+            f"{self.amended.path} has what was found: {before:.3g} {unit} RMS (all joints together) of measured minus "
+            f"simulated torque before, {after:.3g} {unit} after."
         )
 
 

@@ -161,8 +161,12 @@ def test_a_motion_too_large_to_be_safe_is_made_smaller() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{"objective": "beauty"}, {"harmonics": 2}, {"period_s": 0.0}, {"starts": 0}, {"samples": 10}, {"limits": "none"}],
-)
+    [
+        {"objective": "beauty"}, {"harmonics": 2}, {"period_s": 0.0}, {"starts": 0}, {"samples": 10},
+        {"limits": "none"}, {"period_s": 1e9}, {"budget_s": 0.0}, {"budget_s": -1.0}, {"budget_s": float("nan")},
+        {"seed": -1},
+    ],
+)  # fmt: skip
 def test_settings_nothing_can_be_designed_for_are_refused(settings: dict[str, object]) -> None:
     with pytest.raises(DesignError):
         DesignSettings(**settings)  # type: ignore[arg-type]

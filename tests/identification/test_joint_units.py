@@ -14,8 +14,14 @@ import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import finding_lines
+from daemon.cli.payload import lines_of
+from identification.audit.audit import audit
+from identification.audit.payload import weigh
+from identification.interface import Answer
 from identification.mismatch.diagnosis import diagnose
+from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
+from identification.recordings.reader import Inputs
 from identification.report import build_document
 from identification.report.document import Document, Facts, Figure, Heading, Line, Panel, Paragraph, Section, Table
 from identification.report.units import in_units_of_joints
@@ -129,6 +135,11 @@ def test_a_diagnosis_of_a_prismatic_axis_speaks_of_forces(tmp_path: Path) -> Non
     for results in ({"fit": fit, "recordings": [recording]}, {"diagnosis": found, "robot": robot}):
         document = build_document(**results)
         said += [document.verdict, *(text for part in document.sections for text in texts_of(part))]
+    model = read_model(write_model(fit.to_model_json(), tmp_path / "model.json"))
+    said += [audit([recording], robot, model).sentence, str(Answer(found, Inputs((recording,), robot)))]
+    loaded = recording.torque + 10.0 * np.tile(ddq, (periods, 1)) - 2.0 * noise
+    other = recording_of(recording.position, loaded, period_s=5.0, periods=periods, robot=recording.robot or "")
+    said += lines_of(weigh(robot, [recording], [other]), [{}, {}], robot.torque_unit)
     wrong = [text for text in said if REVOLUTE_WORDS.search(text)]
     assert not wrong, wrong
     json.dumps(found.to_json())
