@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
-from identification.fitting.settings import OF_PROCESSING, FitSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
@@ -193,8 +192,7 @@ def read_model(path: str | Path) -> Model:
         where = "provenance"
         provenance = _part(data, where, dict)
         where = "provenance.settings"
-        noted = _part(provenance, "settings", dict)
-        FitSettings(**{name: noted[name] for name in OF_PROCESSING if name in noted})
+        _check_settings(_part(provenance, "settings", dict))
         where = "provenance.torque_shift_s"
         if _finite(_part(provenance, "torque_shift_s", list)).ndim != 1:
             raise ValueError("no list of numbers")
@@ -210,6 +208,14 @@ def read_model(path: str | Path) -> Model:
             f"{path.name}: field '{where}' is not as it should be ({reason})", file=path, field=where
         ) from error
     return Model(robot, names, values, std, units, physical, rotor, offset, options, str(path), data)
+
+
+def _check_settings(noted: dict[str, Any]) -> None:
+    """Raises EstimationError for settings that no other recording can be processed by."""
+    # Here, not above: the solvers behind it take a second to load, and a run reads no model before it moves.
+    from identification.fitting.settings import OF_PROCESSING, FitSettings
+
+    FitSettings(**{name: noted[name] for name in OF_PROCESSING if name in noted})
 
 
 def _part(data: dict[str, Any], key: str, kind: type[Any]) -> Any:

@@ -172,8 +172,7 @@ def diagnose(
         compared = compare_model(
             *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
-        known = model.fitted_among(recordings) if isinstance(model, Model) else ()
-        diagnosis = _with_model(diagnosis, replace(compared, fitted_to=known), audited)
+        diagnosis = _with_model(diagnosis, compared, model, recordings, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     if judgement is not None:
         diagnosis = _with_classes(diagnosis, judgement)
@@ -246,8 +245,16 @@ def _with_classes(diagnosis: Diagnosis, judgement: Judgement) -> Diagnosis:
     return replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
 
 
-def _with_model(diagnosis: Diagnosis, compared: ModelComparison, audited: Audit | None) -> Diagnosis:
+def _with_model(
+    diagnosis: Diagnosis,
+    compared: ModelComparison,
+    model: Model | Path | None,
+    recordings: Sequence[Recording],
+    audited: Audit | None,
+) -> Diagnosis:
     """With what of the given model is wrong: its parameters, and the set-up where that settles it."""
+    if isinstance(model, Model):
+        compared = replace(compared, fitted_to=model.fitted_among(recordings))
     if audited is not None and audited.settles:
         compared = replace(compared, set_up=audited.sentence)
     notes = (compared.sentence, *diagnosis.notes)
