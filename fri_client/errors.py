@@ -22,7 +22,8 @@
     ├── JsonFormError               65  a JSON object that is no message
     ├── RealRobot                    1  a robot that does not say that it is the fake one, where nobody was asked
     ├── MotionError                 65  a table that cannot be driven as asked (in motion/table.py)
-    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover/ring.py)
+    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover/errors.py)
+    │   └── NoMemoryForHandover     74  the operating system refuses its memory
     └── SessionError                76  the exchange with the robot
         ├── RobotSilent             69  no monitoring message came
         └── MotionEnded              1  a motion ended before its end; what was recorded is kept (in loop/result.py)

@@ -215,7 +215,7 @@ def recover(
     """
     from daemon.cli.worker_view import settle_fit
     from daemon.log.parts import recover as recover_recording
-    from daemon.run.account import account_for_folder
+    from daemon.run.account import account_for_folder, kept_elsewhere
 
     report = recover_recording(log)
     outcome = account_for_folder(log, report) if log.is_dir() else None
@@ -227,5 +227,7 @@ def recover(
             data(sentence)
         if outcome is not None:
             data(f"{log / 'run.json'} was missing and is written: {outcome.sentences[0]}")
+        if log.is_dir() and (elsewhere := kept_elsewhere(log)):
+            data(elsewhere)
         if fit:
             data(fit)

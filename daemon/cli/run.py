@@ -233,7 +233,7 @@ def _stated(**options: object) -> dict[str, Any]:
 
 
 def _show(view: RunView, outcome: RunOutcome, fit: WorkerStatus | None, json_file: Path | None) -> None:
-    from daemon.run.next_step import next_step
+    from daemon.run.next_step import moved_away, next_step
 
     if json_file is not None:
         import msgspec
@@ -241,6 +241,9 @@ def _show(view: RunView, outcome: RunOutcome, fit: WorkerStatus | None, json_fil
         write_json(json_file, msgspec.to_builtins(outcome))
     if not wants_json_on_stdout(json_file):
         view.show_outcome(outcome.sentences)
+        if not Path(outcome.out_dir).is_dir():
+            data(moved_away(outcome))
+            return
         data(f"Everything is in {outcome.out_dir}")
         data(next_step(outcome, fit))
 

@@ -28,6 +28,7 @@ __all__ = [
     "SampleLabels",
     "command_index",
     "event_index",
+    "is_out_of_order",
     "pack_diagnostics",
     "pack_event",
     "pack_fri_command",
@@ -61,6 +62,7 @@ _COMMAND_INDEX_OFFSET = 4 + 28 * 8 + 2 * 8
 _EVENT_INDEX_OFFSET = 4 + 2 * 8 + 8
 _STATE_PERIOD = struct.Struct("<i")
 _STATE_PERIOD_OFFSET = 4 + 65 * 8 + 3 * 8 + 7 * 4 + 20 * 4
+_OUT_OF_ORDER_OFFSET = _STATE_PERIOD_OFFSET + 2 * 4 + 19
 
 
 class SampleLabels(NamedTuple):
@@ -318,6 +320,11 @@ def state_counters(fri_state: bytes) -> tuple[int, int, int]:
     sample_index, _, sequence_counter = _STATE_COUNTERS.unpack_from(fri_state, _STATE_COUNTERS_OFFSET)
     (period,) = _STATE_PERIOD.unpack_from(fri_state, _STATE_PERIOD_OFFSET)
     return sample_index, sequence_counter, period
+
+
+def is_out_of_order(fri_state: bytes) -> bool:
+    """The flag of a packed FriState that is long enough for `state_counters`: old, or a counter that was refused."""
+    return len(fri_state) > _OUT_OF_ORDER_OFFSET and bool(fri_state[_OUT_OF_ORDER_OFFSET])
 
 
 def command_index(fri_command: bytes) -> int:

@@ -21,11 +21,11 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from daemon.errors import BadLogError, LogIOError, MissingInputError
-from daemon.log.cdr import command_index, event_index, state_counters
+from daemon.log.cdr import command_index, event_index, is_out_of_order, state_counters
 from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
-from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.session.replayed_counter import ReplayedCounter
 
 __all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
 
@@ -110,11 +110,15 @@ class _Counts:
     samples: int = 0
     first_counter: int | None = None
     last_counter: int | None = None
-    missing: int = 0
     missing_in_handover: int = 0
     next_index: int | None = None
     last_period: int = -1
-    order: RobotCounter = field(default_factory=RobotCounter)
+    counter: ReplayedCounter = field(default_factory=ReplayedCounter)
+
+    @property
+    def missing(self) -> int:
+        """Gaps in the robot's sequence counter."""
+        return self.counter.missing
 
     def add(self, topic: str, data: bytes) -> None:
         self.messages[topic] = self.messages.get(topic, 0) + 1
@@ -132,12 +136,8 @@ class _Counts:
         self.last_period = max(self.last_period, period)
         if self.first_counter is None:
             self.first_counter = counter
-        order = self.order.judge(counter)
-        if order == Order.NEXT:
-            self.missing += self.order.gap
-        elif order == Order.BELATED and self.missing:
-            self.missing -= 1
-        self.last_counter = self.order.last
+        self.counter.take(counter, believed=not is_out_of_order(data))
+        self.last_counter = self.counter.last
 
     def _follow_index(self, index: int) -> None:
         if self.next_index is None:

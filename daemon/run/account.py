@@ -20,11 +20,13 @@ from daemon.log.recover import RecoverReport
 from daemon.run.judgement import judged
 from daemon.run.ladder import tags
 from daemon.run.outcome import digests_of, lost_between, outcome_sentences, tidy
-from daemon.run.spare_folder import write_run_file
+from daemon.run.spare_folder import files_elsewhere, write_run_file
 from daemon.times import now_text
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["account_for_folder", "leave_outcome"]
+__all__ = ["account_for_folder", "kept_elsewhere", "leave_outcome"]
+
+_SUPERVISOR_GONE = "The supervising process was gone at the end"
 
 
 def leave_outcome(
@@ -43,7 +45,8 @@ def leave_outcome(
     except DaemonError as error:
         trouble = f" {error}"
     try:
-        _write(request, report, exit_code, held, writer, trouble, ring)
+        gone = f"{_SUPERVISOR_GONE}: this account was written by {writer}"
+        _write(request, report, exit_code, held, gone, trouble, ring)
     except LogIOError as error:
         print(error, file=sys.stderr)
 
@@ -56,11 +59,26 @@ def account_for_folder(folder: Path, held: RecoverReport) -> RunOutcome | None:
     """
     if (folder / RUN_NAME).exists() or not (folder / "request.json").is_file():
         return None
-    # The folder may have been moved since.
-    request = msgspec.structs.replace(read_json(folder / "request.json", RunRequest), out_dir=str(folder.absolute()))
+    # The folder may have been moved since, or while its processes wrote on elsewhere.
+    began = read_json(folder / "request.json", RunRequest)
+    request = msgspec.structs.replace(began, out_dir=str(folder.absolute()))
     left = folder / REPORT_NAME
+    if not left.is_file():
+        left = files_elsewhere(began).get(REPORT_NAME, left)
     report = read_json(left, LoopReport) if left.is_file() else _report_from(held)
-    return _write(request, report, EXIT_CODES[report.outcome], held, "`iiwa-ident recover`", "", None)
+    elsewhere = kept_elsewhere(folder)
+    gone = "The run lost this folder before its end" if elsewhere else _SUPERVISOR_GONE
+    gone += ": this account was written by `iiwa-ident recover`"
+    return _write(request, report, EXIT_CODES[report.outcome], held, gone, elsewhere and f" {elsewhere}", None)
+
+
+def kept_elsewhere(folder: Path) -> str:
+    """Where the rest of a run is that could not write into its folder any more, as a sentence; else empty."""
+    if not (folder / "request.json").is_file():
+        return ""
+    files = files_elsewhere(read_json(folder / "request.json", RunRequest))
+    places = {str(file.parent) for file in files.values()}
+    return f"What its processes wrote from then on is in {places.pop()}: {', '.join(files)}." if places else ""
 
 
 def _report_from(held: RecoverReport) -> LoopReport:
@@ -84,7 +102,7 @@ def _write(
     report: LoopReport,
     exit_code: int,
     held: RecoverReport | None,
-    writer: str,
+    gone: str,
     trouble: str,
     ring: HandoverRing | None,
 ) -> RunOutcome:
@@ -94,10 +112,9 @@ def _write(
     lost = 0 if held is None else held.missing_in_handover
     if ring is not None:
         lost = lost_between(ring, lost, 0 if held is None else held.next_index)
-    gone = (
-        f"The supervising process was gone at the end: this account was written by {writer}, and no fit was started; "
-        f"`iiwa-ident fit` takes the recording.{trouble}"
-    )
+    lost = max(lost, report.received - samples)
+    exit_code = exit_code or int(lost > 0)
+    gone += f", and no fit was started; `iiwa-ident fit` takes the recording.{trouble}"
     tidy(folder)
     outcome = RunOutcome(
         run_id=request.run_id,

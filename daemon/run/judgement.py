@@ -68,15 +68,19 @@ def judged(outcome: RunOutcome) -> RunOutcome:
 
 
 def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:
-    """What the operator has to know of it: nothing where every command was inside the limits."""
+    """What the operator has to know of it: nothing where every command is known and was inside the limits."""
     if "error" in judgement:
         return (judgement["error"],)
+    holes = judgement.get("holes", 0)
+    where = f"{holes} place" if holes == 1 else f"{holes} places"
+    unjudged = [f"Records are missing in {where}: the commands there could not be judged."] if holes else []
     if judgement.get("passed", True):
-        return ()
+        return tuple(unjudged)
     # The lowest derivative says most: a jump of the velocity is one of acceleration and jerk too, by ever more percent.
     beyond = [each for each in judgement["worst"].values() if float(each["percent"]) > _CLEARLY_BEYOND]
     worst = (beyond or judgement["excesses"])[0]
     return (
+        *unjudged,
         f"Commands went beyond a limit at the robot, {judgement['excess_count']} times, first at "
         f"{judgement['excesses'][0]['time_s']:.3f} s; {worst['quantity']} of joint {worst['joint']} at "
         f"{float(worst['percent']):.0f} % of its limit, at {worst['time_s']:.3f} s. "

@@ -1,11 +1,23 @@
-"""What an operator does after a run, in one sentence; pure. The command `run` prints it last."""
+"""What an operator does after a run, in one sentence. The command `run` prints it last."""
 
 from __future__ import annotations
 
-from daemon.api import RunOutcome, WorkerStatus
+from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
 from daemon.run.ladder import highest_allowed, needs_ladder
+from daemon.run.spare_folder import find_run_file
 
-__all__ = ["next_step"]
+__all__ = ["moved_away", "next_step"]
+
+
+def moved_away(outcome: RunOutcome) -> str:
+    """Of a run whose folder is not there any more: where its account is, and what makes the rest whole."""
+    account = (
+        "" if outcome.request is None else f" The account of the run is {find_run_file(outcome.request, RUN_NAME)}."
+    )
+    return (
+        f"{outcome.out_dir} was moved or removed during the run.{account} Next: `iiwa-ident recover FOLDER`, with the "
+        "place where the folder is now, makes what it holds whole and says where the rest is."
+    )
 
 
 def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:

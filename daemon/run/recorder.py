@@ -52,7 +52,8 @@ from daemon.run.supervision import Supervision
 from fri_client.errors import CodecError
 from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, FriVersion
-from fri_client.session.robot_counter import Order, RobotCounter
+from fri_client.session.refusal import UNREADABLE, Refusal
+from fri_client.session.replayed_counter import ReplayedCounter
 from fri_client.wire.codec import Codec
 
 __all__ = ["Recorder", "main"]
@@ -109,12 +110,11 @@ class Recorder:
         self._epoch_offset_ns = ring.epoch_offset_ns
         self._supervision = supervision or Supervision(ring, os.getppid())
         self._expected_index: int | None = None
-        self._counter = RobotCounter()
+        self._counter = ReplayedCounter()
         self._first_index = -1
         self._last_index = -1
         self._safe_index = -1
         self._samples_in_periods = 0
-        self._sequence_gaps = 0
         self._handover_gaps = 0
         self._undecodable = 0
         self._next_progress = 0.0
@@ -143,9 +143,9 @@ class Recorder:
 
     def take(self, record: HandoverRecord) -> None:
         """Write one record of the ring: its sample, its event, or both."""
-        if self._expected_index is not None and record.index > self._expected_index:
-            self._handover_gaps += record.index - self._expected_index
-        elif self._expected_index is None and self._job.part == 0 and record.index > 0:
+        if self._expected_index is not None:
+            self._handover_gaps += max(0, record.index - self._expected_index)
+        elif self._job.part == 0:
             self._handover_gaps += record.index
         self._expected_index = record.index + 1
         if self._first_index < 0:
@@ -166,7 +166,12 @@ class Recorder:
             self._write_undecodable(record, receive_ns, error)
             return
         command = self._command(record)
-        self._count_gap(message.header.sequence_counter)
+        refusal = record.event_limit if record.event_code == EventCode.REFUSED else 0
+        is_forged = refusal == Refusal.COUNTER
+        if refusal in UNREADABLE:
+            self._counter.refuse(message.header.sequence_counter)
+        else:
+            self._counter.take(message.header.sequence_counter, believed=not is_forged)
         labels = SampleLabels(
             receive_ns,
             record.send_ns + self._epoch_offset_ns if record.send_ns else 0,
@@ -176,7 +181,7 @@ class Recorder:
             record.sample_in_period,
             record.command is not None,
             record.disposition == Disposition.DUPLICATE,
-            record.disposition == Disposition.STALE,
+            record.disposition == Disposition.STALE or is_forged,
             has_non_finite(message),
         )
         self._writer.write_sample(message, command, labels)
@@ -189,14 +194,6 @@ class Recorder:
         with contextlib.suppress(CodecError):
             return None if record.command is None else self._codec.decode_command(record.command)
         return None
-
-    def _count_gap(self, counter: int) -> None:
-        """What was lost before the loop, by the loop's own rule; asked of every message, as the loop asks it."""
-        order = self._counter.judge(counter)
-        if order == Order.NEXT:
-            self._sequence_gaps += self._counter.gap
-        elif order == Order.BELATED and self._sequence_gaps:
-            self._sequence_gaps -= 1
 
     def _write_event(self, record: HandoverRecord, time_ns: int) -> None:
         sentence = event_sentence(record, self._ring.reason)
@@ -267,7 +264,7 @@ class Recorder:
                 RecorderProgress(
                     part=self._job.part,
                     samples=self._writer.samples,
-                    sequence_gaps=self._sequence_gaps,
+                    sequence_gaps=self._counter.missing,
                     handover_gaps=self._handover_gaps,
                     undecodable=self._undecodable,
                     bytes=self._writer.bytes_on_disk,
@@ -301,7 +298,7 @@ class Recorder:
         self._keep_safe(final=True)
         self._reserve.give_back()
         end = {
-            "sequence_gaps": str(self._sequence_gaps),
+            "sequence_gaps": str(self._counter.missing),
             "handover_gaps": str(self._handover_gaps),
             "undecodable": str(self._undecodable),
             "samples_in_periods": str(self._samples_in_periods),
@@ -325,7 +322,7 @@ class Recorder:
                 samples_in_periods=self._samples_in_periods,
                 first_index=self._first_index,
                 last_index=self._last_index,
-                sequence_gaps=self._sequence_gaps,
+                sequence_gaps=self._counter.missing,
                 handover_gaps=self._handover_gaps,
                 undecodable=self._undecodable,
                 bytes=self._writer.bytes_on_disk,

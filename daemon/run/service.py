@@ -108,6 +108,11 @@ def run_acquisition(
     return outcome
 
 
+def silence_s(said_ns: int, began_s: float) -> float:
+    """Seconds of the monotonic clock since a loop last spoke (ns, 0: never), or was begun where it never did."""
+    return time.monotonic() - (said_ns * 1e-9 if said_ns else began_s)
+
+
 def _tell_if(observe: Observer, sentence: str) -> None:
     if sentence:
         observe(RunEvent(kind="preflight", sentence=sentence))
@@ -200,6 +205,7 @@ class _Acquisition:
             self._ring,
             self._folder,
         )
+        began_s = time.monotonic()
         host, port = self._request.bind_host, self._request.bind_port
         self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
         # The start check takes seconds on a busy machine: here it would cost the heartbeat, and the loop would stop.
@@ -216,7 +222,7 @@ class _Acquisition:
                 self._watch_recorder()
                 self._narrator.follow()
                 # The robot has long braked by itself; a loop that came back now would answer nobody.
-                if self._loop_silence_s() > STOPPED_S and loop.is_stopped:
+                if silence_s(self._ring.status.time_ns, began_s) > STOPPED_S and loop.is_stopped:
                     loop.process.kill()
                 if check is not None and check.done():
                     if (sentence := check.result()) and start_check is not None:
@@ -243,10 +249,6 @@ class _Acquisition:
         report = loop_report_without_loop(self._ring, loop.process.returncode, loop.last_words)
         self._loop_exit_code = EXIT_CODES[report.outcome]
         return report
-
-    def _loop_silence_s(self) -> float:
-        said = self._ring.status.time_ns
-        return time.monotonic() - said * 1e-9 if said else 0.0
 
     def _watch_recorder(self) -> None:
         """Replace a recorder that ended while the loop runs, and end the motion: what failed once may fail again."""

@@ -21,7 +21,7 @@ from daemon.api import Message, RunRequest
 from daemon.errors import LogIOError
 from daemon.json_files import write_bytes_atomically
 
-__all__ = ["find_run_file", "spare_folder", "write_run_file"]
+__all__ = ["files_elsewhere", "find_run_file", "spare_folder", "write_run_file"]
 
 
 def spare_folder(request: RunRequest) -> Path:
@@ -35,8 +35,7 @@ def spare_folder(request: RunRequest) -> Path:
         found = folder.lstat()
     except OSError as error:
         raise LogIOError(str(folder), error) from error
-    # The name can be foreseen, so it is trusted only when it is ours and nobody else may write into it.
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o077:
+    if not _is_ours(found):
         raise LogIOError(str(folder), OSError(errno.EPERM, "is not a private folder of this user"))
     return folder
 
@@ -65,6 +64,20 @@ def find_run_file(request: RunRequest, name: str) -> Path:
     """Where a file of the run stands: in the spare folder when it is there, else in the run's own."""
     spare = _spare_path(request) / name
     return spare if spare.is_file() else Path(request.out_dir) / name
+
+
+def files_elsewhere(request: RunRequest) -> dict[str, Path]:
+    """By their names, what the processes of a run left in its spare folder; request: with the folder it began in."""
+    folder = _spare_path(request)
+    try:
+        return {file.name: file for file in sorted(folder.iterdir())} if _is_ours(folder.lstat()) else {}
+    except OSError:
+        return {}
+
+
+def _is_ours(found: os.stat_result) -> bool:
+    """The name can be foreseen, so a folder is trusted only when it is ours and nobody else may write into it."""
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077
 
 
 def _spare_path(request: RunRequest) -> Path:

@@ -38,7 +38,7 @@ import platform
 import struct
 import time
 
-from fri_client.errors import FriError
+from fri_client.handover.errors import HandoverError, NoMemoryForHandover
 from fri_client.handover.record import Disposition, EventCode, HandoverRecord, LoopStatus
 from fri_client.handover.start_gate import StartGate
 
@@ -53,6 +53,7 @@ __all__ = [
     "HandoverRecord",
     "HandoverRing",
     "LoopStatus",
+    "NoMemoryForHandover",
 ]
 
 SLOT_BYTES = 2048
@@ -80,14 +81,6 @@ _W_STOP_REQUEST, _W_HEARTBEAT = 32, 33
 _W_EPOCH_OFFSET = 40
 _W_CLOSED = 48
 _STATUS_OFFSET = 49 * 8
-
-
-class HandoverError(FriError):
-    """The ring cannot be created or attached: wrong descriptor, wrong layout, not enough memory, unsuited
-    processor.
-    """
-
-    exit_code = 70
 
 
 class HandoverRing:
@@ -132,8 +125,8 @@ class HandoverRing:
         """Make an empty ring of `slots` slots; its `fd` is to be inherited by the loop and the recorder (pass_fds).
 
         All its memory is reserved now, so that a machine short of memory says so here and not as a bus error in the
-        loop. Raises HandoverError when it is not there, or on a processor whose memory order the ring does not
-        suit.
+        loop. Raises NoMemoryForHandover when it is not there, HandoverError on a processor whose memory order the ring
+        does not suit.
         """
         if slots < 1:
             raise HandoverError(f"a ring needs at least 1 slot, not {slots}")
@@ -145,9 +138,7 @@ class HandoverRing:
             try:
                 os.posix_fallocate(fd, 0, size)
             except OSError as error:
-                raise HandoverError(
-                    f"cannot reserve {size} bytes of memory for the hand-over: {error.strerror}"
-                ) from error
+                raise NoMemoryForHandover(size=size, error=error) from error
             # No process may shrink the file under another one's feet.
             fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
             header = struct.pack("@4Q", _MAGIC, _LAYOUT_VERSION, SLOT_BYTES, slots)

@@ -50,6 +50,11 @@ class Journal:
         """Note an event of this tick."""
         self._events.append((code, joint, float(value), float(limit)))
 
+    def refused(self, session: Session) -> None:
+        """Note that the message of this tick is refused; it rides in its record, before what was noted earlier."""
+        why = (EventCode.REFUSED, session.refusal_joint, float(session.refusal_value), float(session.refusal or 0))
+        self._events.insert(0, why)
+
     def stopped(self, sentence: str) -> None:
         """Note the tick and the sentence of a stop or a drop; of several the first tick stands."""
         if self.stop_tick is None:

@@ -292,7 +292,7 @@ class FriLoop:
         if not usable or not self._pilot.is_labelled(counter):
             period = sample = -1
         if not usable:
-            self._note_refusal()
+            self._journal.refused(self.session)
             self._judge_silence(receive_ns)
         if session.counts.restarts != self._restarts:
             self._restarts = session.counts.restarts
@@ -321,10 +321,6 @@ class FriLoop:
         clock = self.session.clock
         self.motion.latch(at_rest=self._gate.robot_stands(self.session.moment.cycle_ns if clock.simulated else now))
         self._journal.dropped(self.session, now)
-
-    def _note_refusal(self) -> None:
-        session = self.session
-        self._journal.event(EventCode.REFUSED, session.refusal_joint, session.refusal_value, session.refusal or 0)
 
     def _survive(self, error: Exception) -> None:
         self._faults += 1
@@ -365,7 +361,7 @@ class FriLoop:
     def _not_fresh(self, disposition: int, message: MonitoringMessage, datagram: bytes, now: int) -> None:
         session = self.session
         if disposition == Disposition.REFUSED:
-            self._note_refusal()
+            self._journal.refused(session)
         else:
             self.statistics.observe(message.header.sequence_counter, now, 0, session.send_period_ms)
         self._judge_silence(now)

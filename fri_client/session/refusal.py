@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["Refusal", "refusal_sentence"]
+__all__ = ["UNREADABLE", "Refusal", "refusal_sentence"]
 
 
 class Refusal(IntEnum):
@@ -23,6 +23,14 @@ class Refusal(IntEnum):
     EXTERNAL_TORQUE = 11
     COMMANDED_TORQUE = 12
 
+
+UNREADABLE = frozenset(Refusal) - {
+    Refusal.COUNTER,
+    Refusal.MEASURED_TORQUE,
+    Refusal.EXTERNAL_TORQUE,
+    Refusal.COMMANDED_TORQUE,
+}
+"""Nothing in such a message is used, nor is its counter used up; of one with a wrong torque alone it is."""
 
 _MISSING = {
     Refusal.NO_MONITOR_DATA: "monitor data",

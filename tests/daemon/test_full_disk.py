@@ -20,6 +20,7 @@ import pytest
 
 from daemon.api import RUN_NAME, RunEvent, RunOutcome, RunRequest
 from daemon.json_files import read_json, write_json
+from daemon.run.next_step import moved_away
 from daemon.run.service import run_acquisition
 from daemon.run.spare_folder import find_run_file
 from tests.ports import free_udp_port
@@ -198,3 +199,26 @@ def test_a_folder_that_is_moved_away_in_the_run_is_said_and_what_it_held_is_coun
     assert outcome.samples + outcome.handover_gaps >= outcome.loop.received > 0
     assert any(f"{folder} was moved or removed" in sentence for sentence in outcome.sentences)
     assert read_json(find_run_file(request, RUN_NAME), RunOutcome).sentences == outcome.sentences
+    # Wherever the folder is now, its account is that of the loop, and says where the rest is.
+    spare = str(find_run_file(request, RUN_NAME).parent)
+    said = invoke("recover", str(away))
+    written = read_json(away / RUN_NAME, RunOutcome)
+    assert written.loop is not None
+    assert (written.outcome, written.exit_code) == (outcome.outcome, int(written.handover_gaps > 0))
+    assert (written.loop.sentence, written.loop.received) == (outcome.loop.sentence, outcome.loop.received)
+    assert written.samples + written.handover_gaps >= outcome.loop.received
+    assert "without a word" not in " ".join(written.sentences)
+    assert any(spare in sentence for sentence in written.sentences)
+    assert f"is in {spare}: " in said
+    shown = moved_away(outcome)
+    assert f"{spare}/run.json" in shown
+    assert "iiwa-ident recover" in shown
+
+
+def invoke(*words: str) -> str:
+    """The command's stdout."""
+    shown = subprocess.run(
+        [sys.executable, "-c", "from daemon.cli import main; main()", *words],
+        capture_output=True, text=True, check=True, env={**os.environ}, timeout=WATCHDOG_S,
+    )  # fmt: skip
+    return shown.stdout
