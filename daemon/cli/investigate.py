@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from daemon.investigate.account import Account, Motion
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
-    from daemon.motion.tool import Tool
+    from identification.robots import Installation
 
 
 @app.command()
@@ -73,7 +73,6 @@ def investigate(
     from daemon.investigate.loop import Investigation
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
-    from daemon.motion.tool import carried
     from identification.investigation.actions import Action
     from identification.investigation.equivalences import unasked
 
@@ -82,7 +81,9 @@ def investigate(
     if yes and not simulation:
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
     mass = mass_of(added_mass)
+    stand = installation_of(gravity, mount, None)
     account, resumed = _account_in(out, given or [], robot, None if budget is None else 60.0 * budget, seed)
+    account = _in_its_cell(out, account, workspace, tool, stand)
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
         account = msgspec.structs.replace(account, wanted=wanted)
@@ -90,8 +91,7 @@ def investigate(
     if mass is not None:
         acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
-    load = carried(tool_from(tool), account.added_mass)
-    driver = _driver(account.robot, workspace, load, mount, gravity, host, port, simulation,
+    driver = _driver(account, host, port, simulation,
                      fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
     def ask(motion: Motion) -> bool | None:
@@ -127,18 +127,18 @@ def investigate(
 def _account_in(
     out: Path, given: Sequence[Path], robot: str | None, budget_s: float | None, seed: int
 ) -> tuple[Account, bool]:
-    """The account of the investigation in a folder, begun there if it holds none, and whether it held one."""
+    """The account of the investigation in a folder, a new one if it holds none, and whether it held one."""
     import msgspec
 
     from daemon.errors import ConfigurationError
-    from daemon.investigate.account import read_account, save
+    from daemon.investigate.account import read_account
     from daemon.investigate.begin import begun
 
     account = read_account(out)
     if account is None:
         if budget_s is None:
             raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
-        return save(out, begun(given, robot, budget_s, seed)), False
+        return begun(given, robot, budget_s, seed), False
     if given:
         raise ConfigurationError(
             "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)
@@ -146,18 +146,29 @@ def _account_in(
     return account if budget_s is None else msgspec.structs.replace(account, budget_s=budget_s), True
 
 
-def _driver(
-    robot: str,
-    workspace: Path | None,
-    tool: Tool | None,
-    mount: str | None,
-    gravity: str | None,
-    host: str,
-    port: int,
-    simulation: bool,
-    **settings: object,
-) -> FriDriver:
+def _in_its_cell(
+    out: Path, account: Account, workspace: Path | None, tool: str | None, stand: Installation | None
+) -> Account:
+    """The account, stored with the surroundings, tool and stand that hold from now on; all are read first."""
+    import msgspec
+
+    from daemon.investigate.account import save
+    from daemon.investigate.cell import gone_on_with
+    from daemon.motion.workspace import load_surroundings
+
+    cell = gone_on_with(account.cell, workspace, tool, None if stand is None else stand.gravity)
+    load_surroundings(account.robot, cell.workspace, tool_from(cell.tool))
+    if words := cell.describe():
+        message(f"Motions are held against {words}.")
+    return save(out, msgspec.structs.replace(account, cell=cell))
+
+
+def _driver(account: Account, host: str, port: int, simulation: bool, **settings: object) -> FriDriver:
     from daemon.investigate.driver import FriDriver
+    from daemon.motion.tool import carried
+    from identification.robots import Installation
+
+    cell = account.cell
 
     def agree(motion: PreparedMotion, periods: int) -> bool:
         try:
@@ -167,10 +178,10 @@ def _driver(
         return True
 
     return FriDriver(
-        robot=robot,
-        workspace=workspace,
-        tool=tool,
-        installation=installation_of(gravity, mount, None),
+        robot=account.robot,
+        workspace=None if cell.workspace is None else Path(cell.workspace),
+        tool=carried(tool_from(cell.tool), account.added_mass),
+        installation=None if cell.gravity_m_s2 is None else Installation(cell.gravity_m_s2),
         settings={"bind_host": host, "bind_port": port, **settings},
         simulation=simulation,
         observe=lambda event: message(event.sentence),

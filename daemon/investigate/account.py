@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.errors import ConfigurationError, LogIOError
+from daemon.investigate.cell import Cell
 from daemon.investigate.states import State
 from daemon.json_files import read_json, write_json
 from identification.investigation.actions import Action
@@ -114,7 +115,7 @@ class Account(_Entry, frozen=True, kw_only=True):
     actions: what the operator is asked to do, in words; asks: the same for programs.
     added_mass: kg and m from the flange of a known mass that is on it now. wanted: questions of the operator about what
     no motion shows, of `INVISIBLE`. doing: an action that was done and whose motion is not recorded yet. told: what
-    the first `heard` of the recordings after an action told.
+    the first `heard` of the recordings after an action told. cell: surroundings, tool and stand, where a command said.
     """
 
     robot: str
@@ -135,6 +136,7 @@ class Account(_Entry, frozen=True, kw_only=True):
     doing: Action | None = None
     told: tuple[Told, ...] = ()
     heard: int = 0
+    cell: Cell = Cell()
     format: str = FORMAT
 
     @property

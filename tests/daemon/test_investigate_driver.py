@@ -66,6 +66,65 @@ def test_a_post_that_is_named_after_the_planning_is_not_driven_into(
     assert "Nothing was moved." in capsys.readouterr().out
 
 
+def test_a_post_that_was_named_once_stands_there_for_every_later_command(
+    post: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "question"
+    assert investigate(folder, "--budget", "4", "--workspace", str(post), "--yes") == 1
+    capsys.readouterr()
+    assert investigate(folder, "--yes") == 1
+    blocked = read_account(folder)
+    assert blocked is not None
+    assert (blocked.state, "post" in blocked.sentence) == (State.BLOCKED, True)
+    assert f"Motions are held against workspace {post}." in capsys.readouterr().err
+
+
+def test_a_tool_that_was_named_once_is_carried_until_it_is_taken_off(tmp_path: Path) -> None:
+    folder = tmp_path / "question"
+    (tmp_path / "tool.yaml").write_text("{mass_kg: 2.0, center_of_mass_m: [0, 0, 0.1]}\n")
+
+    def tool_of_the_plan(*words: str) -> str | None:
+        assert investigate(folder, *words, "--plan-only") == 0
+        planned = read_account(folder)
+        assert planned is not None
+        return planned.cell.tool
+
+    assert tool_of_the_plan("--budget", "4", "--tool", str(tmp_path / "tool.yaml")) == str(tmp_path / "tool.yaml")
+    assert tool_of_the_plan() == str(tmp_path / "tool.yaml")
+    assert tool_of_the_plan("--tool", "1@0,0,0.1") == "1@0,0,0.1"
+    assert tool_of_the_plan("--mount", "ceiling") == "1@0,0,0.1"
+    assert tool_of_the_plan("--tool", "none") == "none"
+
+
+@pytest.mark.parametrize(("left", "code", "sentence"), [("", 78, "has changed since"), (None, 66, "does not exist")])
+def test_a_workspace_that_changed_or_went_away_has_to_be_named_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], left: str | None, code: int, sentence: str
+) -> None:
+    folder, cell = tmp_path / "question", tmp_path / "cell.yaml"
+    cell.write_text("floor_height_m: -0.5\n")
+    assert investigate(folder, "--budget", "4", "--workspace", str(cell), "--plan-only") == 0
+    before = read_account(folder)
+    cell.unlink()
+    if left is not None:
+        cell.write_text(left)
+    capsys.readouterr()
+    assert investigate(folder, "--yes") == code
+    said = " ".join(capsys.readouterr().err.split())
+    assert sentence in said
+    assert "--workspace" in said
+    assert read_account(folder) == before
+    cell.write_text(left or "")
+    assert investigate(folder, "--workspace", str(cell), "--plan-only") == 0
+    assert investigate(folder, "--plan-only") == 0
+
+
+def test_a_workspace_that_cannot_be_read_begins_nothing(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text("{boxes: 3}")
+    assert investigate(tmp_path / "question", "--budget", "4", "--workspace", str(cell), "--plan-only") == 78
+    assert read_account(tmp_path / "question") is None
+
+
 def test_on_a_real_arm_nobody_is_asked_about_a_motion_of_which_a_rung_is_unsafe(
     motion: PreparedMotion, post: Path, tmp_path: Path
 ) -> None:

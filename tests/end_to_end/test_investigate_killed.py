@@ -1,4 +1,5 @@
-"""kill -9 of `iiwa-ident investigate` while the arm moves and while it asks, against a fake robot in lockstep.
+"""kill -9 of `iiwa-ident investigate` while the arm moves and while it asks, and what the next command still knows of
+the cell, against a fake robot in lockstep.
 
 Truth: the loop's own report of the standstill, the account on disk, and that the same command stands at a question.
 """
@@ -8,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import signal
 import subprocess
 import time
 from collections.abc import Callable
@@ -85,3 +87,23 @@ def test_a_kill_leaves_the_arm_at_rest_and_the_same_command_asks_again(tmp_path:
     assert "Planned, not driven: Motion 1" in planned.stdout
     done = account_of(out)
     assert (done.state, done.recordings, done.attempts) == (State.PLANNED, (), 1)
+
+
+def test_the_motion_is_driven_in_the_cell_and_with_the_tool_that_only_the_plan_was_given(tmp_path: Path) -> None:
+    port, out, cell = free_udp_port(), tmp_path / "question", tmp_path / "cell.yaml"
+    cell.write_text("walls: [{name: fence, normal: [1, 0, 0], offset_m: -1.5}]\n")
+    words = ["investigate", "--out", str(out), "--bind", f"127.0.0.1:{port}"]
+    told = ["--budget", "4", "--workspace", str(cell), "--tool", "0.8@0,0,0.05"]
+    planned = iiwa_ident(*words, *told, "--plan-only")
+    assert planned.returncode == 0, planned.stderr
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--duration", "600"):
+        process = start_iiwa_ident(*words, "--yes")
+        log = out / "motion-01" / "recording.mcap"
+        wait_for(lambda: log.is_file() and log.stat().st_size > 200_000, process)
+        os.kill(process.pid, signal.SIGINT)
+        process.communicate(timeout=WATCHDOG_S)
+    request = json.loads((out / "motion-01" / "request.json").read_text())
+    assert request["tool"] == "0.8 kg at (0, 0, 0.05) m"
+    taken = Path(request["workspace_file"]).read_text()
+    assert "fence" in taken
+    assert "0.8" in taken
