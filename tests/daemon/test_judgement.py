@@ -49,3 +49,12 @@ def test_a_recording_that_cannot_be_judged_is_said_and_changes_no_exit_code(tmp_
     told = judged(outcome_of(broken, 0))
     assert told.exit_code == 0
     assert "could not be judged" in told.sentences[-1]
+
+
+def test_what_could_not_be_judged_for_want_of_records_is_said(tmp_path: Path) -> None:
+    messages = line(400)
+    for each in messages[:200]:
+        each.recorded = False
+    told = judged(outcome_of(write_log(tmp_path / "recording.mcap", messages), 0))
+    assert (told.judgement["passed"], told.judgement["holes"], told.exit_code) == (True, 1, 0)
+    assert told.sentences[-1] == "Records are missing in 1 place: the commands there could not be judged."
