@@ -10,7 +10,9 @@ from __future__ import annotations
 import atexit
 import gc
 import importlib
+import math
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -18,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
 from daemon.cli.catalogue import COMMANDS, GROUPS
-from daemon.cli.output import complaint, data, prepare_streams, set_verbosity
+from daemon.cli.output import complaint, data, prepare_streams, set_verbosity, settle_stdout
 from daemon.errors import EXIT_INTERNAL, exit_code_of, sentence_of
 
 EXIT_INTERRUPTED = 130
@@ -43,6 +45,8 @@ class CatalogueGroup(TyperGroup):
             loaded = get_group(app)
             assert isinstance(loaded, CatalogueGroup)
             command = loaded.registered[name]
+            for parameter in command.params:
+                parameter.callback = _without_nan(parameter.callback)
         return name, command, rest
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -52,6 +56,17 @@ class CatalogueGroup(TyperGroup):
         for title, entries in GROUPS.items():
             with formatter.section(title):
                 formatter.write_dl([(entry.name.ljust(wide), entry.line) for entry in entries])
+
+
+def _without_nan(callback: Callable[..., Any] | None) -> Callable[..., Any]:
+    """An option's callback that refuses what is no number, which passes every range."""
+
+    def check(ctx: Any, parameter: Any, value: Any) -> Any:
+        if isinstance(value, float) and math.isnan(value):
+            raise typer.BadParameter("nan is no number.", ctx=ctx, param=parameter)
+        return value if callback is None else callback(ctx, parameter, value)
+
+    return check
 
 
 app = typer.Typer(
@@ -105,5 +120,6 @@ def main(arguments: list[str] | None = None) -> None:
         text = sentence_of(error)
         if exit_code_of(error) == EXIT_INTERNAL:
             text = f"internal error ({type(error).__name__}): {text}; run again with -vv for the traceback"
+        settle_stdout()
         complaint(f"iiwa-ident: {text}")
         sys.exit(exit_code_of(error))

@@ -1,6 +1,7 @@
 """Where the command line prints: data on stdout, messages on stderr, results as JSON where asked for.
 
-Here: a stream of any encoding, and one whose reader has gone. Not here: what lines, tables and bars look like at a
+Here: a stream of any encoding, one whose reader has gone, one that is closed or full. A result that cannot be written
+is an error (74); a message never costs a command its end. Not here: what lines, tables and bars look like at a
 terminal (`terminal`, `progress`), which is loaded only where it is wanted.
 """
 
@@ -20,6 +21,7 @@ from typing import Annotated, Any, TextIO
 import typer
 
 from daemon.cli.protection import not_a_recording
+from daemon.errors import LogIOError
 
 JsonOption = Annotated[
     Path | None,
@@ -42,12 +44,26 @@ _verbose = 0
 
 
 def prepare_streams() -> None:
-    """Let stdout and stderr spell what their encoding does not have: no sign may cost the result that it stands in."""
+    """Let stdout and stderr be there, and spell what their encoding does not have: no sign may cost the result that it
+    stands in.
+    """
+    _open_standard_streams()
     codecs.register_error("iiwa_ident_spelled", _spell_error)
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)  # a test's stream may have none
         if reconfigure is not None:
             reconfigure(errors="iiwa_ident_spelled")
+
+
+def _open_standard_streams() -> None:
+    """Put something in the place of standard streams that the caller closed, before a file or a socket gets their
+    number: nothing to read, nobody who hears messages, and a stdout that refuses every result.
+    """
+    for name, access in (("stdin", os.O_RDONLY), ("stdout", os.O_RDONLY), ("stderr", os.O_WRONLY)):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, access)  # the lowest number that is free: that of the stream
+            os.set_inheritable(descriptor, descriptor <= 2)
+            setattr(sys, name, open(descriptor, "r" if name == "stdin" else "w", encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _spell_error(error: UnicodeError) -> tuple[str, int]:
@@ -115,14 +131,26 @@ def _print(stream: TextIO, text: str) -> bool:
 
 
 def _write(stream: TextIO, text: str) -> bool:
-    """Write and flush. A reader that has gone (`| head`) is no failure: the command still comes to its own end."""
+    """Write and flush. A reader that has gone (`| head`) is no failure: the command still comes to its own end. Neither
+    is a message that nobody can read. Raises LogIOError for a result that cannot be written.
+    """
     try:
         stream.write(text)
         stream.flush()
-    except BrokenPipeError:
-        _to_nowhere(stream)
-        return False
+    except OSError as error:
+        _to_nowhere(stream)  # what is still buffered would fail once more at the end of the process
+        if stream is not sys.stdout or isinstance(error, BrokenPipeError):
+            return False
+        raise LogIOError("stdout", error) from error
     return True
+
+
+def settle_stdout() -> None:
+    """Let nothing wait in stdout that the end of the process would fail to write."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _to_nowhere(sys.stdout)
 
 
 def _to_nowhere(stream: TextIO) -> None:

@@ -30,6 +30,8 @@ _NUMBERS_WIDE = {False: 57, True: 64}
 _ROOMY = 100
 """Columns from which it is there."""
 _NUMBER_WIDE = 6
+_NAME_WIDE, _COLUMN_WIDE = 2, 8
+"""Columns of a joint's name, and of a number at most with the space before it."""
 _WIDE = 40
 _GOOD = {"EXCELLENT": "green", "GOOD": "green", "FAIR": "yellow", "POOR": "bold red"}
 
@@ -57,6 +59,11 @@ class Screen:
         """Characters of a bar on each side of its zero, as the width of the terminal allows."""
         least, most = _HALVES
         return max(least, min(most, (self.width - _NUMBERS_WIDE[self.is_roomy]) // 8))
+
+    @property
+    def has_bars(self) -> bool:
+        """Whether there is room for bars at all; without them the numbers stand alone, each behind its joint."""
+        return self.width >= _NUMBERS_WIDE[False] + 4 * (2 * _HALVES[0] + 1)
 
     @property
     def is_roomy(self) -> bool:
@@ -151,11 +158,17 @@ def _joints(screen: Screen) -> Table:
     if modelled is not None:
         heads += ["model", "differ", "× noise"] if screen.is_roomy else ["differ", "× noise"]
     heads += ["external", "Nm"]
+    if not screen.has_bars:
+        heads = ["", "rad", "rad/s", "Nm", *(["differ", "× noise"] if modelled is not None else []), "ext."]
+        heads = heads[: 1 + (screen.width - _NAME_WIDE) // _COLUMN_WIDE]
     for head in heads:
         left = head in ("", "position", "velocity", "torque", "external")
         shown = head.replace("×", "x") if screen.ascii_only else head
         table.add_column(
-            shown, justify="left" if left else "right", no_wrap=True, min_width=None if left else _NUMBER_WIDE
+            shown,
+            justify="left" if left else "right",
+            no_wrap=True,
+            min_width=None if left else _NUMBER_WIDE,
         )
     for joint in range(7):
         cells: list[RenderableType] = [f"A{joint + 1}"]
@@ -173,7 +186,7 @@ def _joints(screen: Screen) -> Table:
         # Where nobody watches it there is no limit to draw against; the joint's own torque is the scale.
         scale = float(limits.torque[joint]) if limit is None else limit
         cells += _pair(screen, _at(external, joint), -scale, scale, "+.2f")
-        table.add_row(*cells)
+        table.add_row(*cells[: len(heads)])
     return table
 
 
@@ -184,6 +197,8 @@ def _at(values: FloatArray | None, joint: int) -> float | None:
 def _pair(
     screen: Screen, value: float | None, lower: float, upper: float, spelled: str, *, mark: float | None = None
 ) -> list[RenderableType]:
+    if not screen.has_bars:
+        return ["" if value is None else format(float(value), spelled)]
     if value is None:
         return ["", ""]
     shown = bar(float(value), float(lower), float(upper), half=screen.half, mark=mark, ascii_only=screen.ascii_only)

@@ -5,6 +5,7 @@ Nothing here talks to a robot.
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -166,7 +167,9 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
     out_dir.mkdir(parents=True, exist_ok=True)
     table_file = out_dir / "table.npy"
     trajectory_file = out_dir / "trajectory.json"
-    np.save(table_file, motion.table)
+    table = io.BytesIO()
+    np.save(table, motion.table)
+    table_file.write_bytes(table.getbuffer())  # numpy's own writing hides what the disk says
     trajectory_file.write_text(json.dumps(motion.trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
     (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
     settings |= _noted_stand(motion.surroundings, motion.installation, out_dir)

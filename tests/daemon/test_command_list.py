@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_group
 
-from daemon.cli.app import CatalogueGroup, app
+from daemon.cli.app import CatalogueGroup, app, main
 from daemon.cli.catalogue import COMMANDS, GROUPS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -140,3 +140,26 @@ def test_a_shell_completes_commands_options_and_values(typed: list[str], offered
         env={**os.environ, **environment},
     )  # fmt: skip
     assert done.stdout.split() == offered
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "--amplitude"),
+        ("run", "--amplitude"),
+        ("run", "--start-timeout"),
+        ("submit", "--amplitude"),
+        ("investigate", "--budget"),
+        ("submit-investigation", "--budget"),
+    ],
+)
+def test_what_is_no_number_is_a_mistake_of_the_command_line(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is no number is neither below nor above any bound: before, it passed all of them."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main([*words, "nan"])
+    assert end.value.code == 2
+    assert "nan is no number." in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

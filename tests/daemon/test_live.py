@@ -279,15 +279,20 @@ def text_of(screen: Screen, width: int) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("width", [80, 100, 130])
-@pytest.mark.parametrize("ascii_only", [False, True])
-def test_a_screen_fits_its_terminal_and_cuts_no_number(width: int, ascii_only: bool) -> None:
-    screen = Screen(
+def full_screen(width: int, *, ascii_only: bool = False) -> Screen:
+    """With the longest numbers there are."""
+    return Screen(
         frame(position=(-2.9,) * 7, torque=(-310.25,) * 7, external_torque=(-59.99,) * 7, received=1_234_567,
               session_state="COMMANDING_ACTIVE", quality="EXCELLENT", period=15, periods=16),
         limits_for("iiwa14"), velocity=np.full(7, -1.234), modelled=np.full(7, -299.75), ratio=np.full(7, 12.3),
         width=width, ascii_only=ascii_only,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [80, 100, 130])
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_a_screen_fits_its_terminal_and_cuts_no_number(width: int, ascii_only: bool) -> None:
+    screen = full_screen(width, ascii_only=ascii_only)
     text = text_of(screen, width)
     assert "…" not in text
     assert all(len(line) <= width for line in text.splitlines())
@@ -296,6 +301,16 @@ def test_a_screen_fits_its_terminal_and_cuts_no_number(width: int, ascii_only: b
         assert text.count(number) >= 7
     if ascii_only:
         assert text.isascii()
+
+
+@pytest.mark.parametrize("width", [24, 40, 60, 76])
+def test_a_terminal_too_narrow_for_bars_keeps_every_joint_and_its_numbers(width: int) -> None:
+    """Before, the names of the joints were cut to one sign, and the numbers behind the velocity were gone."""
+    numbers = ["-2.900", "-1.234", "-310.25", "-10.50", "12.3", "-59.99"]
+    text = text_of(full_screen(width), width)
+    rows = [line.split() for line in text.splitlines() if line.startswith("A")]
+    assert rows == [[f"A{joint}", *numbers[: (width - 2) // 8]] for joint in range(1, 8)]
+    assert "…" not in text
 
 
 def test_joints_stay_where_they_were_last_seen_when_the_robot_is_silent() -> None:

@@ -143,6 +143,19 @@ def test_a_stop_while_it_thinks_holds_the_motion_that_follows(tmp_path: Path) ->
     assert queue.phases() == [("investigation", "held"), ("run", "held")]
 
 
+def test_one_that_thinks_is_not_cancelled_and_says_when_it_can_be(tmp_path: Path) -> None:
+    queue = Queue(tmp_path)
+    number = queue.begin()
+    job = queue.investigations.next_step()
+    assert job is not None
+    queue.investigations.step_of(job)
+    with pytest.raises(RefusedRequestError, match=r"moves nothing; once it asks for a motion, `cancel` ends it\.$"):
+        queue.jobs.cancel(number)
+    queue.investigations.step_ended(StepEnded(number, MOTION, MOTION.sentence, 0))
+    queue.jobs.cancel(number)
+    assert queue.jobs.store.jobs[number].phase == "cancelled"
+
+
 def test_what_went_unasked_on_a_fake_robot_asks_on_the_real_arm_of_the_next_service(tmp_path: Path) -> None:
     queue = Queue(tmp_path)
     queue.begin(unasked=True)
