@@ -28,6 +28,8 @@ STOP_WIDTHS = np.geomspace(0.001, 0.3, 8)
 """Widths of stop operators of position, in half ranges."""
 LOAD_STOP_WIDTHS = np.geomspace(0.01, 0.3, 4)
 LAGS_S = np.geomspace(0.002, 0.2, 5)
+LATE = 4
+"""Functions of speed that friction which follows late is made of."""
 RESONANCES_HZ = np.geomspace(3.0, 35.0, 11)
 DAMPING = 0.1
 NOTHING = 1e-18
@@ -66,18 +68,18 @@ def _constant(inputs: Inputs, joint: int) -> Part:
     return ones[:, None], ones
 
 
+def _bent(place: FloatArray, kind: tuple[float, int]) -> FloatArray:
+    """Functions (S, m) of one length of a place (S,), without their constant and straight parts."""
+    return tabulated(smooth_table(*kind, ("one", "linear")), place)
+
+
 def _position_smooth(inputs: Inputs, joint: int) -> Part:
     place = inputs.position[:, joint]
-    length, count = SMOOTH
-    table = smooth_table(length, count, ("one", "linear"))
-    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
-    return values, inputs.inside("position")[:, joint]
+    return np.column_stack([np.clip(place, -1, 1), _bent(place, SMOOTH)]), inputs.inside("position")[:, joint]
 
 
 def _position_fine(inputs: Inputs, joint: int) -> Part:
-    length, count = FINE
-    table = smooth_table(length, count, ("one", "linear"))
-    return tabulated(table, inputs.position[:, joint]), inputs.inside("position")[:, joint]
+    return _bent(inputs.position[:, joint], FINE), inputs.inside("position")[:, joint]
 
 
 def _position_by_direction(inputs: Inputs, joint: int) -> Part:
@@ -99,6 +101,13 @@ def _velocity_one_way(inputs: Inputs, joint: int) -> Part:
     return _speed(inputs, joint)[1] * inputs.direction[:, joint, None], inputs.inside("velocity")[:, joint]
 
 
+def _velocity_late(inputs: Inputs, joint: int) -> Part:
+    """What friction adds that follows its own velocity late."""
+    direction = inputs.direction[:, joint, None]
+    friction = np.concatenate([direction, _speed(inputs, joint)[1][:, :LATE] * direction], axis=1)
+    return inputs.late(friction, LAGS_S[2:]), inputs.inside("velocity")[:, joint]
+
+
 def _speed(inputs: Inputs, joint: int) -> tuple[FloatArray, FloatArray]:
     """Speed (S,) as a share of the largest, and functions (S, m) of it."""
     speed = np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
@@ -107,9 +116,11 @@ def _speed(inputs: Inputs, joint: int) -> tuple[FloatArray, FloatArray]:
 
 def _load(inputs: Inputs, joint: int) -> Part:
     place = inputs.torque[:, joint]
-    table = smooth_table(*LOAD, ("one", "linear"))
-    values = np.concatenate([np.clip(place, -1, 1)[:, None], tabulated(table, place)], axis=1)
-    return values, inputs.inside("torque")[:, joint]
+    return np.column_stack([np.clip(place, -1, 1), _bent(place, LOAD)]), inputs.inside("torque")[:, joint]
+
+
+def _load_fine(inputs: Inputs, joint: int) -> Part:
+    return _bent(inputs.torque[:, joint], FINE), inputs.inside("torque")[:, joint]
 
 
 def _load_by_direction(inputs: Inputs, joint: int) -> Part:
@@ -212,6 +223,13 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("velocity").prod(axis=1)
 
 
+TOLD_BY_NOISE = (_velocity_late,)
+"""Groups that are asked only where the noise is measured: what they describe nearly is what others describe.
+
+Friction that follows late is all but what builds up over travel. Stretches without periods choose the one or the other
+by chance.
+"""
+
 CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass(
         "constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift"),
@@ -223,9 +241,10 @@ CLASSES: tuple[DependenceClass, ...] = (
         (_position_by_direction, _position_by_direction_fine), "position",
     ),
     DependenceClass(
-        "own_velocity", "depends on its own velocity", (_velocity_either_way, _velocity_one_way), "velocity",
+        "own_velocity", "depends on its own velocity",
+        (_velocity_either_way, _velocity_one_way, _velocity_late), "velocity",
     ),
-    DependenceClass("own_load", "depends on its own load", (_load,), "torque"),
+    DependenceClass("own_load", "depends on its own load", (_load, _load_fine), "torque"),
     DependenceClass(
         "own_load_by_direction", "depends on its own load and turns round with its direction of motion",
         (_load_by_direction,), "load",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.functions import fade
+from identification.mismatch.unknown.functions import fade, responses
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -121,6 +121,14 @@ class Inputs:
             return np.ones((self.motion.samples, self.motion.n))
         return fade(self._scaled(name, self.limits), self.fade_width)
 
+    def late(self, values: FloatArray, lags_s: FloatArray) -> FloatArray:
+        """(S, m · lags) what values (S, m) lack where they are followed with a lag: s T/(1 + s T) of each."""
+        step, periodic = self.motion.sampling_period_s, self.motion.periodic
+        lacking = partial(
+            responses, step_s=step, periodic=periodic, lags_s=lags_s, resonances_hz=np.zeros(0), damping=1.0
+        )
+        return np.concatenate([lacking(value) for value in values.T], axis=1)
+
     @cached_property
     def all_inside(self) -> FloatArray:
         """(S,) 1 where all positions are."""
@@ -170,6 +178,10 @@ class Along(Inputs):
             self.__dict__[name] = running if name == coordinate else middle
         self.__dict__["direction"] = np.sign(running) if coordinate == "velocity" else np.ones_like(middle)
         object.__setattr__(self, "place", place)
+
+    def late(self, values: FloatArray, lags_s: FloatArray) -> FloatArray:
+        """Nothing: it runs slowly."""
+        return np.zeros((len(values), values.shape[1] * lags_s.size))
 
     def inside(self, name: str) -> FloatArray:
         """1 everywhere: it stays within the fitted range."""

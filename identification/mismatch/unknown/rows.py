@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
-from identification.mismatch.unknown.classes import CLASSES, Basis
+from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -253,8 +253,11 @@ def functions_of(
 ) -> list[tuple[Basis, FloatArray]]:
     """The groups of some classes of a joint, with their rows (R, m) Nm. numbers: of the classes in CLASSES."""
     found = []
+    measured = all(each.noise_is_measured for each in evidences)
     for number in numbers:
         for group, functions in enumerate(CLASSES[number].groups):
+            if functions in TOLD_BY_NOISE and not measured:
+                continue
             parts = [functions(each, joint) for each in inputs]
             basis = Basis.of(number, group, joint, parts)
             if basis.scale > 0.0:

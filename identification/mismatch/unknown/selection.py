@@ -123,8 +123,13 @@ class Selection:
         if world == 0:
             return state.part
         if world not in state.elsewhere:
-            state.elsewhere[world] = marginal(self.worlds[world][joint].only(state.groups), state.hyper)
+            state.elsewhere[world] = marginal(self._gram(joint, state, world), state.hyper)
         return state.elsewhere[world]
+
+    def _gram(self, joint: int, state: JointState, world: int) -> JointGram:
+        if world not in state.grams:
+            state.grams[world] = self.worlds[world][joint].only(state.groups)
+        return state.grams[world]
 
     def others(self, joint: int, world: int) -> Shared:
         """All joints but one."""
@@ -150,7 +155,7 @@ class Selection:
         if self.predicted:
             hyper = replace(hyper, noise=np.full_like(hyper.noise, self._predicted_noise(joint, state, hyper)))
             part = marginal(state.gram, hyper)
-        return JointState(state.groups, state.gram, hyper, part)
+        return JointState(state.groups, state.gram, hyper, part, grams=state.grams)
 
     def _predicted_noise(self, joint: int, state: JointState, hyper: Hyper) -> float:
         """Mean square of what each stretch of a joint's rows leaves that is predicted from the others.
@@ -159,7 +164,7 @@ class Selection:
         """
         squares, count = 0.0, 0.0
         for world in range(1, len(self.worlds)):
-            others = self.worlds[world][joint].only(state.groups)
+            others = self._gram(joint, state, world)
             part = marginal(others, hyper)
             shared = self.others(joint, world).plus(part)
             more, rows = squares_of(state.gram.less(others), part, shared, hyper.noise)

@@ -21,7 +21,8 @@ class Held:
 class JointState:
     """One joint with the classes that it holds. groups: numbers of its groups in `JointRows.bases`.
 
-    gram, part: of all rows that are fitted. elsewhere: parts of other worlds, as far as they were asked for.
+    gram, part: of all rows that are fitted. grams, elsewhere: the same of other worlds, as far as they were asked for;
+    states of the same groups share the former.
     """
 
     groups: tuple[int, ...]
@@ -29,3 +30,4 @@ class JointState:
     hyper: Hyper
     part: Marginal
     elsewhere: dict[int, Marginal] = field(default_factory=dict)
+    grams: dict[int, JointGram] = field(default_factory=dict)
