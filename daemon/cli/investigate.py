@@ -14,7 +14,7 @@ from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
-from daemon.cli.progress import progress_shown
+from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.run import confirm_motion
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ def investigate(
             return True
         if not sys.stdin.isatty():
             raise typer.BadParameter("the arm will move, and nobody can be asked here: add --yes or --plan-only.")
-        return typer.confirm("Drive it", err=True)
+        with bar_put_away():
+            return typer.confirm("Drive it", err=True)
 
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show)
@@ -172,7 +173,8 @@ def _driver(account: Account, host: str, port: int, simulation: bool, **settings
 
     def agree(motion: PreparedMotion, periods: int) -> bool:
         try:
-            confirm_motion(motion, periods)
+            with bar_put_away():
+                confirm_motion(motion, periods)
         except typer.Abort:
             return False
         return True

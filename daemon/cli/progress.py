@@ -8,12 +8,31 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from daemon.cli.output import is_quiet, message
 
-__all__ = ["Show", "progress_shown"]
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+__all__ = ["Show", "bar_put_away", "progress_shown"]
 
 Show = Callable[[str, float], None]
+
+_shown: list[Progress] = []
+"""The bars on the terminal, the innermost last."""
+
+
+@contextmanager
+def bar_put_away() -> Iterator[None]:
+    """No bar while somebody is asked: it is drawn anew twice a second, over the question."""
+    for bar in _shown:
+        bar.stop()
+    try:
+        yield
+    finally:
+        for bar in _shown:
+            bar.start()
 
 
 @contextmanager
@@ -50,4 +69,8 @@ def progress_shown(*, lines: bool = True) -> Iterator[Show]:
         expand=True,
     ) as bar:
         task = bar.add_task("", total=1.0)
-        yield lambda text, share: bar.update(task, description=text, completed=share)
+        _shown.append(bar)
+        try:
+            yield lambda text, share: bar.update(task, description=text, completed=share)
+        finally:
+            _shown.remove(bar)

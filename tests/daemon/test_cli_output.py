@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from daemon.api import RunEvent
-from daemon.cli import output
+from daemon.cli import output, progress
 from daemon.cli.output import data, message, prepare_streams, show_table, write_json
-from daemon.cli.progress import progress_shown
+from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.run_view import run_shown
 from daemon.cli.service import show_jobs
 from daemon.cli.terminal import wrapped
@@ -256,3 +256,16 @@ def test_quiet_is_quiet(capsys: pytest.CaptureFixture[str]) -> None:
     finally:
         output.set_verbosity(0, False)
     assert capsys.readouterr().err == ""
+
+
+def test_no_bar_is_drawn_over_a_question(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was drawn anew twice a second: "Drive it [y/N]" was gone before it could be read."""
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress_shown() as show:
+        show("fit", 0.5)
+        (bar,) = progress._shown
+        assert bar.live.is_started
+        with bar_put_away():
+            assert not bar.live.is_started
+        assert bar.live.is_started
+    assert not progress._shown
