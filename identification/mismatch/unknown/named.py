@@ -105,7 +105,7 @@ def held_beside(
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
         whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
-    losses = {joint: _losses(whole, joint) for joint in range(every.problem.n) if every.asked[joint]}
+    losses = {joint: _losses_of_families(whole, joint) for joint in range(every.problem.n) if every.asked[joint]}
     return {
         joint: frozenset(
             CLASSES[number].within or CLASSES[number].name
@@ -216,6 +216,18 @@ def _losses(selection: Selection, joint: int) -> dict[int, float]:
     return {
         number: loss_without(state.gram, state.hyper, now, places)
         for number, places in selection.classes(joint, state).items()
+    }
+
+
+def _losses_of_families(selection: Selection, joint: int) -> dict[int, float]:
+    """Nats lost without each class and what is part of it there, as a claim counts them."""
+    state = selection.states[joint]
+    if not state.groups:
+        return {}
+    now, held = selection.posterior(joint, state), selection.classes(joint, state)
+    return {
+        number: loss_without(state.gram, state.hyper, now, sorted(place for part in family for place in held[part]))
+        for number, family in selection.families(joint, state).items()
     }
 
 
