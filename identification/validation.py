@@ -19,7 +19,7 @@ from identification.fitting.blocks import Block, build_block, rms_over
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
-from identification.fitting.settings import FitSettings, Split
+from identification.fitting.settings import OF_SIGNALS, FitSettings, Split
 from identification.model_file import Model
 from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
@@ -140,10 +140,9 @@ def _as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:
 
     A recording without whole periods goes through the pipeline for such ones, whatever the fitted ones had.
     """
-    names = ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
     pipeline = noted.get("pipeline", "auto")
     if noted.get("split") is not None:
         pipeline = "aperiodic"
     elif pipeline == "periodic" or not recording.is_periodic:
         pipeline = "auto"
-    return FitSettings(pipeline=pipeline, **{name: noted[name] for name in names if name in noted})
+    return FitSettings(pipeline=pipeline, **{name: noted[name] for name in OF_SIGNALS if name in noted})

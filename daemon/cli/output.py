@@ -63,7 +63,8 @@ def _open_standard_streams() -> None:
         if getattr(sys, name) is None:
             descriptor = os.open(os.devnull, access)  # the lowest number that is free: that of the stream
             os.set_inheritable(descriptor, descriptor <= 2)
-            setattr(sys, name, open(descriptor, "r" if name == "stdin" else "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+            stream = os.fdopen(descriptor, "r" if name == "stdin" else "w", encoding="utf-8", closefd=False)
+            setattr(sys, name, stream)
 
 
 def _spell_error(error: UnicodeError) -> tuple[str, int]:

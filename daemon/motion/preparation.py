@@ -24,6 +24,7 @@ from daemon.motion.workspace import Surroundings, load_surroundings
 from daemon.motion.workspace_file import WorkspaceFile
 from identification.errors import TrajectoryError
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
+from identification.excitation.limits import LONGEST_PERIOD_S
 from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR
 from safety.limits import limits_for
@@ -33,8 +34,6 @@ from safety.preflight_report import PreflightReport
 TABLE_RATE_HZ = 1000.0
 LEAD_IN_S = 1.0
 """Seconds of the period that are driven before the first recorded one, so that the controller's transients die out."""
-LONGEST_PERIOD_S = 600.0
-"""A longer one excites nothing, was meant in ms as a rule, and its table at 1 kHz would fill the memory."""
 
 
 @dataclass(frozen=True, slots=True)

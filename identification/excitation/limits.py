@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
+LONGEST_PERIOD_S = 600.0
+"""Of a motion, designed or driven: a longer one was meant in ms as a rule, and its table at 1 kHz fills the memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class ExcitationLimits:

@@ -27,7 +27,7 @@ from identification.excitation.constraints import (
     rest_null_space,
 )
 from identification.excitation.detectability_term import DetectabilityTerm, bounded_condition
-from identification.excitation.limits import ExcitationLimits
+from identification.excitation.limits import LONGEST_PERIOD_S, ExcitationLimits
 from identification.excitation.nominal import TorqueLimit
 from identification.excitation.objective import (
     DETECTABILITY,
@@ -80,8 +80,6 @@ class Stage:
 STAGES = (Stage(1.0, 60, 0.3, 1, 4.0), Stage(0.3, 60, 0.4, 1, 12.0), Stage(0.1, 60, 0.5, 2, 32.0))
 HOP = (Descent(40, 1, 8.0), Descent(60, 2, 32.0))
 POLISH = Descent(150, 4, 128.0)
-LONGEST_PERIOD_S = 3600.0
-"""What is verified of a motion at 1 kHz fits into the memory up to here."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,8 @@ from identification.fitting.choices import Choice, DelayCorrection, Estimator, P
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-OF_PROCESSING = ("pipeline", "split", "low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
+OF_SIGNALS = ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
+OF_PROCESSING = ("pipeline", "split", *OF_SIGNALS)
 """Settings that other recordings are processed by, too, when they are compared with the fit."""
 
 

@@ -105,7 +105,11 @@ def held_beside(
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
         whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
-    losses = {joint: _losses_of_families(whole, joint) for joint in range(every.problem.n) if every.asked[joint]}
+    losses = {
+        joint: _lost(whole, joint, whole.families(joint, whole.states[joint]))
+        for joint in range(every.problem.n)
+        if every.asked[joint]
+    }
     return {
         joint: frozenset(
             CLASSES[number].within or CLASSES[number].name
@@ -209,25 +213,21 @@ def _shows_most(whole: Selection, name: Named, own: IntArray, size: FloatArray) 
 
 
 def _losses(selection: Selection, joint: int) -> dict[int, float]:
-    state = selection.states[joint]
-    if not state.groups:
-        return {}
-    now = selection.posterior(joint, state)
-    return {
-        number: loss_without(state.gram, state.hyper, now, places)
-        for number, places in selection.classes(joint, state).items()
-    }
+    """Nats lost without each class alone."""
+    return _lost(selection, joint, {number: (number,) for number in selection.classes(joint, selection.states[joint])})
 
 
-def _losses_of_families(selection: Selection, joint: int) -> dict[int, float]:
-    """Nats lost without each class and what is part of it there, as a claim counts them."""
+def _lost(selection: Selection, joint: int, families: Mapping[int, Sequence[int]]) -> dict[int, float]:
+    """Nats lost without each family of classes, by the number that it goes by. A claim counts the families of
+    `Selection.families`: a class with what is part of it there.
+    """
     state = selection.states[joint]
     if not state.groups:
         return {}
     now, held = selection.posterior(joint, state), selection.classes(joint, state)
     return {
         number: loss_without(state.gram, state.hyper, now, sorted(place for part in family for place in held[part]))
-        for number, family in selection.families(joint, state).items()
+        for number, family in families.items()
     }
 
 
