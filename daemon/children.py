@@ -11,7 +11,7 @@ from typing import IO
 
 import psutil
 
-from daemon.errors import ChildProcessFailedError
+from daemon.errors import ChildProcessFailedError, LogIOError
 from fri_client.handover.ring import HandoverRing
 
 __all__ = ["Child", "child_environment"]
@@ -20,13 +20,16 @@ __all__ = ["Child", "child_environment"]
 class Child:
     """A process of ours with its own session (no key of the terminal reaches it) and its last words in a file.
 
-    It is told the hand-over ring and who started it.
+    It is told the hand-over ring and who started it. Raises LogIOError where that file cannot be written.
     """
 
     def __init__(self, role: str, module: str, arguments: list[str], ring: HandoverRing, folder: Path) -> None:
         self.role = role
         self._words_file = folder / f"{role}.log"
-        self._stream: IO[bytes] = self._words_file.open("ab")
+        try:
+            self._stream: IO[bytes] = self._words_file.open("ab")
+        except OSError as error:
+            raise LogIOError(str(self._words_file), error) from error
         self.process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments, "--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())],
             pass_fds=(ring.fd,),
