@@ -69,6 +69,7 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
 
 @app.command()
 def run(
+    context: typer.Context,
     trajectory: TrajectoryArgument = None,
     periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record; default: 16.")] = None,
     bind: Annotated[
@@ -151,6 +152,7 @@ def run(
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import make_room
     from daemon.run.service import run_acquisition
+    from daemon.runtime_folder import lock_folder
     from identification.recordings.reader import recording_file
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
@@ -196,6 +198,7 @@ def run(
     )
     viewers = live_server(live, live_address, live_key)
     out = Path(lab.output) / run_id if out is None else out
+    context.with_resource(lock_folder(out))
     if monitor_only:
         make_room(out)
         surroundings = load_surroundings(robot or "iiwa14", cell, carried)

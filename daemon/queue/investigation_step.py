@@ -21,7 +21,7 @@ from daemon.children import child_environment
 from daemon.errors import exit_code_of, sentence_of
 from daemon.json_files import read_json, write_json
 
-__all__ = ["ANSWER_NAME", "Order", "StepAnswer", "StepEnded", "start_step"]
+__all__ = ["ANSWER_NAME", "ORDER_NAME", "Order", "StepAnswer", "StepEnded", "start_step"]
 
 ORDER_NAME, ANSWER_NAME = "step-order.json", "step-answer.json"
 _NICENESS = 10
