@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
+from daemon.errors import LogIOError
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.run.spare_folder import find_run_file
@@ -48,6 +49,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
             f"Next: `iiwa-ident judge {recording}` lists the commands beyond a limit; nothing should move before "
             "you know why."
         )
+    if outcome.exit_code == LogIOError.exit_code and not outcome.handover_gaps:
+        return f"Next: give the disk room, then `iiwa-ident fit {recording}`."
     if outcome.exit_code:
         return f"Next: `iiwa-ident recover {folder}` says what of the recording is missing."
     if request is not None and needs_ladder(request) and request.amplitude < 1.0:

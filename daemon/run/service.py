@@ -359,7 +359,9 @@ class _Acquisition:
         )
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)
-            self._narrator.tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
+            pid = outcome.worker_pid
+            words = outcome.sentences[-1] if pid is None else f"The fit runs in a process of its own (pid {pid})."
+            self._narrator.tell("worker", words)
         write_run_file(self._request, RUN_NAME, outcome)
         said = len(outcome.sentences)
         outcome = with_load_check(judged(outcome))

@@ -31,6 +31,7 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
         ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "refused", "exit_code": 65}, {}, None, "mend"),
         ({"exit_code": 1}, {}, None, "iiwa-ident recover"),
+        ({"exit_code": 74}, {}, None, "then `iiwa-ident fit runs/one/recording.mcap`"),
         ({"exit_code": 1, "judgement": {"passed": False}}, {}, FIT, "iiwa-ident judge"),
         ({}, {"amplitude": 0.1, "simulation": False}, None, "--amplitude 0.25"),
         ({}, {"amplitude": 0.1, "simulation": True}, None, "iiwa-ident fit"),
