@@ -235,6 +235,7 @@ def without(text: str, link: str, *, whole: bool) -> str:
     ("case", "expected"),
     [
         ("body", "what joint 'A4' moves has no mass"),
+        ("mass", "what joint 'A4' moves has a mass of -1 kg"),
         ("link", "cannot be read as a simulator model"),
         ("arm", "has 6 movable joints, iiwa14 has 7"),
         ("still", "no joint moves"),
@@ -249,6 +250,11 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
     match case:
         case "body" | "link":
             model.write_text(without(twin, "link_4", whole=case == "link"))
+        case "mass":
+            root = ElementTree.fromstring(twin)
+            (body,) = root.findall("link[@name='link_4']/inertial/mass")
+            body.set("value", "-1")
+            model.write_text(ElementTree.tostring(root, encoding="unicode"))
         case "arm":
             model.write_text(recording_file("tx40.urdf").read_text())
         case "still":
