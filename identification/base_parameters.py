@@ -21,8 +21,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.regressor import (
     INERTIAL_SYMBOLS,
     fill_rigid_body_columns,
@@ -33,9 +33,6 @@ from identification.robots.model import RobotModel
 
 if TYPE_CHECKING:
     from identification.physical_parameters import PhysicalParameters
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _INERTIAL_COUNT = len(INERTIAL_SYMBOLS)
 _INERTIAL_UNITS = ("kg",) + 3 * ("kg m",) + 6 * ("kg m^2",)

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.regressor import rigid_body_columns
 from identification.robots.model import RobotModel
 
 __all__ = ["LEAST_SHARE", "UnknownLoad", "unknown_load", "weight_at_rest"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_MASS_KG = 0.1
 """A cabinet's load data are given to a tenth of a kilogram."""

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
 from identification.physical_parameters import PhysicalParameters
@@ -23,8 +23,6 @@ from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
 __all__ = ["MODEL_FORMAT", "Model", "no_check", "read_model", "write_model"]
-
-FloatArray = npt.NDArray[np.float64]
 
 MODEL_FORMAT = "iiwa-ident/model/1"
 _SMALLEST_RELATIVE_STD = 1e-9

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
@@ -48,8 +48,6 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
-
-FloatArray = npt.NDArray[np.float64]
 
 MOST_STATES = 2000
 

@@ -21,9 +21,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.robots.model import Kinematics, RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 """The inertial part of eq. (3), in the order of the regressor's columns."""

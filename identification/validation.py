@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.fitting.blocks import Block, build_block, rms_over
@@ -28,7 +28,6 @@ from identification.robots import RobotModel
 
 __all__ = ["RmsRow", "RmsTable", "Split", "cross_validate", "validate_model"]
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 

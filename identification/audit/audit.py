@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
@@ -31,8 +31,6 @@ from identification.robots.model import RobotModel, refuse_followers
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["audit", "compared"]
-
-FloatArray = npt.NDArray[np.float64]
 
 ENOUGH = 0.7
 """Of what all parameters fitted anew explain: below it a name is not all."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, Geometry, SetUp
 from identification.audit.comparison import ALL, REPORT, USED, Comparison, Noise, compare, noise_of, stretches_of
 from identification.audit.evidence import Estimate, log_evidence, marginal, posterior
@@ -20,9 +20,6 @@ from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout
 
 __all__ = ["DAYS", "Explanation", "root_of"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 DAYS = (0.3, 1.0, 3.0)
 """How much friction differs, in times of what is usual between two days: as likely each before the recording is seen.

@@ -11,13 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from identification.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Colour", "colour_of", "preceded"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 HIGHEST_ORDER = 8
 

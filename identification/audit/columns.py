@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.rows import Rows
 from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns, torque_regressor
 from identification.robots.model import RobotModel
 
 __all__ = ["GRAVITY", "PARAMETERS", "SYMBOLS", "Geometry", "SetUp", "across"]
-
-FloatArray = npt.NDArray[np.float64]
 
 SYMBOLS = (*INERTIAL_SYMBOLS, "FV", "FS", "OFF", "IA")
 PARAMETERS = len(SYMBOLS)

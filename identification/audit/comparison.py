@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import GRAVITY, Geometry, SetUp, across
 from identification.audit.evidence import Products, posterior, products_of, repeated_rows
 from identification.audit.given import GivenModel, Sizes, wide_open
@@ -28,9 +28,6 @@ __all__ = [
     "stretches_of",
     "torque_as_read",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 PARTS = 8
 USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
+from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry, across
 from identification.audit.columns import INERTIAL as _INERTIAL
 from identification.audit.evidence import Products, between_parts, log_evidence, products_of
 
 __all__ = ["Directions", "sphere"]
 
-FloatArray = npt.NDArray[np.float64]
 POINTS = 80
 TANGENT_RAD = 5e-3
 FIRST_REACH_RAD, LEAST_REACH_RAD = 0.1, 1e-4

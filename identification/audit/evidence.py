@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
+from identification.arrays import BoolArray, FloatArray
+
 __all__ = [
     "Estimate",
     "Products",
@@ -25,9 +27,6 @@ __all__ = [
     "products_of",
     "repeated_rows",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

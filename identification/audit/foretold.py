@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
+from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import PARTS, REPORT
 from identification.audit.difference import Difference, Number, with_interval
@@ -13,8 +13,6 @@ from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
 __all__ = ["foretold", "lacking_friction"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_SIGMAS = 5.0
 LEAST_SHARE = 0.15

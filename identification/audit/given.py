@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.rows import Rows
 from identification.base_parameters import BaseRegressor
@@ -21,8 +22,6 @@ from identification.model_file import Model
 from identification.robots.model import RobotModel
 
 __all__ = ["GivenModel", "Sizes", "given_model", "places_of", "sizes_of", "wide_open"]
-
-FloatArray = npt.NDArray[np.float64]
 
 MASS_OPEN, REST_OPEN = 3.0, 5.0
 """How wide a parameter is that nobody knows, in sizes of its link."""

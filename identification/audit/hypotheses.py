@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.given import Sizes
 
 __all__ = ["Hypothesis", "Layout", "hypotheses"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 ODDS = {
     "payload": 0.15,

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.audit import audit
 from identification.audit.columns import Geometry
 from identification.audit.difference import Audit
@@ -28,8 +28,6 @@ from identification.robots.model import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["Standing", "leaderboard"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,6 @@ from identification.recordings.recording import Recording
 
 __all__ = ["Misread", "by_its_velocity", "in_degrees", "misread_order"]
 
-FloatArray = npt.NDArray[np.float64]
-
 SMALLEST_CLOCK_ERROR = 0.03
 FILTERED = 0.005
 """By which the filter of a recorded velocity makes it smaller or larger."""

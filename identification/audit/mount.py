@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import PARTS
 from identification.audit.directions import Directions
@@ -22,8 +22,6 @@ from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 
 __all__ = ["Mounting", "mounting_of", "other_stand", "require_stated_stand"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_GAIN = 20.0
 """Nats against the stated gravity: a recording's own misfit makes some."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.basis import Explanation
 from identification.audit.comparison import ALL, REPORT
 from identification.audit.evidence import between_parts
@@ -19,7 +19,6 @@ from identification.audit.hypotheses import Hypothesis
 
 __all__ = ["Found", "found_numbers"]
 
-FloatArray = npt.NDArray[np.float64]
 LEAST_SCALE = 0.01
 """No torque is known better, relative."""
 SCALE_WIDTH = 0.1

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
+from identification.arrays import FloatArray
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
@@ -29,8 +29,6 @@ from identification.robots.flange import Flange
 from identification.robots.model import RobotModel, refuse_followers
 
 __all__ = ["Body", "cabinet_load_data", "weigh"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_SIGMAS = 3.0
 _TURNS = 3

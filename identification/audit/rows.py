@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.colour import preceded
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
@@ -25,10 +25,6 @@ from identification.signals.aperiodic import (
 from identification.signals.processed import ProcessedSignals
 
 __all__ = ["BLOCK_S", "COULOMB_VELOCITY", "Rows", "rows_of"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 WIDEST_HZ = 8.0
 SAMPLES_PER_CUTOFF_PERIOD = 20.0

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.basis import DAYS, Explanation, root_of
 from identification.audit.columns import PARAMETERS, Geometry, SetUp
 from identification.audit.comparison import ALL, USED, Comparison, torque_as_read, turned
@@ -18,8 +18,6 @@ from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout, hypotheses
 
 __all__ = ["LEAST_GAIN", "Audited", "Step", "gain_of", "possible", "search"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import acos, degrees
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.columns import SYMBOLS, SetUp, across
 from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.hypotheses import Hypothesis, Layout
@@ -16,7 +16,6 @@ from identification.robots.model import RobotModel
 
 __all__ = ["difference_of", "turned_signs"]
 
-FloatArray = npt.NDArray[np.float64]
 _BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _BODY_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
 _FRICTION = {"FV": ("viscous", "Nm s/rad"), "FS": ("coulomb", "Nm"), "OFF": ("offset", "Nm"),

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.audit.between import fitted_to
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
@@ -33,8 +33,6 @@ __all__ = [
     "trend_of",
     "with_hours",
 ]
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST = 4
 """Recordings that make a series."""

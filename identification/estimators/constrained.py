@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 from itertools import count, islice
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.constrained_program import LOCAL_BARRIER, ConstrainedProgram
@@ -28,8 +28,6 @@ from identification.estimators.interior_point import InteriorPointResult
 from identification.estimators.observation import ReducedProblem
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
 from identification.physical_parameters import PhysicalParameters
-
-FloatArray = npt.NDArray[np.float64]
 
 # Local minima that are taken on to full consistency, and rounds of cuts.
 _STARTS_WITH_CUTS, _MOST_CUTS = 4, 40

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import clarabel
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.feasibility import FeasibilityRules, linear_inequalities
@@ -25,8 +25,6 @@ from identification.physical_parameters import (
 )
 
 __all__ = ["LOCAL_BARRIER", "ConstrainedProgram"]
-
-FloatArray = npt.NDArray[np.float64]
 
 LOCAL_BARRIER = 1e-4
 """First barrier parameter: a small one leaves a start in the basin where it began."""

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import EstimationError
 from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters
 from identification.robots.model import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 _DIAGONAL = (4, 7, 9)  # I_xx, I_yy, I_zz in a link's ten entries of y
 _OFF_DIAGONAL = (5, 6, 8)  # I_xy, I_xz, I_yz

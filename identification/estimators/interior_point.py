@@ -10,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse
 
+from identification.arrays import FloatArray
 from identification.errors import SolverError
-
-FloatArray = npt.NDArray[np.float64]
 
 Function = Callable[[FloatArray], float]
 Derivatives = Callable[[FloatArray], tuple[FloatArray, FloatArray]]

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from identification.arrays import FloatArray
 from identification.estimators.observation import CompressedObservation, Observation, ReducedProblem, compress
-
-FloatArray = npt.NDArray[np.float64]
 
 Weighting = Literal["per_joint", "none"]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.estimators.feasibility import FeasibilityRules, rules_of_matter
@@ -21,7 +21,6 @@ from identification.estimators.observation import Observation
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
 from identification.physical_parameters import INERTIAL_COUNT, pseudo_inertia
 
-FloatArray = npt.NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 
 # Nm, pooled over the joints: what no torque sensor sees.

@@ -11,13 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from identification.arrays import FloatArray, IntArray
 from identification.errors import EstimationError, UndeterminedParametersError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _NORMAL_EQUATIONS_CONDITION = 1e5
 _NORMAL_EQUATIONS_RESIDUAL = 1e-5

@@ -22,18 +22,16 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, SolverError
 from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia
 from identification.robots.model import Kinematics
 
 __all__ = ["BodyPrior", "SettledParameters", "prior_of_bodies", "settle_open_directions", "uniform_bodies"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _THICKNESS_SHARE = 1.0 / 6.0
 """Radius of a uniform link as a share of the longest stretch between two joints: 0.07 m for an iiwa."""

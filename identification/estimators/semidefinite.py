@@ -14,16 +14,14 @@ from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.feasibility import FeasibilityRules, linear_inequalities, rules_for
 from identification.estimators.observation import ReducedProblem
 from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters
-
-FloatArray = npt.NDArray[np.float64]
 
 _SQRT2 = float(np.sqrt(2.0))
 _UPPER_3 = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Clarabel's order: upper triangle, column by column

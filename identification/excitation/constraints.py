@@ -15,14 +15,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import null_space
 
+from identification.arrays import FloatArray
 from identification.errors import DesignError
 from identification.excitation.fourier import FourierTrajectory, fourier_basis
 from identification.excitation.limits import ExcitationLimits
-
-FloatArray = npt.NDArray[np.float64]
 
 _SMOOTHING = 1e-12
 """Added under the square roots of (14d, e), (rad/s)²: their derivative at zero amplitude stays finite."""

@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation.constraints import verify
@@ -41,8 +41,6 @@ from identification.excitation.search_processes import Outcome, Task, workers
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
-
-FloatArray = npt.NDArray[np.float64]
 
 _TRIALS = 8
 """Random motions on which it is found out which effects can be seen at all."""

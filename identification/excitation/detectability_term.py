@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.excitation.effect_columns import Where, columns_of, evaluate_columns
 from identification.excitation.objective import GramTerm, Samples, log_condition_number
 from identification.robots import Kinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 LOOK_ALIKES = (
     ("torque_offset", "cable_spring"),

@@ -11,12 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.excitation.objective import Samples
 from identification.robots import Kinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 STRIBECK_VELOCITY = 0.06
 """Rad/s; this and the order are the middle of the library's grids, at which it states what a motion can show."""

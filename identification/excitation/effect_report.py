@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.excitation.effect_columns import PLAUSIBLE_SIZES
 from identification.excitation.fourier import Trajectory
@@ -21,8 +21,6 @@ from identification.mismatch.effects import effect_named
 from identification.mismatch.motion import Motion
 from identification.mismatch.settings import DiagnosisSettings
 from identification.physical_parameters import PhysicalParameters
-
-FloatArray = npt.NDArray[np.float64]
 
 TOOL_STRENGTH = 2.0 * DiagnosisSettings().complete_score
 """λ that the diagnosis asks for before it names an effect: its score counts half a χ²."""

@@ -13,9 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import TrajectoryError
-
-FloatArray = npt.NDArray[np.float64]
 
 FORMAT = "iiwa-ident/trajectory/1"
 

@@ -12,14 +12,12 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import DesignError
 
 if TYPE_CHECKING:
     from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 LONGEST_PERIOD_S = 600.0
 """Of a motion, designed or driven: a longer one was meant in ms as a rule, and its table at 1 kHz fills the memory."""

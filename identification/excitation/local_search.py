@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 
+from identification.arrays import FloatArray
 from identification.errors import DesignError
 from identification.excitation.constraints import (
     Constraints,
@@ -40,8 +40,6 @@ from identification.excitation.objective import (
     terms_of,
 )
 from identification.excitation.payload_term import PayloadTerm
-
-FloatArray = npt.NDArray[np.float64]
 
 _HOPELESS = 1.0e3
 """Value of the objective where the regressor has lost rank; far above any log cond that can be computed."""

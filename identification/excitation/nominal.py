@@ -13,15 +13,13 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
 from identification.excitation.objective import Samples
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 _ROOM = 0.97
 """Part of the torque limit that the search keeps to at its samples; between them the torque is a little larger."""

@@ -12,15 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory, fourier_basis
 from identification.excitation.regressor_adjoint import ChainMotion, ChainRegressor
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 SIGN_WIDTH_RAD_S = 0.02
 """Speed over which sign(q̇) is smoothed unless told otherwise, tanh(q̇ / width): wide enough for a hundred samples.

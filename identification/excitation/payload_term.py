@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.excitation.fourier import Trajectory
 from identification.excitation.limits import ExcitationLimits
@@ -21,8 +21,6 @@ from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel
 
 __all__ = ["PayloadDeviations", "PayloadTerm", "payload_deviations", "wrist_limits"]
-
-FloatArray = npt.NDArray[np.float64]
 
 BODY = len(INERTIAL_SYMBOLS)
 WANTED = 4

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import TrajectoryError
 from identification.excitation.fourier import FORMAT, number, number_table, samples_per_period, trajectory_error
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def quintic(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory
 from identification.robots import RobotModel
 from identification.signals.periodic import PeriodicSettings, to_lines, widest_lines
-
-FloatArray = npt.NDArray[np.float64]
 
 DEFAULT_TORQUE_NOISE_NM = (0.17, 0.17, 0.12, 0.12, 0.08, 0.04, 0.03)
 """Standard deviation of one torque sample at 1 kHz, Nm, joints 1 to 7: the order of what iiwa joint sensors show (the

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation.fourier import Trajectory
@@ -24,8 +24,6 @@ from identification.excitation.polynomials import (
 )
 from identification.excitation.trajectory_files import default_trajectory
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 REFERENCE_KINDS = ("excitation", "sine_series", "polynomial_10", "polynomial_20")
 """q_ref,1 to q_ref,4 of the paper, in its order."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.robots import Kinematics
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 PARAMETERS_PER_LINK = 10

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.excitation.local_search import Descent, LocalSearch, Problem
 
 __all__ = ["Outcome", "Task", "workers"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _LOOK_S = 0.25
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import TrajectoryError, TrajectoryNotFoundError
 from identification.excitation.fourier import (
     FORMAT,
@@ -29,8 +30,6 @@ from identification.excitation.fourier import (
     trajectory_error,
 )
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

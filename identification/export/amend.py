@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.audit.difference import Difference
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ExportCheckError, ModelFileError
@@ -33,8 +33,6 @@ from identification.robots import RobotModel, load_robot, robot_from_urdf
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["Amended", "amend"]
-
-FloatArray = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-3
 """Of the torque's size: what is read back has to be what was meant."""

@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, place, roll_pitch_yaw
 
 __all__ = ["Changes", "moment_matrix", "write_mjcf_changes", "write_sdf_changes", "write_urdf_changes"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

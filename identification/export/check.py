@@ -14,16 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import ExportCheckError
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import place
 from identification.robots import RobotModel
 from identification.robots.urdf_parser import parsed_urdf
 
-FloatArray = npt.NDArray[np.float64]
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(q, q̇, q̈), each (n,) → torque (n,)."""
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import RobotError
 from identification.estimators.prior import BodyPrior, prior_of_bodies
 from identification.export.kinematic_urdf import arm_without_inertias
@@ -19,8 +19,6 @@ from identification.export.xml_text import document
 from identification.robots import Kinematics, RobotModel, load_robot, robot_from_urdf
 
 __all__ = ["given_bodies"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _LARGEST_ANGLE = 0.01
 """rad between the axes of one joint in both descriptions; files print right angles with three to five digits."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import InconsistentParametersError, ModelFileError, SolverError
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
@@ -20,8 +20,6 @@ from identification.model_file import Model
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import build_pinocchio_model
-
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETER_SETS = ("consistent", "physical")
 

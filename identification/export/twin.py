@@ -13,8 +13,8 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.nearest import nearest_physical
 from identification.estimators.prior import SettledParameters, prior_of_bodies, settle_open_directions
@@ -24,8 +24,6 @@ from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 
 __all__ = ["ROBOT", "Twin", "table_three", "twin_of_table_three"]
-
-FloatArray = npt.NDArray[np.float64]
 
 ROBOT = "iiwa14"
 SOURCE = "Table 3 of doi 10.1016/j.ifacol.2017.08.1208"

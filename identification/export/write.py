@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.arm import arm_of, with_distinct_names
 from identification.export.check import Agreement, check_export
@@ -31,8 +29,6 @@ from identification.model_file import Model
 from identification.robots import RobotModel
 from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import refuse_followers
-
-FloatArray = npt.NDArray[np.float64]
 
 FORMATS = ("urdf", "sdf", "mjcf")
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.difference import Difference
 from identification.audit.foretold import foretold, lacking_friction
@@ -27,8 +28,6 @@ from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
 __all__ = ["WrittenBack", "draw_before_after", "write_back"]
-
-FloatArray = npt.NDArray[np.float64]
 
 # Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
 _MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 3.2, "alpha": 0.35}

@@ -6,10 +6,9 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
 
 DRAKE = "http://drake.mit.edu"
 """Name space of the elements that only Drake reads."""

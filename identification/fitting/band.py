@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.fitting.blocks import Block, RowsOverTime, build_block
@@ -22,8 +22,6 @@ from identification.fitting.estimate import estimate_parameters
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, uniform_grid
 from identification.signals.periodic import to_lines
-
-FloatArray = npt.NDArray[np.float64]
 
 LOWEST_HZ = 10.0
 WIDEST_HZ = 60.0

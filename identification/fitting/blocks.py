@@ -10,17 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.base_parameters import BaseRegressor, direction_of
 from identification.estimators.observation import CompressedObservation, merge
 from identification.fitting.settings import Split
 from identification.signals.periods import smooth_over_lines
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 MISFIT_OVER_NOISE = 3.0
 

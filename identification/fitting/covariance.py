@@ -9,15 +9,13 @@ residual's own power averaged over neighbouring lines.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from identification.arrays import FloatArray
 from identification.estimators.observation import ReducedProblem
 from identification.fitting.blocks import Block, to_line_power, to_rows, variances_of
 from identification.signals.periodic import to_lines
 from identification.signals.periods import smooth_over_lines
-
-FloatArray = npt.NDArray[np.float64]
 
 # A line of which the fit takes up more than this share says nothing about the noise there.
 _MOST_LEVERAGE = 0.8

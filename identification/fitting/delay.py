@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import Block, RowsOverTime
 from identification.fitting.estimate import estimate_parameters
 from identification.json_values import json_list
 from identification.signals.paper_chain import wrapped_central_difference
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
 
 _MILLISECOND = 1e-3
 _SMALLEST_SHARE = 1e-6

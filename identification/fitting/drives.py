@@ -14,13 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import Block
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 CLEAR = 3.0
 """Deviations by which an offset stands clear of zero; four of seven do so by chance in 1 of 10⁹ fits."""

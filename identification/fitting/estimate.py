@@ -15,16 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
 from identification.fitting.blocks import Block, observation, rms_over, whiten
 from identification.fitting.covariance import coloured_covariance
 from identification.signals.outliers import HUBER_BOUND, unclipped_share
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
 
 _ROUNDS = 5
 _DEVIATION_FROM_MEDIAN = 1.4826

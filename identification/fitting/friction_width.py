@@ -12,12 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, direction_of
 from identification.fitting.blocks import Block
-
-FloatArray = npt.NDArray[np.float64]
 
 GRID = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, 2e-1)
 """Widths that are tried, rad/s (m/s): narrower ones lie within what standstills leave out."""

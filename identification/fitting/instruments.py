@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.estimators.observation import ReducedProblem
@@ -24,7 +24,6 @@ from identification.fitting.estimate import Estimate, estimate_parameters
 from identification.recordings.recording import Recording
 from identification.signals.processed import ProcessedSignals
 
-FloatArray = npt.NDArray[np.float64]
 Process = Callable[[Recording], tuple[ProcessedSignals, ...]]
 
 

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.fitting.blocks import Block
 from identification.fitting.rms import RmsTable
 from identification.json_values import json_list
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 DEVIATIONS = 5.0
 """Of the energy that noise alone leaves, by which a misfit is beyond it."""

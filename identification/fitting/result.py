@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.constrained import ConstrainedResult
 from identification.estimators.least_squares import LeastSquaresResult
@@ -23,8 +23,6 @@ from identification.model_file import MODEL_FORMAT
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,14 +8,11 @@ from numbers import Real
 from typing import Any, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.errors import EstimationError
 from identification.estimators.feasibility import FeasibilityRules
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 OF_SIGNALS = ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
 OF_PROCESSING = ("pipeline", "split", *OF_SIGNALS)

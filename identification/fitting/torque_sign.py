@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.regressor import torque_regressor
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 SIGNIFICANT = 3.0
 DECISIVE = 16.0

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.errors import RecordingError
 from identification.investigation.added_mass import AddedMass
@@ -26,8 +26,6 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Action(StrEnum):

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import RecordingError
 from identification.mismatch.motion import Motion
 from identification.recordings.recording import Recording
@@ -20,8 +20,6 @@ from identification.robots import RobotModel
 from identification.robots.flange import IIWA_FLANGE
 from identification.signals.periodic import smooth_motion
 from identification.signals.periods import average_periods, period_table
-
-FloatArray = npt.NDArray[np.float64]
 
 _BANDWIDTH_HZ = 20.0
 

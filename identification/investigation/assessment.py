@@ -12,8 +12,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.investigation.columns import Form, form_rows
 from identification.investigation.discrepancy import Discrepancies, variances_of
 from identification.investigation.free_functions import nearest
@@ -29,8 +29,6 @@ from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import JointState
-
-FloatArray = npt.NDArray[np.float64]
 
 NO_FORM = 4.0
 """Prior odds of nothing against all forms of the library together, and against all classes: each kind shares evenly."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
@@ -23,8 +23,6 @@ from identification.investigation.hypotheses import Assessment, Hypothesis
 from identification.investigation.separation import Layout, separations
 from identification.mismatch.detectability import PlannedRows
 from identification.mismatch.evidence import Evidence
-
-FloatArray = npt.NDArray[np.float64]
 
 TRIALS, IMPROVEMENTS = 48, 96
 KEPT = 4

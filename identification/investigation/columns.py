@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
+from identification.arrays import FloatArray, IntArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.discrepancy import Discrepancies
 from identification.mismatch.detectability import PlannedRows, Rows
@@ -24,9 +24,6 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.signals.periodic import differentiate_harmonics, to_lines
 from identification.signals.standstill import over_standstills
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 PLAN_RATE_HZ = 250.0
 """Rate at which planned motions are looked at: four times the widest compared band."""

@@ -13,15 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.investigation.actions import friction_columns, is_same
 from identification.investigation.columns import Form, Sums, form_rows, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.evidence import Evidence
-
-FloatArray = npt.NDArray[np.float64]
 
 CLEAR = 1e-3
 """Chance, over all joints and recordings together, below which a change is no noise."""

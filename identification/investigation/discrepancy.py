@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis, Part
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.states import JointState
 from identification.signals.processed import LinearOperator
 
-FloatArray = npt.NDArray[np.float64]
 Variances = tuple[FloatArray, ...]
 """Of each basis of each joint, Nm²; 0: not there."""
 

@@ -10,13 +10,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from identification.arrays import FloatArray
 from identification.investigation.actions import ASK, Action
 from identification.investigation.hypotheses import Hypothesis
-
-FloatArray = npt.NDArray[np.float64]
 
 ONE_TORQUE = 1e-3
 """Share of a hypothesis's λ that tells it from a rival, on the best of all motions, below which the two are one."""

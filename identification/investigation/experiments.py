@@ -11,15 +11,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.excitation.fourier import Trajectory, fourier_basis
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.trajectory_files import TableTrajectory
 from identification.investigation.columns import PLAN_RATE_HZ, states_of_table
 from identification.mismatch.settings import DiagnosisSettings
 
-FloatArray = npt.NDArray[np.float64]
 States = tuple[FloatArray, FloatArray, FloatArray]
 
 PERIOD_S = 10.0

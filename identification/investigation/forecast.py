@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 
+from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.settings import ClaimSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 STANDS_OUT = ClaimSettings().alternative
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""

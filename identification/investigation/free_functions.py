@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.unknown.evidence import JointGram
 from identification.mismatch.unknown.rows import JointRows
-
-FloatArray = npt.NDArray[np.float64]
 
 NEAREST = 3
 """Free functions that are weighed against each name."""

@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.investigation.columns import Form
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
-
-FloatArray = npt.NDArray[np.float64]
 
 __all__ = ["NOTHING", "Assessment", "Hypothesis", "describe"]
 

@@ -10,15 +10,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.investigation.columns import Form, forms_of
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.unknown.selection import Selection
-
-FloatArray = npt.NDArray[np.float64]
 
 _VISIBLE = 1e-6
 

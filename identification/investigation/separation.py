@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtrc
 
+from identification.arrays import FloatArray
 from identification.investigation.columns import Form, Sums, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.investigation.free_functions import lead
@@ -22,8 +22,6 @@ from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.settings import ClaimSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 SAME = 1e-6
 """Share of its own λ below which what tells one hypothesis from another is rounding."""

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.investigation.actions import (
@@ -43,7 +43,6 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 CERTAIN = 0.8

@@ -15,9 +15,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import dct, idct
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
@@ -35,9 +35,6 @@ from identification.signals.aperiodic import (
     zero_phase_low_pass,
 )
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 SAMPLES_PER_CUTOFF_PERIOD = 12.5
 """Of the thinned motion: enough for signs of velocity, which pass the low-pass after they are taken."""

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.json_values import json_list, number
@@ -25,8 +25,6 @@ from identification.mismatch.search.extension import Extension
 from identification.model_file import Model, no_check
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
-
-FloatArray = npt.NDArray[np.float64]
 
 SIGMAS = 4.0
 """A base parameter further away than this is not the robot's: chance 6e-5 each."""

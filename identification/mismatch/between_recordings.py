@@ -11,17 +11,15 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as fisher
 
+from identification.arrays import FloatArray
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.findings import HeldOutMisfit
 from identification.mismatch.heldout import Residuals, misfit_probability
 from identification.mismatch.names.localisation import best_curve
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.independence import recording_names
-
-FloatArray = npt.NDArray[np.float64]
 
 STATES = ("position", "velocity", "torque")
 COMMON_BAND = 0.7

@@ -8,8 +8,8 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
@@ -38,8 +38,6 @@ from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names
-
-FloatArray = npt.NDArray[np.float64]
 
 REMEMBERED = 8
 """Sets of members whose residuals are kept, to be asked for again; those of many recordings fill the memory."""

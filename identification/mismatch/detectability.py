@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.effects.base import Effect, Estimate, Parameter, Place
@@ -24,7 +25,6 @@ from identification.mismatch.motion import Motion
 from identification.signals.periodic import to_lines
 from identification.signals.processed import LinearOperator
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 ORACLE_STRENGTH = 24.0

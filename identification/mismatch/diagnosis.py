@@ -12,9 +12,9 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as fisher
 
+from identification.arrays import BoolArray, FloatArray
 from identification.audit import Audit, audit
 from identification.audit.between import model_of_fit
 from identification.base_parameters import BaseRegressor
@@ -69,8 +69,6 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 
 

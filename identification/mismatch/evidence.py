@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.motion import Motion
 from identification.mismatch.noise import noise_of_mean
@@ -25,8 +25,6 @@ from identification.signals.standstill import over_standstills
 
 ABSENT = 1e-12
 """Share of the longest column below which the motion does not ask for a base parameter; it stays at zero."""
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

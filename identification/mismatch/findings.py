@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.audit.difference import Audit
 from identification.json_values import json_list, number, plain
 from identification.mismatch.baseline import ModelComparison
@@ -21,9 +21,6 @@ from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
 from identification.model_file import MODEL_FORMAT
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
 

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.estimators.least_squares import solve_least_squares
 from identification.estimators.observation import CompressedObservation
 from identification.fitting.blocks import line_variances
@@ -18,8 +18,6 @@ from identification.mismatch.aperiodic_evidence import weighted_by_joint
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, reweighted, spread
 from identification.mismatch.search.refinement import Member
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def without_periods(problem: Problem, fitted: Prepared, members: Sequence[Member]) -> Problem:

@@ -15,15 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as fisher
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
 from identification.mismatch.search.extension import Extension, nominal_factor, predicted, prediction_scatter
 from identification.mismatch.search.library import Library
 from identification.mismatch.settings import OPEN_BEYOND_NOISE
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Deviations beyond which a joint that gets worse speaks against a name: chance 3e-5, for seven joints about the one at
 # which a residual no longer counts as noise.

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtr, chdtri, fdtrc
 
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
 
 # Of the K − 1 differences this share, the largest, is left out: a contact or a step in a few periods is no noise.
 TRIMMED_SHARE = 0.25

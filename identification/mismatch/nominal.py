@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import UndeterminedParametersError
 from identification.fitting.nominal_model import notes_on_model
@@ -25,8 +25,6 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RecordingError
 from identification.mismatch.effects import effect_named
@@ -26,7 +26,6 @@ from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.validation import RmsTable, validate_model
 
-FloatArray = npt.NDArray[np.float64]
 EffectJson = Mapping[str, Any]
 
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-import numpy.typing as npt
-
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.fitting.settings import Split
 from identification.mismatch.changes.between_periods import Change, find_between_periods
@@ -22,8 +20,6 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,12 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Upper edges (Hz) of the bands in which misfit is tested: line 0 alone, then about half an octave to an octave each.
 BAND_EDGES_HZ = (0.01, 0.25, 0.55, 0.95, 1.55, 2.55, 4.05, 6.55, 10.05, 16.05, 25.05, 40.05)

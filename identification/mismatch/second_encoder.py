@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import (
     AperiodicSettings,
     sixth_order_difference,
     zero_phase_low_pass,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 CLAIMS = {"delay": (0,), "elasticity": (1,), "delay and elasticity": (0, 1)}
 """Columns of q̇ and τ that each claim uses beside a constant."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import in_degrees
@@ -34,7 +34,6 @@ from identification.signals.aperiodic import sixth_order_difference, zero_phase_
 
 __all__ = ["SetUpCheck", "examine_set_up", "set_up_checks"]
 
-FloatArray = npt.NDArray[np.float64]
 Status = Literal["ok", "warning", "failed"]
 
 FAULTS = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.mismatch.between_recordings import difference_sentence, held_out_misfits
 from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
@@ -34,9 +34,6 @@ from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 def summarise(

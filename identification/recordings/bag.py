@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
 
+from identification.arrays import IntArray
 from identification.errors import RecordingError
 from identification.recordings import archive
 from identification.recordings.fixed_columns import FixedColumns
@@ -37,8 +37,6 @@ __all__ = [
     "entries_of",
     "read_bag",
 ]
-
-IntArray = npt.NDArray[np.int64]
 
 FRI_STATE_TOPIC = "/fri/state"
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -11,18 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
 from identification.recordings.labels import label_by_time
-from identification.recordings.recording import (
-    BoolArray,
-    Finding,
-    FloatArray,
-    ImportReport,
-    IntArray,
-    Recording,
-    RecordingSource,
-)
+from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.table import RawTable
 
 MINIMUM_DURATION_S = 0.5

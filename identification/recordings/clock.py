@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.recordings.recording import BoolArray, FloatArray, Recording
+from identification.arrays import BoolArray, FloatArray
+from identification.recordings.recording import Recording
 
 __all__ = ["WIDEST_RATIO", "before_a_clock_was_set_back", "clock_by_velocity", "highest_before_each"]
 

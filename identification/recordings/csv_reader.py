@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
 from identification.recordings.npz_reader import OPTIONAL_FIELDS, UNIT_FIELDS, resolve_robot
-from identification.recordings.recording import Finding, FloatArray
+from identification.recordings.recording import Finding
 from identification.recordings.table import RawTable
 
 COLUMN = re.compile(r"^(q_link|q_cmd|tau_ext|temperature|tau|dq|q)_?(\d+)$")

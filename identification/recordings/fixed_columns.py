@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["FixedColumns"]
+from identification.arrays import IntArray
 
-IntArray = npt.NDArray[np.int64]
+__all__ = ["FixedColumns"]
 
 _SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
           "int64": 8, "uint64": 8, "float32": 4, "float64": 8}  # fmt: skip

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, Bag
 from identification.recordings.npz_reader import resolve_robot
-from identification.recordings.recording import CLOCK_START, Finding, FloatArray, IntArray
+from identification.recordings.recording import CLOCK_START, Finding
 from identification.recordings.table import RawTable
 from identification.robots.installation import Installation
 

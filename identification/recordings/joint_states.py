@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.errors import RecordingError
 from identification.recordings.bag import FRI_STATE_TOPIC, JOINT_STATE, Bag, Topic
 from identification.recordings.clock import before_a_clock_was_set_back
 from identification.recordings.fri_log import installation_in, number_in
 from identification.recordings.npz_reader import resolve_robot
-from identification.recordings.recording import CLOCK_START, Finding, FloatArray
+from identification.recordings.recording import CLOCK_START, Finding
 from identification.recordings.table import RawTable
 
 __all__ = ["read_joint_states"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.recordings.recording import FloatArray, IntArray
+from identification.arrays import FloatArray, IntArray
 
 SMALLEST_COVERAGE = 0.5
 

@@ -22,11 +22,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
 
+from identification.arrays import IntArray
 from identification.recordings.unpacking import Allowance
 
 __all__ = ["MessageSink", "records_of"]
-
-IntArray = npt.NDArray[np.int64]
 
 _RECORD = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""

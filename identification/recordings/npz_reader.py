@@ -11,8 +11,8 @@ from typing import IO, Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
-from identification.recordings.recording import FloatArray
 from identification.recordings.table import RawTable
 from identification.recordings.unpacking import Allowance
 

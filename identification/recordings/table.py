@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from identification.recordings.recording import BoolArray, Finding, FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.recordings.recording import Finding
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
-from identification.recordings.recording import BoolArray, Finding, FloatArray, ImportReport, Recording
+from identification.recordings.recording import Finding, ImportReport, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 

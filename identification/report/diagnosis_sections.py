@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from identification.mismatch.between_recordings import one_a_line
 from identification.mismatch.findings import Diagnosis, HeldOut
@@ -18,8 +17,6 @@ from identification.report.finding_blocks import claim, curve_panel, effect_name
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
 __all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _MANY = 6
 _NOTABLE = 0.02

@@ -9,10 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import numpy as np
-import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
 
 Tone = Literal["good", "attention", "neutral"]
 """Whether a reader may be content, has to look closer, or is not told."""

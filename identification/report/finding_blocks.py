@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.figures import Curve, TimeSeries
 from identification.mismatch.findings import Diagnosis, Finding
@@ -17,8 +17,6 @@ from identification.report.motion_sections import spectrum_panel
 from identification.report.numbers import chance, listed, rounded, unit_of, with_sigma
 
 __all__ = ["claim", "curve_panel", "effect_name", "finding_blocks", "place_name"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _STRETCHES = 150
 _COMPARABLE = 4.0

@@ -10,14 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.report.document import Block, Figure, Heading, Line, Panel, Paragraph, Section, Style
 from identification.report.numbers import rounded
 from identification.report.stretches import Stretch
 from identification.robots import RobotModel
 
 __all__ = ["excitation_section", "residual_section", "spectrum_panel"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _PATH_POINTS = 400
 _BANDS_PER_OCTAVE = 8

@@ -12,16 +12,14 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from identification.arrays import FloatArray
 from identification.report.document import Line, Panel
 
 __all__ = ["MOST_POINTS", "decimate", "draw_panel"]
-
-FloatArray = npt.NDArray[np.float64]
 
 MOST_POINTS = 600
 """Points of one line: a panel is some 400 pixels wide."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import welch
 
+from identification.arrays import FloatArray
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.result import FitResult
@@ -21,8 +21,6 @@ from identification.mismatch.findings import Diagnosis
 from identification.signals.processed import ProcessedSignals
 
 __all__ = ["Stretch", "stretches_of_diagnosis", "stretches_of_fit"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _CHUNK = 10_000
 _LONGEST_SEGMENT = 2048

@@ -9,12 +9,11 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
-__all__ = ["IIWA_FLANGE", "IIWA_FLANGE_M", "Flange", "flange_of_frames"]
+from identification.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
+__all__ = ["IIWA_FLANGE", "IIWA_FLANGE_M", "Flange", "flange_of_frames"]
 
 IIWA_FLANGE_M = 0.126
 """From the wrist to the flange without media flange, both arms (KUKA brochure LBR iiwa)."""

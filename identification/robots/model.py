@@ -10,16 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RobotError
 from identification.robots.flange import Flange
 from identification.robots.installation import ON_THE_FLOOR, Installation
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 BUILT_IN = "built-in "
 """Before the name of a robot of this program, where its source is a file for others."""

@@ -16,14 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.errors import RobotError
 from identification.robots.installation import STANDARD_GRAVITY
-from identification.robots.model import (
-    FloatArray,
-    Kinematics,
-    RobotModel,
-    build_pinocchio_model,
-)
+from identification.robots.model import Kinematics, RobotModel, build_pinocchio_model
 
 _REQUIRED_COLUMNS = ("alpha_rad", "d_m", "theta", "rl_m")
 _LIMIT_COLUMNS = ("position_lower_rad", "position_upper_rad", "velocity_rad_s", "effort_nm")

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 
-from identification.robots.model import FloatArray, RobotModel
+from identification.arrays import FloatArray
+from identification.robots.model import RobotModel
 
 __all__ = ["difference_of_arms"]
 

@@ -14,15 +14,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import RobotModel
 from identification.robots.urdf_parser import parsed_urdf
 
-FloatArray = npt.NDArray[np.float64]
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(q, q̇, q̈), each (n,) → torque (n,) Nm."""
 

@@ -12,17 +12,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import RobotError
 from identification.robots.flange import flange_of_frames
 from identification.robots.installation import STANDARD_GRAVITY
-from identification.robots.model import (
-    FloatArray,
-    Kinematics,
-    Mimic,
-    RobotModel,
-    build_pinocchio_model,
-    snap_to_right_angles,
-)
+from identification.robots.model import Kinematics, Mimic, RobotModel, build_pinocchio_model, snap_to_right_angles
 from identification.robots.urdf_parser import parsed_urdf
 
 

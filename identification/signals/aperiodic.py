@@ -16,14 +16,11 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 FILTER_ORDER = 4
 # The position passes a low-pass this many times wider than `project`, which q̈ and q̇ pass as well: at the same cutoff

@@ -6,12 +6,9 @@ There its output swings from zero, or from a guess, to the signal; the record's 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.signals.gaps import wrapped_fill
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 FEWEST_PERIODS = 4
 FEWEST_LINES = 64

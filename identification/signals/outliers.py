@@ -12,13 +12,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import EstimationError
 from identification.signals.gaps import median_over_periods
 from identification.signals.periods import PeriodTable, average_periods
-
-FloatArray = npt.NDArray[np.float64]
 
 # In robust standard deviations. Two keeps 99 % of the efficiency on Gaussian noise; the classical 1.345 keeps 95 %.
 HUBER_BOUND = 2.0

@@ -9,13 +9,11 @@ ends of one period are wrong by degrees).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.recordings.recording import Recording
 from identification.signals.periods import average_periods, period_table
 from identification.signals.processed import ProcessedSignals, unchanged
-
-FloatArray = npt.NDArray[np.float64]
 
 POSITION_FILTER_ORDER, POSITION_CUTOFF_HZ = 20, 2.0
 TORQUE_FILTER_ORDER, TORQUE_CUTOFF_HZ = 12, 1.6

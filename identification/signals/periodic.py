@@ -12,16 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.recordings.recording import Recording
 from identification.signals.outliers import FEWEST_PERIODS, clean_across_periods
 from identification.signals.periods import PeriodAverage, average_periods, period_table, smooth_over_lines
 from identification.signals.processed import ProcessedSignals, unchanged
 from identification.signals.standstill import over_standstills
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # A line counts as motion when its power is this many times the noise power of the mean (chance of a noise line: 4e-6).
 MOTION_OVER_NOISE = 12.0

@@ -9,16 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
 from identification.signals.gaps import median_over_periods, wrapped_fill
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 LARGEST_SHARE_WITHOUT_DATA = 0.02
 LARGEST_GAP_WITHOUT_DATA_S = 0.05

@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from identification.arrays import FloatArray
 from identification.signals.processed import LinearOperator, unchanged
-
-FloatArray = npt.NDArray[np.float64]
 
 STANDSTILL_VELOCITY = 1e-3
 """rad/s (m/s) below which a joint's direction of motion is not known."""

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pinocchio
 from scipy.interpolate import CubicHermiteSpline
 
+from identification.arrays import FloatArray
 from identification.excitation import Trajectory
 from identification.export.parameters import ModelParameters
 from identification.fitting.processing import process
@@ -28,8 +29,6 @@ from identification.signals import ProcessedSignals
 from identification.simulation.controllers import Controller
 from identification.simulation.dynamics import ExtraTorque
 from identification.simulation.simulate import SimulationResult, SimulationSettings, simulate
-
-FloatArray = npt.NDArray[np.float64]
 
 LONGEST_STEP_S = 0.001
 LEAD_IN_S = 2.0

@@ -12,12 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.simulation.controllers import State
 
-FloatArray = npt.NDArray[np.float64]
 ExtraTorque = Callable[[State], FloatArray]
 """(n,) Nm that an effect adds to the right side of eq. (1), as its column in a fit would: friction-like is positive."""
 

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from identification.simulation.comparison import Comparison
-
-FloatArray = npt.NDArray[np.float64]
 
 # Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
 _MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 3.2, "alpha": 0.35, "label": "measured"}

@@ -7,14 +7,12 @@ gains that hold a real one (and a motor is most of what a wrist's controller mov
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.export.parameters import ModelParameters
 from identification.robots import RobotModel
 from identification.robots.joint_units import in_units
-
-FloatArray = npt.NDArray[np.float64]
 
 INERTIA_PER_TORQUE = 4.4 / 320.0
 """kg m² seen at the joint per Nm of rated torque: 160² · 1.74e-4 kg m² on a 320 Nm axis.

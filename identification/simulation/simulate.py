@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import SimulationError
 from identification.export.parameters import ModelParameters, refuse_unmovable
 from identification.physical_parameters import PhysicalParameters
@@ -20,8 +21,6 @@ from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
 from identification.simulation.controllers import Controller, SetPoint, State
 from identification.simulation.dynamics import ArmDynamics, ExtraTorque
-
-FloatArray = npt.NDArray[np.float64]
 
 _LARGEST_VELOCITY = 1e3
 _PIECE = 1000

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.candidates import Candidate
 from identification.mismatch.changes.contact_search import find_contact, without_outliers
 from identification.mismatch.changes.contrasts import Contrasts, Fit, solve
@@ -28,8 +28,6 @@ from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrif
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
 from identification.recordings.recording import Recording
-
-FloatArray = npt.NDArray[np.float64]
 
 FEWEST_PERIODS = 3
 WINDOW_MARGIN_S = 0.1

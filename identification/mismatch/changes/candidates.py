@@ -9,15 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.contrasts import Contrasts, Fit
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
-
-FloatArray = npt.NDArray[np.float64]
 
 MOMENTS = 31
 """Moments of a step that are tried in one look."""

@@ -12,10 +12,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import Bounds, minimize
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.candidates import dispersion_of
 from identification.mismatch.changes.contrasts import solve
 from identification.mismatch.changes.push_fit import (
@@ -30,8 +30,6 @@ from identification.mismatch.changes.push_fit import (
     unit_torque,
 )
 from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
-
-FloatArray = npt.NDArray[np.float64]
 
 REFINED = 1.2
 """A refinement of the window adds a fifth to the gain of a rough one."""

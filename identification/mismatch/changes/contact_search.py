@@ -8,16 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.changes.candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
 from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, window_gain
 from identification.mismatch.changes.contrasts import Contrasts
-from identification.mismatch.changes.push_fit import WINDOW, IntArray
+from identification.mismatch.changes.push_fit import WINDOW
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.signals.periodic import to_lines
-
-FloatArray = npt.NDArray[np.float64]
 
 CONTACT_DURATIONS_S = (0.15, 0.3, 0.6, 1.2, 2.4)
 OUTLIER_GAIN = 30.0

@@ -15,12 +15,11 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.noise import NEIGHBOURS_OF_LINE_ZERO
-
-FloatArray = npt.NDArray[np.float64]
 
 FORGETS_S = np.geomspace(0.003, 1.0, 6)
 """Times within which noise forgets, so that a jump where a period ends fades; the ramp stands beside them."""

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import FEWEST_PERIODS, Change, with_level
 from identification.mismatch.changes.contact_search import without_outliers
 from identification.mismatch.changes.contrasts import Contrasts
@@ -26,8 +26,6 @@ from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 SETTLING = (0.2, 0.5)
 """Time constants tried beside the even course, as shares of the recording; a shorter one is all but an offset."""

@@ -11,8 +11,8 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.candidates import (
     Candidate,
     best_moment,
@@ -28,8 +28,6 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, STEP, TorqueSensorDrift
-
-FloatArray = npt.NDArray[np.float64]
 
 LONGEST_TIME = 5.0
 """Recordings' lengths beyond which a fading course is a straight line, to a fortieth: no time constant is told."""

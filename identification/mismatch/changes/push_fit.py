@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.external_contact import profile, reach_of, unit_forces
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 WINDOW = ("start_s", "duration_s", "sharpness", "skew")
 POINT = ("point_x_m", "point_y_m", "point_z_m")

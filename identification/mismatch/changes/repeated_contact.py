@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, seen_on, window_gain
 from identification.mismatch.changes.contact_search import CONTACT_DURATIONS_S, turned
-from identification.mismatch.changes.push_fit import WINDOW, IntArray
+from identification.mismatch.changes.push_fit import WINDOW
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
 from identification.mismatch.evidence import Evidence
@@ -31,8 +31,6 @@ from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import DiagnosisSettings
 from identification.signals.periodic import to_lines
-
-FloatArray = npt.NDArray[np.float64]
 
 SHARE_OF_NARROWEST = 0.125
 """Distance of the windows that are tried, as a share of their duration."""

@@ -8,13 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.contrasts import Contrasts, solve
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
-
-FloatArray = npt.NDArray[np.float64]
 
 # Step of a derivative, as a share of the parameter, or of its range where that is linear (a time).
 STEP = 1e-2

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.signal import savgol_filter
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.torque_sign import positive_quantities
@@ -28,8 +28,6 @@ from identification.recordings.recording import Finding, Recording
 from identification.signals.aperiodic import process_aperiodic
 from identification.signals.periodic import process_periodic
 from identification.signals.processed import ProcessedSignals
-
-FloatArray = npt.NDArray[np.float64]
 
 ROW_FAULTS = {
     "gap": "lost_samples",

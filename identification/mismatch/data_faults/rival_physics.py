@@ -8,9 +8,8 @@ the torques; a true fault stays visible beside them.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
 
 POSITION_KNOTS = 20
 VELOCITY_KNOTS = 12

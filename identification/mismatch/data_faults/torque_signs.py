@@ -14,12 +14,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.fitting.torque_sign import broken_squares
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 TURN = 8.0
 """Log-odds against a turned torque: 3000 to 1. All of a recording turned (the vendor's sign) is one turn."""

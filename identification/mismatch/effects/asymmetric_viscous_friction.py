@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class AsymmetricViscousFriction(OwnJointEffect):

@@ -6,15 +6,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import deviation, joint_name, linear, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
-
 
 FORM = {"hardening": "1/rad²", "softest_at": "rad"}
 

@@ -9,16 +9,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
 from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 _BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
 """Frequencies, as shares of a spring's resonance, up to which a motor's motion tells its link's, and from which not."""

@@ -14,12 +14,11 @@ from typing import NamedTuple, TypeVar, TypeVarTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 from identification.robots.model import Kinematics
 
-FloatArray = npt.NDArray[np.float64]
 Result = TypeVar("Result")
 Rest = TypeVarTuple("Rest")
 

@@ -11,12 +11,10 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Columns, Effect, Place, Stage
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class EnvelopedEffect(Effect):

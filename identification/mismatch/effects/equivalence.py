@@ -13,11 +13,9 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects import effect_named
-
-FloatArray = npt.NDArray[np.float64]
 
 Kind = Literal["identical", "first_in_second", "second_in_first", "distinct"]
 

@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
-
-FloatArray = npt.NDArray[np.float64]
 
 BEYOND_LINK_M = 0.13
 """How far a link's surface may be from the line between the origins of its joints."""

@@ -6,16 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, size_of
 from identification.mismatch.effects.displacement import torque_behind_spring
 from identification.mismatch.effects.dynamics import rigid_torque
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 LINEAR_NM = 1e5
 """Hardening torque of a spring that shows none, the textbook's: the same for all motions."""

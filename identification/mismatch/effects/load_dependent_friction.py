@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect, friction_sign
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
-
 
 REFERENCE_NM = 10.0
 """Load τ₀ at which the friction per load is given where it is not in proportion."""

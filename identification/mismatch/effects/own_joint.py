@@ -11,13 +11,11 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Place
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class OwnJointEffect(Effect):

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class PayloadChange(EnvelopedEffect):

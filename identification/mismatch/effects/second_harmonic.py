@@ -6,11 +6,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, ShapeParameter
-
-FloatArray = npt.NDArray[np.float64]
 
 REAL, IMAGINARY = "second_harmonic_real", "second_harmonic_imaginary"
 LARGEST = 0.5

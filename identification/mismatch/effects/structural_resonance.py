@@ -6,15 +6,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.effects.time_domain import filtered
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class StructuralResonance(OwnJointEffect):

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 REFERENCE_VELOCITY = 0.5
 """rad/s at which the two frictions are added up into one number."""

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 
+from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complexfloating]
 
 

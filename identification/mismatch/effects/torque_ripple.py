@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect, joint_index
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 # Ratios of harmonic drives in arms and their doubles (the wave generator has two lobes); the iiwa's is about 160.
 USUAL_ORDERS = (50.0, 80.0, 100.0, 120.0, 160.0, 200.0, 240.0, 320.0)

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 LINEAR, EXPONENTIAL, STEP = 0, 1, 2
 """Values of the shape parameter `course`."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.findings import Alternative
 from identification.mismatch.names.examination import without
@@ -18,8 +17,6 @@ from identification.mismatch.search.screening import Screen, gains, narrowed
 from identification.mismatch.search.search import GROWS
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 EXPLAINS_MORE = 1.0
 """Score within which a name is an alternative to what it holds as a special case: a further coefficient costs three, so

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-import numpy.typing as npt
-
+from identification.arrays import BoolArray
 from identification.mismatch.heldout import Residuals, worsened
 from identification.mismatch.names.examination import Check, Examination, without
 from identification.mismatch.names.objections import Objection
@@ -17,8 +15,6 @@ from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Named, Standing, held_beside, named, standings
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

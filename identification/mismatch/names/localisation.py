@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.figures import Curve
 from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.search.detection import BandPower
-
-FloatArray = npt.NDArray[np.float64]
 
 BINS = 40
 SCANS = 20

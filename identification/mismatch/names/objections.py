@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate, Place
@@ -18,8 +17,6 @@ from identification.mismatch.search.extension import uncertainties
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import Trial, fitted
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Baseline, Finding, Verdict
 from identification.mismatch.unknown.claims import ClassClaim
-
-FloatArray = npt.NDArray[np.float64]
 
 MUCH = 3.0
 """Noise of another colour lies within; a model that leaves more may lack physics."""

@@ -7,12 +7,10 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as fisher
 
+from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem
-
-FloatArray = npt.NDArray[np.float64]
 
 # Bands with less freedom than this are filled by the base parameters and test nothing.
 LEAST_FREEDOM = 0.3

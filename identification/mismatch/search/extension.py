@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import ShapeParameter
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
-
-FloatArray = npt.NDArray[np.float64]
 
 # Relative step of a nonlinear parameter for the derivative of its columns.
 SHAPE_STEP = 1e-2

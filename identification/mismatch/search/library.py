@@ -11,12 +11,10 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence
-
-FloatArray = npt.NDArray[np.float64]
 
 Shape = tuple[tuple[str, float], ...]
 

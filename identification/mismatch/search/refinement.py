@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
 from identification.mismatch.search.screening import coefficients_of, group_gain
-
-FloatArray = npt.NDArray[np.float64]
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12

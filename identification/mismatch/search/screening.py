@@ -9,13 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import SWALLOWED, Problem
 from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, cost_of_choice
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Of a group's directions those whose length off the basis is below this share of its longest are not determined.
 UNDETERMINED = 1e-3

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
@@ -22,8 +22,6 @@ from identification.mismatch.search.refinement import Member, gram_of, refine, s
 from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 SHORTLIST = 6
 """Candidates per screening that are refined."""

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
 from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.settings import DiagnosisSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
