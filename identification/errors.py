@@ -24,25 +24,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = [
-    "DesignError",
-    "EstimationError",
-    "ExportCheckError",
-    "IdentificationError",
-    "InconsistentParametersError",
-    "ModelFileError",
-    "ModelFileNotFoundError",
-    "RecordingError",
-    "RecordingNotFoundError",
-    "RobotError",
-    "RobotNotFoundError",
-    "SimulationError",
-    "SolverError",
-    "TrajectoryError",
-    "TrajectoryNotFoundError",
-    "UndeterminedParametersError",
-]
-
 
 def reason_of(error: Exception) -> str:
     """Why something could not be read, in words: one of the operating system without its number and path."""

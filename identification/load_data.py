@@ -16,8 +16,6 @@ from identification.arrays import FloatArray
 from identification.regressor import rigid_body_columns
 from identification.robots.model import RobotModel
 
-__all__ = ["LEAST_SHARE", "UnknownLoad", "unknown_load", "weight_at_rest"]
-
 LEAST_MASS_KG = 0.1
 """A cabinet's load data are given to a tenth of a kilogram."""
 LEAST_SHARE = 0.5

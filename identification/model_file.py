@@ -22,8 +22,6 @@ from identification.recordings.independence import holds_samples, recording_name
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
-__all__ = ["MODEL_FORMAT", "Model", "no_check", "read_model", "write_model"]
-
 MODEL_FORMAT = "iiwa-ident/model/1"
 _SMALLEST_RELATIVE_STD = 1e-9
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-__all__ = ["BETWEEN", "aligned_lines", "is_numeric"]
-
 BETWEEN = 2
 """Blanks between two columns of a table."""
 _NUMBER = re.compile(r"[-+−]?\d[\d.]*(e[-+]\d+)?|[-–]?|nan")

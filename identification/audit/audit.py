@@ -30,8 +30,6 @@ from identification.robots.installation import Installation
 from identification.robots.model import RobotModel, refuse_followers
 from identification.robots.simulator_models import read_simulator_model
 
-__all__ = ["audit", "compared"]
-
 ENOUGH = 0.7
 """Of what all parameters fitted anew explain: below it a name is not all."""
 STILL_ITS_OWN = 4.0

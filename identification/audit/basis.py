@@ -19,8 +19,6 @@ from identification.audit.evidence import Estimate, log_evidence, marginal, post
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout
 
-__all__ = ["DAYS", "Explanation", "root_of"]
-
 DAYS = (0.3, 1.0, 3.0)
 """How much friction differs, in times of what is usual between two days: as likely each before the recording is seen.
 All joints together tell, so that one joint stands out after an hour, and none where every joint ran cold.

@@ -18,8 +18,6 @@ from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
-__all__ = ["Change", "ParameterChange", "changes_between", "model_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:

@@ -14,8 +14,6 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Colour", "colour_of", "preceded"]
-
 HIGHEST_ORDER = 8
 
 

@@ -15,8 +15,6 @@ from identification.audit.rows import Rows
 from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns, torque_regressor
 from identification.robots.model import RobotModel
 
-__all__ = ["GRAVITY", "PARAMETERS", "SYMBOLS", "Geometry", "SetUp", "across"]
-
 SYMBOLS = (*INERTIAL_SYMBOLS, "FV", "FS", "OFF", "IA")
 PARAMETERS = len(SYMBOLS)
 INERTIAL = len(INERTIAL_SYMBOLS)

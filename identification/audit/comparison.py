@@ -16,19 +16,6 @@ from identification.audit.given import GivenModel, Sizes, wide_open
 from identification.audit.hypotheses import Layout
 from identification.audit.rows import Rows
 
-__all__ = [
-    "ALL",
-    "PARTS",
-    "REPORT",
-    "USED",
-    "Comparison",
-    "Noise",
-    "compare",
-    "noise_of",
-    "stretches_of",
-    "torque_as_read",
-]
-
 PARTS = 8
 USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))
 """Blocks in turns. Each of those in use accepts what the others fitted; those that report are used for neither."""

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Audit", "Difference", "Number", "with_interval"]
-
 
 @dataclass(frozen=True, slots=True)
 class Number:

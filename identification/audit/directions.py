@@ -18,8 +18,6 @@ from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry, a
 from identification.audit.columns import INERTIAL as _INERTIAL
 from identification.audit.evidence import Products, between_parts, log_evidence, products_of
 
-__all__ = ["Directions", "sphere"]
-
 POINTS = 80
 TANGENT_RAD = 5e-3
 FIRST_REACH_RAD, LEAST_REACH_RAD = 0.1, 1e-4

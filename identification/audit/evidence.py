@@ -16,18 +16,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from identification.arrays import BoolArray, FloatArray
 
-__all__ = [
-    "Estimate",
-    "Products",
-    "as_they_scatter",
-    "between_parts",
-    "log_evidence",
-    "marginal",
-    "posterior",
-    "products_of",
-    "repeated_rows",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Products:

@@ -12,8 +12,6 @@ from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
-__all__ = ["foretold", "lacking_friction"]
-
 LEAST_SIGMAS = 5.0
 LEAST_SHARE = 0.15
 """Of what a joint's torque lacks, that friction takes away on rows that it was not fitted to."""

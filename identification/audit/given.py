@@ -21,8 +21,6 @@ from identification.estimators.prior import uniform_bodies
 from identification.model_file import Model
 from identification.robots.model import RobotModel
 
-__all__ = ["GivenModel", "Sizes", "given_model", "places_of", "sizes_of", "wide_open"]
-
 MASS_OPEN, REST_OPEN = 3.0, 5.0
 """How wide a parameter is that nobody knows, in sizes of its link."""
 DRAWN = 0.05

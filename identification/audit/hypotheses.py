@@ -15,8 +15,6 @@ from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.given import Sizes
 
-__all__ = ["Hypothesis", "Layout", "hypotheses"]
-
 ODDS = {
     "payload": 0.15,
     "payload_elsewhere": 0.05,

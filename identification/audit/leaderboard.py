@@ -27,8 +27,6 @@ from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 
-__all__ = ["Standing", "leaderboard"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:

@@ -18,8 +18,6 @@ from identification.audit.given import GivenModel
 from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
 
-__all__ = ["Misread", "by_its_velocity", "in_degrees", "misread_order"]
-
 SMALLEST_CLOCK_ERROR = 0.03
 FILTERED = 0.005
 """By which the filter of a recorded velocity makes it smaller or larger."""

@@ -21,8 +21,6 @@ from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 
-__all__ = ["Mounting", "mounting_of", "other_stand", "require_stated_stand"]
-
 LEAST_GAIN = 20.0
 """Nats against the stated gravity: a recording's own misfit makes some."""
 LEAST_ANGLE = np.radians(3.0)

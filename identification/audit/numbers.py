@@ -17,8 +17,6 @@ from identification.audit.comparison import ALL, REPORT
 from identification.audit.evidence import between_parts
 from identification.audit.hypotheses import Hypothesis
 
-__all__ = ["Found", "found_numbers"]
-
 LEAST_SCALE = 0.01
 """No torque is known better, relative."""
 SCALE_WIDTH = 0.1

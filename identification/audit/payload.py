@@ -28,8 +28,6 @@ from identification.recordings.recording import Recording
 from identification.robots.flange import Flange
 from identification.robots.model import RobotModel, refuse_followers
 
-__all__ = ["Body", "cabinet_load_data", "weigh"]
-
 LEAST_SIGMAS = 3.0
 _TURNS = 3
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")

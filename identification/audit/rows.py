@@ -24,8 +24,6 @@ from identification.signals.aperiodic import (
 )
 from identification.signals.processed import ProcessedSignals
 
-__all__ = ["BLOCK_S", "COULOMB_VELOCITY", "Rows", "rows_of"]
-
 WIDEST_HZ = 8.0
 SAMPLES_PER_CUTOFF_PERIOD = 20.0
 MOST_ROWS = 1500

@@ -17,8 +17,6 @@ from identification.audit.directions import Directions
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout, hypotheses
 
-__all__ = ["LEAST_GAIN", "Audited", "Step", "gain_of", "possible", "search"]
-
 LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""
 FIRST_SHARE, LATER_SHARE = 0.1, 0.04

@@ -14,8 +14,6 @@ from identification.audit.numbers import Found
 from identification.audit.search import Step
 from identification.robots.model import RobotModel
 
-__all__ = ["difference_of", "turned_signs"]
-
 _BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _BODY_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
 _FRICTION = {"FV": ("viscous", "Nm s/rad"), "FS": ("coulomb", "Nm"), "OFF": ("offset", "Nm"),

@@ -22,18 +22,6 @@ from identification.fitting.result import FitResult
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
-__all__ = [
-    "LEAST",
-    "ChangePoint",
-    "JointTrend",
-    "Trend",
-    "change_point",
-    "date_of",
-    "hours_of",
-    "trend_of",
-    "with_hours",
-]
-
 LEAST = 4
 """Recordings that make a series."""
 ODDS_SAID = 20.0

@@ -24,8 +24,6 @@ from identification.physical_parameters import (
     tensor_jacobians,
 )
 
-__all__ = ["LOCAL_BARRIER", "ConstrainedProgram"]
-
 LOCAL_BARRIER = 1e-4
 """First barrier parameter: a small one leaves a start in the basin where it began."""
 # Distance kept from every rule, in its own unit: enough for a product of rounded numbers to stay on the right side.

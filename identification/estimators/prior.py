@@ -31,8 +31,6 @@ from identification.errors import EstimationError, SolverError
 from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia
 from identification.robots.model import Kinematics
 
-__all__ = ["BodyPrior", "SettledParameters", "prior_of_bodies", "settle_open_directions", "uniform_bodies"]
-
 _THICKNESS_SHARE = 1.0 / 6.0
 """Radius of a uniform link as a share of the longest stretch between two joints: 0.07 m for an iiwa."""
 _RADIUS_WITHOUT_STRETCHES_M = 0.1

@@ -20,8 +20,6 @@ from identification.excitation.prediction import NoiseColour, torque_noise
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel
 
-__all__ = ["PayloadDeviations", "PayloadTerm", "payload_deviations", "wrist_limits"]
-
 BODY = len(INERTIAL_SYMBOLS)
 WANTED = 4
 """Mass and first moments; the inertia is fitted beside them."""

@@ -18,8 +18,6 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.excitation.local_search import Descent, LocalSearch, Problem
 
-__all__ = ["Outcome", "Task", "workers"]
-
 _LOOK_S = 0.25
 
 

@@ -32,8 +32,6 @@ from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel, load_robot, robot_from_urdf
 from identification.robots.simulator_models import read_simulator_model
 
-__all__ = ["Amended", "amend"]
-
 TOLERANCE = 1e-3
 """Of the torque's size: what is read back has to be what was meant."""
 STATES, SEED = 40, 13

@@ -20,8 +20,6 @@ from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, place, roll_pitch_yaw
 
-__all__ = ["Changes", "moment_matrix", "write_mjcf_changes", "write_sdf_changes", "write_urdf_changes"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:

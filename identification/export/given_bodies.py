@@ -18,8 +18,6 @@ from identification.export.kinematic_urdf import arm_without_inertias
 from identification.export.xml_text import document
 from identification.robots import Kinematics, RobotModel, load_robot, robot_from_urdf
 
-__all__ = ["given_bodies"]
-
 _LARGEST_ANGLE = 0.01
 """rad between the axes of one joint in both descriptions; files print right angles with three to five digits."""
 _LARGEST_DISTANCE_M = 0.005

@@ -14,8 +14,6 @@ from identification.export.arm import origin
 from identification.export.xml_text import add, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
 
-__all__ = ["fix_held_joints"]
-
 _OF_A_MOTION = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration", "origin")
 
 

@@ -24,8 +24,6 @@ from identification.robots import RobotModel
 from identification.robots.flange import IIWA_FLANGE
 from identification.robots.model import TABLE_IN_FILES
 
-__all__ = ["arm_without_inertias", "kinematic_urdf"]
-
 _SHOULDER_HEIGHT_M = {"iiwa14": 0.36, "iiwa7": 0.34}
 _LINK_RADIUS_M = 0.06
 _UNKNOWN_LIMIT = 1e4

@@ -23,8 +23,6 @@ from identification.model_file import MODEL_FORMAT
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 
-__all__ = ["ROBOT", "Twin", "table_three", "twin_of_table_three"]
-
 ROBOT = "iiwa14"
 SOURCE = "Table 3 of doi 10.1016/j.ifacol.2017.08.1208"
 STATES = 1000

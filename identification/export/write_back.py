@@ -27,8 +27,6 @@ from identification.robots import RobotModel
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
-__all__ = ["WrittenBack", "draw_before_after", "write_back"]
-
 # Okabe and Ito's colours with three kinds of line: told apart in grey print and by colour-blind readers.
 _MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 3.2, "alpha": 0.35}
 _BEFORE: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.1, "linestyle": ":"}

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-__all__ = ["Choice", "DelayCorrection", "Estimator", "Pipeline"]
-
 Pipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 Estimator = Literal["auto", "ols", "weighted", "maximum_likelihood", "huber", "instrumental"]
 DelayCorrection = Literal["no", "common", "per_joint"]

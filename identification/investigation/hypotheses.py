@@ -13,8 +13,6 @@ from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 
-__all__ = ["NOTHING", "Assessment", "Hypothesis", "describe"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:

@@ -20,8 +20,6 @@ from identification.recordings.independence import is_called
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
-__all__ = ["extended_model"]
-
 
 def extended_model(
     diagnosis: Diagnosis,

@@ -12,8 +12,6 @@ from identification.mismatch.findings import Diagnosis, Finding
 from identification.robots import RobotModel
 from identification.robots.joint_units import for_prismatic, in_units
 
-__all__ = ["in_units_of_joints"]
-
 ANGLES = ("phase",)
 """Parameters in rad whatever moves: of a wave, not of a joint."""
 OF_THE_BASE = ("base_tilt",)

@@ -32,8 +32,6 @@ from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 from identification.signals.aperiodic import sixth_order_difference, zero_phase_low_pass
 
-__all__ = ["SetUpCheck", "examine_set_up", "set_up_checks"]
-
 Status = Literal["ok", "warning", "failed"]
 
 FAULTS = {

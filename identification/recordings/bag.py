@@ -26,18 +26,6 @@ from identification.recordings.fixed_columns import FixedColumns
 from identification.recordings.mcap_records import records_of
 from identification.recordings.unpacking import Allowance
 
-__all__ = [
-    "BAG_SUFFIXES",
-    "FRI_STATE_TOPIC",
-    "JOINT_STATE",
-    "METADATA_RECORD",
-    "Bag",
-    "Topic",
-    "bag_files",
-    "entries_of",
-    "read_bag",
-]
-
 FRI_STATE_TOPIC = "/fri/state"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 METADATA_RECORD = "iiwa_ident"

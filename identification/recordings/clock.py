@@ -9,8 +9,6 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.recordings.recording import Recording
 
-__all__ = ["WIDEST_RATIO", "before_a_clock_was_set_back", "clock_by_velocity", "highest_before_each"]
-
 WIDEST_RATIO = 30.0
 SET_BACK_ROWS = 3
 """In a row with a time before an earlier row's: fewer are single rows that came late."""

@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from identification.arrays import IntArray
 
-__all__ = ["FixedColumns"]
-
 _SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
           "int64": 8, "uint64": 8, "float32": 4, "float64": 8}  # fmt: skip
 _KINDS = {"bool": "?", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8"}

@@ -16,8 +16,6 @@ from identification.recordings.recording import CLOCK_START, Finding
 from identification.recordings.table import RawTable
 from identification.robots.installation import Installation
 
-__all__ = ["installation_in", "number_in", "read_fri_log"]
-
 EXCITATION_PHASE = 3
 FARTHEST_STEP = 1000
 """A sequence counter that leaps farther is believed only where the robot's clock leaps with it."""

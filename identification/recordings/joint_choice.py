@@ -19,8 +19,6 @@ from identification.recordings.recording import OPTIONAL_ARRAYS, Finding, Import
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
-__all__ = ["JointChoice", "choose_joints", "for_robot", "match_names", "select_joints"]
-
 LARGEST_SHARE_OF_PARTIAL_ROWS = 0.2
 _NUMBERED = re.compile(r"^(.*?)(\d+)$")
 _SHOWN = 24

@@ -21,8 +21,6 @@ from identification.recordings.npz_reader import resolve_robot
 from identification.recordings.recording import CLOCK_START, Finding
 from identification.recordings.table import RawTable
 
-__all__ = ["read_joint_states"]
-
 MOST_JOINTS = 256
 """Named in one topic; more is no robot, and a table of them could be of any size."""
 _QUANTITIES = ("position", "velocity", "effort")

@@ -15,8 +15,6 @@ from identification.recordings.joint_states import read_joint_states
 from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
 
-__all__ = ["read_bag_folder", "read_log"]
-
 
 def read_log(path: Path) -> list[RawTable] | Recording:
     """Tables that an .mcap or .db3 holds, one for each topic that may be meant, or the Recording of an import.

@@ -25,8 +25,6 @@ from mcap.stream_reader import StreamReader
 from identification.arrays import IntArray
 from identification.recordings.unpacking import Allowance
 
-__all__ = ["MessageSink", "records_of"]
-
 _RECORD = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""
 _HEAD = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"),

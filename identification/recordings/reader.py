@@ -24,17 +24,6 @@ from identification.robots import Installation, RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from identification.robots.same_arm import difference_of_arms
 
-__all__ = [
-    "READERS",
-    "Inputs",
-    "file_digest",
-    "inputs_of",
-    "read_inputs",
-    "read_recording",
-    "recording_file",
-    "robot_of",
-]
-
 Tables = list[RawTable] | Recording
 READERS: dict[str, Callable[[Path], Tables]] = {
     ".npz": read_npz,

@@ -19,8 +19,6 @@ from identification.recordings.recording import Finding, ImportReport, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
-__all__ = ["UNITS", "check_units", "in_si"]
-
 _DEGREE = math.pi / 180.0
 UNITS: dict[str, dict[str, float]] = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},

@@ -12,8 +12,6 @@ import zstandard
 
 from identification.errors import RecordingError
 
-__all__ = ["SMALLEST_ALLOWANCE", "Allowance"]
-
 LARGEST_FACTOR = 100
 SMALLEST_ALLOWANCE = 64 * 2**20
 LARGEST_ALLOWANCE = 4 * 2**30

@@ -7,8 +7,6 @@ from identification.mismatch.unknown.claims import ClassClaim
 from identification.report.document import Block, Figure, Line, Panel, Paragraph, Section, Table
 from identification.report.numbers import joint_heads, row_of
 
-__all__ = ["class_section"]
-
 
 def class_section(diagnosis: Diagnosis) -> Section | None:
     """The classes of a diagnosis; None where none is claimed."""

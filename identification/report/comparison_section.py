@@ -8,8 +8,6 @@ from identification.mismatch.baseline import ModelComparison
 from identification.report.document import Block, Paragraph, Section, Table
 from identification.report.numbers import chance, joint_heads, rounded, row_of, unit_of, with_sigma
 
-__all__ = ["comparison_section"]
-
 
 def comparison_section(comparison: ModelComparison | None) -> Section | None:
     """The split of the model's error by joint, its links, and its parameters that are wrong; None without a model."""

@@ -16,8 +16,6 @@ from identification.report.document import Block, Figure, Heading, Paragraph, Se
 from identification.report.finding_blocks import claim, curve_panel, effect_name, finding_blocks, place_name
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
-__all__ = ["diagnosis_sections", "tone_of", "verdict_sentence"]
-
 _MANY = 6
 _NOTABLE = 0.02
 

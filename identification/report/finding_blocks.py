@@ -16,8 +16,6 @@ from identification.report.document import Block, Facts, Figure, Heading, Line, 
 from identification.report.motion_sections import spectrum_panel
 from identification.report.numbers import chance, listed, rounded, unit_of, with_sigma
 
-__all__ = ["claim", "curve_panel", "effect_name", "finding_blocks", "place_name"]
-
 _STRETCHES = 150
 _COMPARABLE = 4.0
 _AXES = {"phase": "phase of the wave", "travel": "travel since the reversal"}

@@ -10,8 +10,6 @@ from identification.report.document import Tone
 from identification.report.model_sections import undetermined
 from identification.report.numbers import listed, rounded
 
-__all__ = ["fit_verdict"]
-
 # From here on the misfit is larger than the noise that it lies in: squares add.
 MISFIT_AS_LARGE_AS_NOISE = math.sqrt(2.0)
 

@@ -14,8 +14,6 @@ from mcap.reader import make_reader
 
 from identification.report.numbers import rounded
 
-__all__ = ["link_facts", "link_sentence", "read_loop_report"]
-
 ATTACHMENT = "loop_report.json"
 
 

@@ -16,8 +16,6 @@ from identification.fitting.rms import RmsTable
 from identification.report.document import Block, Facts, Heading, Paragraph, Section, Table
 from identification.report.numbers import joint_heads, listed, rounded, row_of, unit_of, with_sigma
 
-__all__ = ["feasibility_section", "parameter_section", "provenance_section", "rms_section", "undetermined"]
-
 Json = Mapping[str, Any]
 
 # A parameter whose σ is more than half of its value is not told apart from zero at the usual two σ.

@@ -16,8 +16,6 @@ from identification.report.numbers import rounded
 from identification.report.stretches import Stretch
 from identification.robots import RobotModel
 
-__all__ = ["excitation_section", "residual_section", "spectrum_panel"]
-
 _PATH_POINTS = 400
 _BANDS_PER_OCTAVE = 8
 _VIEWS = ((0, 1, "from above"), (0, 2, "from the side"), (1, 2, "from the front"))

@@ -13,8 +13,6 @@ from markupsafe import Markup
 from identification.report.document import Document, Panel
 from identification.report.panels import Sheets, draw_panel
 
-__all__ = ["render"]
-
 
 def render(document: Document) -> str:
     """The document as HTML text, the same for the same document."""

@@ -19,8 +19,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from identification.arrays import FloatArray
 from identification.report.document import Line, Panel
 
-__all__ = ["MOST_POINTS", "decimate", "draw_panel"]
-
 MOST_POINTS = 600
 """Points of one line: a panel is some 400 pixels wide."""
 

@@ -11,8 +11,6 @@ from identification.report.link import link_facts, link_sentence, read_loop_repo
 from identification.report.numbers import rounded
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
-__all__ = ["recording_section"]
-
 _METADATA = (
     ("run_id", "Run"),
     ("date", "Recorded"),

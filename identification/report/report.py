@@ -32,8 +32,6 @@ from identification.report.units import in_units_of_joints
 from identification.robots import RobotModel
 from identification.robots.installation import ON_THE_FLOOR
 
-__all__ = ["build_document", "write_report"]
-
 _Results = ParamSpec("_Results")
 
 # Figures of more recordings than this fill pages without telling more.

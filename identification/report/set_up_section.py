@@ -9,8 +9,6 @@ from identification.mismatch.set_up import SetUpCheck
 from identification.report.document import Block, Paragraph, Section, Table
 from identification.report.numbers import UNKNOWN, unit_of, with_sigma
 
-__all__ = ["set_up_section"]
-
 _VERDICTS = {"ok": "as stated", "warning": "look at it", "failed": "not as stated"}
 
 

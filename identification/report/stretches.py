@@ -20,8 +20,6 @@ from identification.mismatch.figures import Spectrum, TimeSeries
 from identification.mismatch.findings import Diagnosis
 from identification.signals.processed import ProcessedSignals
 
-__all__ = ["Stretch", "stretches_of_diagnosis", "stretches_of_fit"]
-
 _CHUNK = 10_000
 _LONGEST_SEGMENT = 2048
 

@@ -11,8 +11,6 @@ from identification.report.document import Block, Document, Figure, Line, Panel,
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
 
-__all__ = ["trend_document", "write_trend"]
-
 _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 _LEAST_SPAN = 2.0
 """Of a unit of time, that a series lasts to be drawn in it."""

@@ -13,8 +13,6 @@ from dataclasses import replace
 from identification.report.document import Block, Document, Facts, Heading, Panel, Paragraph, Section, Table
 from identification.robots.joint_units import in_units
 
-__all__ = ["in_units_of_joints"]
-
 AS_THEY_ARE = ("provenance", "recordings")
 """Sections about files and programs."""
 ANGLES = ("phase",)

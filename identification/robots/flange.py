@@ -13,8 +13,6 @@ import pinocchio
 
 from identification.arrays import FloatArray
 
-__all__ = ["IIWA_FLANGE", "IIWA_FLANGE_M", "Flange", "flange_of_frames"]
-
 IIWA_FLANGE_M = 0.126
 """From the wrist to the flange without media flange, both arms (KUKA brochure LBR iiwa)."""
 _NAMES = tuple(re.compile(rf"(?:.*[_/-])?{name}") for name in ("flange", "tool0", "link_ee"))

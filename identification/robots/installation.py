@@ -14,8 +14,6 @@ import numpy as np
 
 from identification.errors import RobotError
 
-__all__ = ["MOUNTS", "ON_THE_FLOOR", "STANDARD_GRAVITY", "Installation"]
-
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _G = abs(STANDARD_GRAVITY[2])
 MOUNTS: dict[str, tuple[float, float, float]] = {

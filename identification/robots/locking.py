@@ -15,8 +15,6 @@ from identification.errors import RobotError
 from identification.robots.flange import Flange
 from identification.robots.model import Kinematics, Mimic, RobotModel, build_pinocchio_model, snap_to_right_angles
 
-__all__ = ["lock_joints"]
-
 
 def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """The robot whose joints in `positions` (name → rad or m) do not move: n smaller by their number.

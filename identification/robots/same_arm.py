@@ -12,8 +12,6 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.robots.model import RobotModel
 
-__all__ = ["difference_of_arms"]
-
 LENGTH_TOLERANCE_M = 2e-3
 ANGLE_TOLERANCE = 2e-3
 GRAVITY_TOLERANCE = 0.05

@@ -12,8 +12,6 @@ from typing import BinaryIO
 
 import pinocchio
 
-__all__ = ["parsed_urdf"]
-
 STANDARD_ERROR = 2
 MOST_COMPLAINTS = 2
 """The first say what is wrong and where; those after them that the whole cannot be read."""

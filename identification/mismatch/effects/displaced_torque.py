@@ -17,8 +17,6 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.dynamics import chain_of, links_of, once_per_motion
 from identification.mismatch.motion import Motion
 
-__all__ = ["change_of_own_torque", "change_of_torque"]
-
 _REVOLUTE_PLACES = 2.0 * np.pi * np.arange(5) / 5
 _SLIDING_PLACES = np.array([-1.0, 0.0, 1.0])
 
