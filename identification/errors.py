@@ -23,6 +23,7 @@ No logic lives here. Everything in the package raises from this tree; `daemon` t
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
 
 def reason_of(error: Exception) -> str:
@@ -53,6 +54,16 @@ class FileRelatedError(IdentificationError):
         self.file = None if file is None else Path(file)
         self.field = field
         self.joint = joint
+
+    @classmethod
+    def at(cls, file: str | Path, message: str, *, field: str | None = None, joint: int | None = None) -> Self:
+        """The error of a file, its message opening with the file's path."""
+        return cls(f"{file}: {message}", file=file, field=field, joint=joint)
+
+    @classmethod
+    def named(cls, file: str | Path, message: str, *, field: str | None = None, joint: int | None = None) -> Self:
+        """The error of a file, its message opening with the file's name."""
+        return cls(f"{Path(file).name}: {message}", file=file, field=field, joint=joint)
 
 
 class RobotError(FileRelatedError):

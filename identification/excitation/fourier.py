@@ -6,9 +6,10 @@ Here: coefficients in, positions, velocities and accelerations out. Not here: ho
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,39 +20,63 @@ from identification.errors import TrajectoryError
 FORMAT = "iiwa-ident/trajectory/1"
 
 
-class Trajectory(Protocol):
-    """What `run`, `check` and the demo ask of a periodic motion; every trajectory here offers it."""
+class Trajectory(ABC):
+    """A periodic motion of n joints, as `run`, `check` and the demo ask for it.
+
+    robot: name of the robot it was made for, or empty. record: what the designer noted (limits, achieved figures, seed,
+    settings); it travels with the file and changes nothing about the motion.
+    """
+
+    __slots__ = ()
+    robot: str
+    record: Mapping[str, Any]
 
     @property
-    def robot(self) -> str:
-        """Name of the robot it was made for, or empty."""
-        ...
-
-    @property
+    @abstractmethod
     def joints(self) -> int:
         """Number of joints n."""
-        ...
 
     @property
+    @abstractmethod
     def period_s(self) -> float:
         """Length of one period in s."""
-        ...
 
+    @abstractmethod
     def evaluate(self, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the given times, each (S, n)."""
-        ...
+        """Position, velocity and acceleration at the given times, each (S, n) in rad, rad/s, rad/s²."""
+
+    @abstractmethod
+    def scaled(self, amplitude: float) -> Trajectory:
+        """The same path with its amplitude multiplied. Raises TrajectoryError for one that is not positive."""
+
+    @abstractmethod
+    def numbers(self) -> dict[str, Any]:
+        """What describes the motion in a file, as plain JSON types."""
+
+    def sample_times(self, rate_hz: float) -> FloatArray:
+        """Times of the samples of exactly one period, (N,) s; the last one is a step before the next period."""
+        count = samples_per_period(self.period_s, rate_hz)
+        return np.arange(count, dtype=np.float64) * (self.period_s / count)
 
     def table(self, rate_hz: float = 1000.0) -> FloatArray:
-        """Positions of exactly one period, (rate · T, n) rad."""
-        ...
-
-    def scaled(self, amplitude: float) -> Trajectory:
-        """The same path with its amplitude about its centre multiplied."""
-        ...
+        """Positions of exactly one period, (rate · T, n) rad; row N would equal row 0."""
+        return self.evaluate(self.sample_times(rate_hz))[0]
 
     def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
-        """The content of a trajectory file."""
-        ...
+        """The file's content (`iiwa-ident/trajectory/1`); with a rate also the table of one period."""
+        document = {"format": FORMAT, **self.numbers(), **self.record}
+        if table_rate_hz is not None:
+            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
+        return document
+
+    def _hold(self, *names: str) -> None:
+        """Bring these fields to read-only float64 arrays. Raises TrajectoryError for a number that is not finite."""
+        for name in names:
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if not np.all(np.isfinite(array)):
+                raise TrajectoryError(f"the trajectory's field '{name}' holds a number that is not finite", field=name)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
 
 def samples_per_period(period_s: float, rate_hz: float) -> int:
@@ -84,13 +109,12 @@ def fourier_basis(
 
 
 @dataclass(frozen=True, slots=True)
-class FourierTrajectory:
+class FourierTrajectory(Trajectory):
     """One periodic motion of n joints, eq. (12) with a constant offset per joint.
 
     q_i(t) = offset_i + Σ_l a_il / (ω l) sin(ω l t) - b_il / (ω l) cos(ω l t), with ω = 2π · fundamental_frequency_hz.
-    a, b: (n, L) rad/s; offset: (n,) rad. record: what the designer noted (limits, achieved figures, seed, settings);
-    it travels with the file and changes nothing about the motion. Raises TrajectoryError on non-finite numbers or
-    shapes that do not fit together.
+    a, b: (n, L) rad/s; offset: (n,) rad. Raises TrajectoryError on non-finite numbers or shapes that do not fit
+    together.
     """
 
     fundamental_frequency_hz: float
@@ -101,13 +125,7 @@ class FourierTrajectory:
     record: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Bring the arrays to float64 and check shapes and finiteness once."""
-        for name in ("a", "b", "offset"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if not np.all(np.isfinite(array)):
-                raise TrajectoryError(f"the trajectory's field '{name}' holds a number that is not finite", field=name)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        self._hold("a", "b", "offset")
         if self.a.ndim != 2 or self.a.size == 0 or self.a.shape != self.b.shape:
             raise TrajectoryError(
                 f"the fields 'a' and 'b' must be tables of joints × harmonics of equal shape, not {self.a.shape} and "
@@ -147,25 +165,14 @@ class FourierTrajectory:
         c = np.concatenate([self.a, self.b], axis=1).T
         return position @ c + self.offset, velocity @ c, acceleration @ c
 
-    def sample_times(self, rate_hz: float) -> FloatArray:
-        """Times of the samples of exactly one period, (N,) s; the last one is a step before the next period."""
-        count = samples_per_period(self.period_s, rate_hz)
-        return np.arange(count, dtype=np.float64) * (self.period_s / count)
-
-    def table(self, rate_hz: float = 1000.0) -> FloatArray:
-        """Positions of exactly one period, (rate · T, n) rad; row N would equal row 0."""
-        return self.evaluate(self.sample_times(rate_hz))[0]
-
     def scaled(self, amplitude: float) -> FourierTrajectory:
         """The same path about the same offset with its amplitude multiplied (first runs on a robot go slower so)."""
-        if not (np.isfinite(amplitude) and amplitude > 0.0):
-            raise TrajectoryError(f"the amplitude must be a positive number, not {amplitude}", field="amplitude")
+        check_amplitude(amplitude)
         return replace(self, a=self.a * amplitude, b=self.b * amplitude)
 
-    def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
-        """The file's content (`iiwa-ident/trajectory/1`, kind fourier); with a rate also the table of one period."""
-        document: dict[str, Any] = {
-            "format": FORMAT,
+    def numbers(self) -> dict[str, Any]:
+        """Kind fourier."""
+        return {
             "kind": "fourier",
             "robot": self.robot,
             "fundamental_frequency_hz": self.fundamental_frequency_hz,
@@ -173,42 +180,42 @@ class FourierTrajectory:
             "a": self.a.tolist(),
             "b": self.b.tolist(),
             "offset": self.offset.tolist(),
-            **self.record,
         }
-        if table_rate_hz is not None:
-            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
-        return document
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any], *, file: str = "") -> FourierTrajectory:
+    def from_json(cls, document: Mapping[str, Any]) -> FourierTrajectory:
         """Read what `to_json` wrote. Raises TrajectoryError naming the field that is missing or unusable."""
-        a = number_table(document, "a", file)
+        a = number_table(document, "a")
         harmonics = document.get("harmonics", a.shape[1])
         if harmonics != a.shape[1]:
-            raise trajectory_error(
-                f"the field 'harmonics' says {harmonics}, but 'a' has {a.shape[1]} columns", "harmonics", file
+            raise TrajectoryError(
+                f"the field 'harmonics' says {harmonics}, but 'a' has {a.shape[1]} columns", field="harmonics"
             )
-        b = number_table(document, "b", file)
-        frequency = number(document, "fundamental_frequency_hz", file)
-        offset = document.get("offset")
-        offset_array = np.zeros(a.shape[0]) if offset is None else number_table(document, "offset", file, dimensions=1)
-        record = {key: document[key] for key in ("limits", "achieved", "seed", "settings", "note") if key in document}
-        try:
-            return cls(frequency, a, b, offset_array, str(document.get("robot", "")), record)
-        except TrajectoryError as error:
-            raise trajectory_error(str(error), error.field or "", file) from error
+        b = number_table(document, "b")
+        frequency = number(document, "fundamental_frequency_hz")
+        offset = np.zeros(a.shape[0])
+        if document.get("offset") is not None:
+            offset = number_table(document, "offset", dimensions=1)
+        return cls(frequency, a, b, offset, *told_with(document))
 
 
-def trajectory_error(sentence: str, field_name: str, file: str) -> TrajectoryError:
-    """The error of one field, with the file in its sentence where it is known."""
-    return TrajectoryError(f"{file}: {sentence}" if file else sentence, field=field_name, file=file or None)
+def told_with(document: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Robot and record of a trajectory file."""
+    record = {key: document[key] for key in ("limits", "achieved", "seed", "settings", "note") if key in document}
+    return str(document.get("robot", "")), record
 
 
-def number(document: Mapping[str, Any], name: str, file: str) -> float:
+def check_amplitude(amplitude: float) -> None:
+    """Raises TrajectoryError for an amplitude that is not positive."""
+    if not (np.isfinite(amplitude) and amplitude > 0.0):
+        raise TrajectoryError(f"the amplitude must be a positive number, not {amplitude}", field="amplitude")
+
+
+def number(document: Mapping[str, Any], name: str) -> float:
     """The field as a float; raises TrajectoryError where it is missing or no number."""
     value = document.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise trajectory_error(f"the field '{name}' is missing or no number", name, file)
+        raise TrajectoryError(f"the field '{name}' is missing or no number", field=name)
     return float(value)
 
 
@@ -222,25 +229,23 @@ _AXES = {
 }  # what the axes of a field are called in sentences
 
 
-def number_table(document: Mapping[str, Any], name: str, file: str, *, dimensions: int = 2) -> FloatArray:
+def number_table(document: Mapping[str, Any], name: str, *, dimensions: int = 2) -> FloatArray:
     """The field as a finite array of the wanted dimensions; raises TrajectoryError naming field and place."""
     if name not in document:
-        raise trajectory_error(f"the field '{name}' is missing", name, file)
+        raise TrajectoryError(f"the field '{name}' is missing", field=name)
     try:
         array = np.array(document[name], dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise trajectory_error(
-            f"the field '{name}' must hold numbers only, in rows of equal length", name, file
+        raise TrajectoryError(
+            f"the field '{name}' must hold numbers only, in rows of equal length", field=name
         ) from error
     if array.ndim != dimensions or array.size == 0:
-        raise trajectory_error(
-            f"the field '{name}' must be an array of {dimensions} dimension(s), not of shape {array.shape}",
-            name,
-            file,
+        raise TrajectoryError(
+            f"the field '{name}' must be an array of {dimensions} dimension(s), not of shape {array.shape}", field=name
         )
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         axes = _AXES.get(name, ("place",) * dimensions)
         place = ", ".join(f"{axis} {int(i) + 1}" for axis, i in zip(axes, bad[0], strict=True))
-        raise trajectory_error(f"the field '{name}' holds a number that is not finite at {place}", name, file)
+        raise TrajectoryError(f"the field '{name}' holds a number that is not finite at {place}", field=name)
     return array

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from identification.arrays import FloatArray
 from identification.errors import TrajectoryError
-from identification.excitation.fourier import FORMAT, number, number_table, samples_per_period, trajectory_error
+from identification.excitation.fourier import Trajectory, check_amplitude, number, number_table, told_with
 
 
 def quintic(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -34,11 +34,11 @@ PEAK_STEP_ACCELERATION = 10.0 / np.sqrt(3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class PolynomialTrajectory:
+class PolynomialTrajectory(Trajectory):
     """Rest-to-rest fifth-order polynomials through waypoints, section 4.6 with D^k - D^(k-1) in place of D^k.
 
     duration_s: (K,) lengths T^k of the intervals in s. waypoints: (K + 1, n) rad; the last equals the first, so that
-    periods follow each other without a jump. record: as in FourierTrajectory. Raises TrajectoryError otherwise.
+    periods follow each other without a jump. Raises TrajectoryError otherwise.
     """
 
     duration_s: FloatArray
@@ -48,19 +48,16 @@ class PolynomialTrajectory:
 
     def __post_init__(self) -> None:
         """Bring the arrays to float64 and check them once."""
-        duration = np.array(self.duration_s, dtype=np.float64)
-        waypoints = np.array(self.waypoints, dtype=np.float64)
-        if duration.ndim != 1 or len(duration) == 0 or not np.all(np.isfinite(duration) & (duration > 0.0)):
+        self._hold("duration_s", "waypoints")
+        duration, waypoints = self.duration_s, self.waypoints
+        if duration.ndim != 1 or len(duration) == 0 or not np.all(duration > 0.0):
             raise TrajectoryError("the field 'duration_s' must hold positive numbers", field="duration_s")
-        if waypoints.ndim != 2 or len(waypoints) != len(duration) + 1 or not np.all(np.isfinite(waypoints)):
+        if waypoints.ndim != 2 or len(waypoints) != len(duration) + 1:
             raise TrajectoryError(
                 f"the field 'waypoints' must hold {len(duration) + 1} rows of finite numbers", field="waypoints"
             )
         if not np.allclose(waypoints[0], waypoints[-1], rtol=0.0, atol=1e-12):
             raise TrajectoryError("the last waypoint must equal the first, so that periods join", field="waypoints")
-        for name, array in (("duration_s", duration), ("waypoints", waypoints)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
 
     @property
     def joints(self) -> int:
@@ -83,49 +80,35 @@ class PolynomialTrajectory:
         position, velocity, acceleration = quintic(share)
         return self.waypoints[k] + position * step, velocity * step / length, acceleration * step / length**2
 
-    def table(self, rate_hz: float = 1000.0) -> FloatArray:
-        """Positions of exactly one period, (rate · T, n) rad."""
-        count = samples_per_period(self.period_s, rate_hz)
-        return self.evaluate(np.arange(count) * (self.period_s / count))[0]
-
     def scaled(self, amplitude: float) -> PolynomialTrajectory:
         """The same path with its amplitude about its first waypoint multiplied."""
-        _check_amplitude(amplitude)
+        check_amplitude(amplitude)
         start = self.waypoints[0]
         return replace(self, waypoints=start + amplitude * (self.waypoints - start))
 
-    def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
-        """The file's content (`iiwa-ident/trajectory/1`, kind polynomial)."""
-        document: dict[str, Any] = {
-            "format": FORMAT,
+    def numbers(self) -> dict[str, Any]:
+        """Kind polynomial."""
+        return {
             "kind": "polynomial",
             "robot": self.robot,
             "duration_s": self.duration_s.tolist(),
             "waypoints": self.waypoints.tolist(),
-            **self.record,
         }
-        if table_rate_hz is not None:
-            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
-        return document
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any], *, file: str = "") -> PolynomialTrajectory:
+    def from_json(cls, document: Mapping[str, Any]) -> PolynomialTrajectory:
         """Read what `to_json` wrote. Raises TrajectoryError naming the field."""
-        duration = number_table(document, "duration_s", file, dimensions=1)
-        waypoints = number_table(document, "waypoints", file)
-        try:
-            return cls(duration, waypoints, str(document.get("robot", "")), _record(document))
-        except TrajectoryError as error:
-            raise trajectory_error(str(error), error.field or "", file) from error
+        duration = number_table(document, "duration_s", dimensions=1)
+        return cls(duration, number_table(document, "waypoints"), *told_with(document))
 
 
 @dataclass(frozen=True, slots=True)
-class SineSeriesTrajectory:
+class SineSeriesTrajectory(Trajectory):
     """q_i(t) = offset_i + Σ_l a_il sin(b_il t), section 4.6, for `duration_s`, then a smooth way back in `return_s`.
 
     amplitude a: (n, L) rad; angular_frequency b: (n, L) rad/s, not multiples of anything; offset: (n,) rad. The way
     back is the fifth-order polynomial that joins position, velocity and acceleration at both ends, so periods follow
-    each other without a jump. record: as in FourierTrajectory. Raises TrajectoryError on unusable numbers.
+    each other without a jump. Raises TrajectoryError on unusable numbers.
     """
 
     amplitude: FloatArray
@@ -138,12 +121,9 @@ class SineSeriesTrajectory:
 
     def __post_init__(self) -> None:
         """Bring the arrays to float64 and check them once."""
-        for name in ("amplitude", "angular_frequency", "offset"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if array.size == 0 or not np.all(np.isfinite(array)):
-                raise TrajectoryError(f"the field '{name}' must hold finite numbers", field=name)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        self._hold("amplitude", "angular_frequency", "offset")
+        if self.amplitude.size == 0:
+            raise TrajectoryError("the field 'amplitude' must hold finite numbers", field="amplitude")
         if self.amplitude.ndim != 2 or self.amplitude.shape != self.angular_frequency.shape:
             raise TrajectoryError("'amplitude' and 'angular_frequency' differ in shape", field="amplitude")
         if self.offset.shape != self.amplitude.shape[:1]:
@@ -172,20 +152,14 @@ class SineSeriesTrajectory:
             q[back], dq[back], ddq[back] = way
         return q + self.offset, dq, ddq
 
-    def table(self, rate_hz: float = 1000.0) -> FloatArray:
-        """Positions of exactly one period, (rate · T, n) rad."""
-        count = samples_per_period(self.period_s, rate_hz)
-        return self.evaluate(np.arange(count) * (self.period_s / count))[0]
-
     def scaled(self, amplitude: float) -> SineSeriesTrajectory:
         """The same path with its amplitude about its offset multiplied."""
-        _check_amplitude(amplitude)
+        check_amplitude(amplitude)
         return replace(self, amplitude=self.amplitude * amplitude)
 
-    def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
-        """The file's content (`iiwa-ident/trajectory/1`, kind sine_series)."""
-        document: dict[str, Any] = {
-            "format": FORMAT,
+    def numbers(self) -> dict[str, Any]:
+        """Kind sine_series."""
+        return {
             "kind": "sine_series",
             "robot": self.robot,
             "amplitude": self.amplitude.tolist(),
@@ -193,24 +167,15 @@ class SineSeriesTrajectory:
             "offset": self.offset.tolist(),
             "duration_s": self.duration_s,
             "return_s": self.return_s,
-            **self.record,
         }
-        if table_rate_hz is not None:
-            document["table"] = {"rate_hz": table_rate_hz, "position": self.table(table_rate_hz).tolist()}
-        return document
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any], *, file: str = "") -> SineSeriesTrajectory:
+    def from_json(cls, document: Mapping[str, Any]) -> SineSeriesTrajectory:
         """Read what `to_json` wrote. Raises TrajectoryError naming the field."""
-        duration, way_back = number(document, "duration_s", file), number(document, "return_s", file)
-        amplitude = number_table(document, "amplitude", file)
-        frequency = number_table(document, "angular_frequency", file)
-        offset = number_table(document, "offset", file, dimensions=1)
-        try:
-            robot = str(document.get("robot", ""))
-            return cls(amplitude, frequency, offset, duration, way_back, robot, _record(document))
-        except TrajectoryError as error:
-            raise trajectory_error(str(error), error.field or "", file) from error
+        duration, way_back = number(document, "duration_s"), number(document, "return_s")
+        amplitude, frequency = (number_table(document, name) for name in ("amplitude", "angular_frequency"))
+        offset = number_table(document, "offset", dimensions=1)
+        return cls(amplitude, frequency, offset, duration, way_back, *told_with(document))
 
     def _sines(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         phase = time[:, None, None] * self.angular_frequency
@@ -249,12 +214,3 @@ def _falling(powers: npt.NDArray[np.int64], order: int) -> FloatArray:
     for i in range(order):
         factor = factor * (powers - i)
     return factor
-
-
-def _record(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: document[key] for key in ("limits", "achieved", "seed", "settings", "note") if key in document}
-
-
-def _check_amplitude(amplitude: float) -> None:
-    if not (np.isfinite(amplitude) and amplitude > 0.0):
-        raise TrajectoryError(f"the amplitude must be a positive number, not {amplitude}", field="amplitude")

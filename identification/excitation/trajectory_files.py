@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -24,16 +24,16 @@ from identification.excitation.fourier import (
     FORMAT,
     FourierTrajectory,
     Trajectory,
+    check_amplitude,
     number,
     number_table,
     samples_per_period,
-    trajectory_error,
 )
 from identification.excitation.polynomials import PolynomialTrajectory, SineSeriesTrajectory
 
 
 @dataclass(frozen=True, slots=True)
-class TableTrajectory:
+class TableTrajectory(Trajectory):
     """A periodic motion known by its positions at a fixed rate only.
 
     position: (N, n) rad, one period, row N would be row 0 again; rate_hz: rows per second. Between rows, and for
@@ -44,6 +44,7 @@ class TableTrajectory:
     position: FloatArray
     rate_hz: float
     robot: str = ""
+    record: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Bring the table to float64 and check it once."""
@@ -107,47 +108,43 @@ class TableTrajectory:
 
     def scaled(self, amplitude: float) -> TableTrajectory:
         """The same path with its amplitude about its first row multiplied."""
-        if not (np.isfinite(amplitude) and amplitude > 0.0):
-            raise TrajectoryError(f"the amplitude must be a positive number, not {amplitude}", field="amplitude")
+        check_amplitude(amplitude)
         start = self.position[0]
         return TableTrajectory(start + amplitude * (self.position - start), self.rate_hz, self.robot)
 
+    def numbers(self) -> dict[str, Any]:
+        """Kind table; its rows are those of `to_json`."""
+        return {"kind": "table", "robot": self.robot}
+
     def to_json(self, *, table_rate_hz: float | None = None) -> dict[str, Any]:
-        """The file's content (`iiwa-ident/trajectory/1`, kind table)."""
-        rate = self.rate_hz if table_rate_hz is None else table_rate_hz
-        return {
-            "format": FORMAT,
-            "kind": "table",
-            "robot": self.robot,
-            "table": {"rate_hz": rate, "position": self.table(rate).tolist()},
-        }
+        """The file's content; the table at its own rate where none is asked for."""
+        return super(TableTrajectory, self).to_json(table_rate_hz=table_rate_hz or self.rate_hz)
 
 
-def trajectory_from_json(document: Any, *, file: str = "") -> Trajectory:
+def trajectory_from_json(document: Any) -> Trajectory:
     """The trajectory a JSON document describes: Fourier, polynomial, sine series or table.
 
     Raises TrajectoryError naming the field at fault.
     """
     if not isinstance(document, Mapping):
-        raise trajectory_error("a trajectory file must hold one JSON object", "", file)
+        raise TrajectoryError("a trajectory file must hold one JSON object")
     stated = document.get("format", FORMAT)
     if stated != FORMAT:
-        raise trajectory_error(f"the format is '{stated}', but this version reads '{FORMAT}'", "format", file)
+        raise TrajectoryError(f"the format is '{stated}', but this version reads '{FORMAT}'", field="format")
     kind = document.get("kind", "fourier" if "a" in document else "table")
     if kind == "fourier":
-        return FourierTrajectory.from_json(document, file=file)
+        return FourierTrajectory.from_json(document)
     if kind == "polynomial":
-        return PolynomialTrajectory.from_json(document, file=file)
+        return PolynomialTrajectory.from_json(document)
     if kind == "sine_series":
-        return SineSeriesTrajectory.from_json(document, file=file)
+        return SineSeriesTrajectory.from_json(document)
     if kind == "table":
         table = document.get("table")
         if not isinstance(table, Mapping):
-            raise trajectory_error("neither coefficients ('a', 'b') nor a 'table' is given", "table", file)
-        rate = number(table, "rate_hz", file)
-        position = number_table(table, "position", file)
-        return _checked(position, rate, str(document.get("robot", "")), file=file)
-    raise trajectory_error(f"the kind '{kind}' is not known (fourier, polynomial, sine_series, table)", "kind", file)
+            raise TrajectoryError("neither coefficients ('a', 'b') nor a 'table' is given", field="table")
+        rate = number(table, "rate_hz")
+        return TableTrajectory(number_table(table, "position"), rate, str(document.get("robot", "")))
+    raise TrajectoryError(f"the kind '{kind}' is not known (fourier, polynomial, sine_series, table)", field="kind")
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -160,21 +157,27 @@ def load_trajectory(path: str | Path) -> Trajectory:
     path = Path(path)
     if not path.is_file():
         raise TrajectoryNotFoundError(f"There is no trajectory file {path}.", file=path)
-    suffix = path.suffix.lower()
     try:
-        if suffix == ".json":
-            return trajectory_from_json(json.loads(path.read_text(encoding="utf-8")), file=str(path))
-        if suffix == ".npz":
-            return _from_npz(path)
-        if suffix == ".csv":
-            return _from_csv(path)
+        return _read(path)
     except OSError as error:
         raise TrajectoryNotFoundError(f"{path} cannot be read: {error.strerror or error}.", file=path) from error
-    except UnicodeDecodeError as error:
-        raise trajectory_error("the file is no text in UTF-8", "", str(path)) from error
-    except json.JSONDecodeError as error:
-        raise trajectory_error(f"no valid JSON: {error.msg} in line {error.lineno}", "", str(path)) from error
-    raise trajectory_error(f"a trajectory is read from .json, .npz or .csv, not from '{suffix}'", "", str(path))
+    except TrajectoryError as error:
+        raise TrajectoryError.at(path, f"{error}", field=error.field, joint=error.joint) from error
+
+
+def _read(path: Path) -> Trajectory:
+    """Raises TrajectoryError without the file, and OSError."""
+    match path.suffix.lower():
+        case ".json":
+            try:
+                return trajectory_from_json(json.loads(_text(path)))
+            except json.JSONDecodeError as error:
+                raise TrajectoryError(f"no valid JSON: {error.msg} in line {error.lineno}") from error
+        case ".npz":
+            return _from_npz(path)
+        case ".csv":
+            return _from_csv(path)
+    raise TrajectoryError(f"a trajectory is read from .json, .npz or .csv, not from '{path.suffix.lower()}'")
 
 
 def default_trajectory(robot: str = "iiwa14") -> FourierTrajectory:
@@ -197,76 +200,69 @@ def _shipped(robot: str, purpose: str) -> FourierTrajectory:
         raise TrajectoryNotFoundError(
             f"No {purpose} trajectory is shipped for robot '{robot}'; make one with 'iiwa-ident design'.", file=name
         )
-    return FourierTrajectory.from_json(json.loads(source.read_text(encoding="utf-8")), file=name)
+    return FourierTrajectory.from_json(json.loads(source.read_text(encoding="utf-8")))
 
 
-def _checked(position: FloatArray, rate_hz: float, robot: str, *, file: str) -> Trajectory:
-    """Build a table trajectory, adding the file to the sentence of what it refuses."""
+def _text(path: Path) -> str:
     try:
-        return TableTrajectory(position, rate_hz, robot)
-    except TrajectoryError as error:
-        raise trajectory_error(str(error), error.field or "", file) from error
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise TrajectoryError("the file is no text in UTF-8") from error
 
 
 def _from_npz(path: Path) -> Trajectory:
     try:
         with np.load(path, allow_pickle=False) as archive:
             content = {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, KeyError) as error:
-        raise trajectory_error(f"no readable NPZ archive ({error})", "", str(path)) from error
-    except Exception as error:  # zipfile.BadZipFile and zlib.error share no base class
-        if isinstance(error, OSError):
-            raise
-        raise trajectory_error(f"no readable NPZ archive ({error})", "", str(path)) from error
-    position = number_table(content, "q", str(path))
-    robot = str(content["robot"]) if "robot" in content else ""
+    except OSError:
+        raise
+    except Exception as error:  # zipfile.BadZipFile, zlib.error and ValueError share no base class
+        raise TrajectoryError(f"no readable NPZ archive ({error})") from error
+    position = number_table(content, "q")
     if "rate_hz" in content:
-        rate = float(number_table({"rate_hz": np.ravel(content["rate_hz"])}, "rate_hz", str(path), dimensions=1)[0])
+        rate = float(number_table({"rate_hz": np.ravel(content["rate_hz"])}, "rate_hz", dimensions=1)[0])
     elif "t" in content:
-        rate = _rate_of(number_table(content, "t", str(path), dimensions=1), len(position), str(path))
+        rate = _rate_of(number_table(content, "t", dimensions=1), len(position))
     else:
-        raise trajectory_error("neither 't' nor 'rate_hz' says how fast the table runs", "t", str(path))
-    return _checked(_one_period(position), rate, robot, file=str(path))
+        raise TrajectoryError("neither 't' nor 'rate_hz' says how fast the table runs", field="t")
+    return TableTrajectory(_one_period(position), rate, str(content.get("robot", "")))
 
 
 def _from_csv(path: Path) -> Trajectory:
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = [row for row in csv.reader(line for line in stream if not line.startswith("#")) if row]
+    lines = (line for line in _text(path).split("\n") if not line.startswith("#"))
+    rows = [row for row in csv.reader(lines) if row]
     if not rows:
-        raise trajectory_error("the file is empty", "", str(path))
+        raise TrajectoryError("the file is empty")
     header = [name.strip() for name in rows[0]]
     joints = [name for name in header if name.startswith("q")]
     if not joints or joints != [f"q{i + 1}" for i in range(len(joints))]:
-        raise trajectory_error("the first line must name the columns t,q1,q2,… (or q1,q2,…)", "header", str(path))
+        raise TrajectoryError("the first line must name the columns t,q1,q2,… (or q1,q2,…)", field="header")
     values = np.empty((len(rows) - 1, len(header)))
     for line, row in enumerate(rows[1:], start=2):
         if len(row) != len(header):
-            raise trajectory_error(
-                f"row {line} has {len(row)} entries, the first line names {len(header)}", "row", str(path)
-            )
+            raise TrajectoryError(f"row {line} has {len(row)} entries, the first line names {len(header)}", field="row")
         for column, text in enumerate(row):
             try:
                 values[line - 2, column] = float(text)
             except ValueError:
-                raise trajectory_error(
-                    f"row {line}, column '{header[column]}' holds '{text.strip()}', which is no number",
-                    header[column],
-                    str(path),
+                name = header[column]
+                raise TrajectoryError(
+                    f"row {line}, column '{name}' holds '{text.strip()}', which is no number", field=name
                 ) from None
     position = values[:, [header.index(name) for name in joints]]
-    rate = _rate_of(values[:, header.index("t")], len(position), str(path)) if "t" in header else 1000.0
-    return _checked(_one_period(position), rate, "", file=str(path))
+    rate = _rate_of(values[:, header.index("t")], len(position)) if "t" in header else 1000.0
+    return TableTrajectory(_one_period(position), rate)
 
 
-def _rate_of(time: FloatArray, rows: int, file: str) -> float:
+def _rate_of(time: FloatArray, rows: int) -> float:
     """Rows per second of evenly spaced times; raises TrajectoryError where a command table could not be even."""
     if len(time) != rows or rows < 2:
-        raise trajectory_error(f"'t' has {len(time)} entries for {rows} rows of positions", "t", file)
+        raise TrajectoryError(f"'t' has {len(time)} entries for {rows} rows of positions", field="t")
     step = (time[-1] - time[0]) / (rows - 1)
     uneven = np.abs(np.diff(time) - step) > 1e-3 * abs(step)
     if not (np.isfinite(step) and step > 0.0) or bool(np.any(uneven)):
         row = int(np.argmax(uneven)) + 1
-        raise trajectory_error(f"the times are not evenly rising (see row {row})", "t", file)
+        raise TrajectoryError(f"the times are not evenly rising (see row {row})", field="t")
     return float(1.0 / step)
 
 
