@@ -60,12 +60,8 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
         if columns is None:
             continue
         joints = list(columns.joints)
-        if columns.values_by_period is not None:
-            torque[:, :, joints] += columns.values_by_period @ coefficients
-        else:
-            weights = np.ones((motion.start_s.size, coefficients.size))
-            weights = weights if columns.period_weights is None else columns.period_weights
-            torque[:, :, joints] += np.einsum("sjm,km->ksj", columns.values, weights * coefficients)
+        values = columns.values if columns.values_by_period is None else columns.values_by_period
+        torque[:, :, joints] += values @ coefficients
     return torque
 
 

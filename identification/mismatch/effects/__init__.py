@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from identification.mismatch.effects.asymmetric_viscous_friction import AsymmetricViscousFriction
 from identification.mismatch.effects.backlash import Backlash
-from identification.mismatch.effects.base import (
-    Columns,
-    Effect,
-    Estimate,
-    Parameter,
-    Place,
-    ShapeParameter,
-)
+from identification.mismatch.effects.base import Effect, Estimate, Place
 from identification.mismatch.effects.base_tilt import BaseTilt
 from identification.mismatch.effects.bending_crosstalk import BendingCrosstalk
 from identification.mismatch.effects.cable_spring import CableSpring
@@ -78,13 +71,4 @@ def effect_named(name: str) -> Effect:
     raise KeyError(f"no effect is named {name}; known are {', '.join(effect.name for effect in EFFECTS)}")
 
 
-__all__ = [
-    "EFFECTS",
-    "Columns",
-    "Effect",
-    "Estimate",
-    "Parameter",
-    "Place",
-    "ShapeParameter",
-    "effect_named",
-]
+__all__ = ["EFFECTS", "Effect", "Estimate", "Place", "effect_named"]

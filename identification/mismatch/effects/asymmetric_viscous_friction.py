@@ -14,21 +14,20 @@ from identification.mismatch.motion import Motion
 
 
 class AsymmetricViscousFriction(OwnJointEffect):
-    """b |q̇|: with viscous coefficients F₊ and F₋ of the two directions, b = ½(F₊ − F₋). Even in the velocity."""
+    """b |q̇|: with viscous coefficients F₊ and F₋ of the two directions, b = ½(F₊ − F₋). Even in the velocity.
+
+    Usual: 0.02 to 0.2 Nm s/rad. Looks like: torque_offset, cable_spring. Source: Armstrong-Hélouvry, Dupont, Canudas de
+    Wit, Automatica 30(7), 1994 (direction-dependent friction).
+    """
 
     name = "asymmetric_viscous_friction"
     code = "absv"
-    equation = "τ_j = b |q̇_j|"
-    source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994 (direction-dependent friction)"
     units = ("Nm s/rad",)
-    plausible = "0.02 to 0.2 Nm s/rad"
-    look_alikes = ("torque_offset", "cable_spring")
     everywhere = True
     separating_experiment = "Use a wider range of speeds in both directions; an offset does not grow with speed."
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """|q̇|."""
-        del shape
         return np.abs(motion.velocity[:, joint, None])
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -21,20 +21,15 @@ class Backlash(Effect):
     The dead zone of the teeth, T = k (θ ∓ ε/2) outside and 0 within, solved for the link's position under a given
     torque; tanh with the width τ₀ stands for the crossing, whose acceleration gives the torque transient. Only where
     position is measured before the gear and only for a joint whose torque changes its sign.
+    Usual: 0 for harmonic drives (the iiwa); 0.3 to 3 mrad for planetary and spur gears. Looks like: joint_elasticity,
+    torque_sensor_gain, bending_crosstalk. Source: Nordin, Gutman, Controlling mechanical systems with backlash: a
+    survey, Automatica 38(10), 2002.
     """
 
     name = "backlash"
     code = "backlash"
-    equation = "τ = ID(q − ½ ε tanh(τ̂_j/τ₀) e_j) − ID(q)"
-    source = "Nordin, Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38(10), 2002"
     units = ("rad",)
-    plausible = "0 for harmonic drives (the iiwa); 0.3 to 3 mrad for planetary and spur gears"
-    look_alikes = ("joint_elasticity", "torque_sensor_gain", "bending_crosstalk")
     separating_experiment = "Rock the joint slowly about the pose where its torque is zero, then about a loaded pose."
-
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """Every joint."""
-        return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The torque τ₀ over which the flank changes; with more than 0.3 of the largest it would be a spring."""

@@ -34,14 +34,11 @@ class Columns:
     """Torque of an effect per unit of each coefficient, on the time grid of the motion.
 
     joints: joints, counted from 0, whose torque it touches. values: (S, len(joints), m) Nm per unit. For an effect that
-    differs from period to period, period_weights: (K, m) factor of each coefficient's column in each period; None for
-    an effect that repeats (all ones). values_by_period: (K, S, len(joints), m) where the factor is not enough (a
-    change in the middle of a period); then `values` is its mean over the periods.
+    differs from period to period, values_by_period: (K, S, len(joints), m), and `values` is its mean over the periods.
     """
 
     joints: tuple[int, ...]
     values: FloatArray
-    period_weights: FloatArray | None = None
     values_by_period: FloatArray | None = None
 
 
@@ -106,34 +103,32 @@ Stage = Literal["repeatable", "between_periods"]
 class Effect(ABC):
     """One physical effect of the library; one file, one class, one instance.
 
-    Class attributes: name (contract §7), code (short name in the design notes), stage, equation (plain text), source
-    (publication), units of the m coefficients, plausible (range of the leading parameter on an iiwa, with unit, words),
-    look_alikes (names of effects it is easily taken for), separating_experiment (what to record to tell them apart).
-    one_sided: whether the first coefficient is positive on every real machine; what would need a negative one is then
-    something else, and the effect no candidate. everywhere: whether it may be on every joint at once, as one hypothesis
-    (`Place()`). sees_torque: whether its columns depend on the motion's torque or on its dynamic parameters.
+    Its docstring gives the equation, the usual size of its leading parameter on an iiwa, the effects it is easily taken
+    for, and the publication. Class attributes: name (contract §7), code (short name in the design notes), stage, units
+    of the m coefficients, separating_experiment (what to record to tell it from what looks like it).
+    revolute_only: whether the law needs an angle. one_sided: whether the first coefficient is positive on every real
+    machine; what would need a negative one is then something else, and the effect no candidate. everywhere: whether it
+    may be on every joint at once, as one hypothesis (`Place()`). sees_torque: whether its columns depend on the
+    motion's torque or on its dynamic parameters.
     """
 
     name: ClassVar[str]
     code: ClassVar[str]
     stage: ClassVar[Stage] = "repeatable"
-    equation: ClassVar[str]
-    source: ClassVar[str]
     units: ClassVar[tuple[str, ...]]
-    plausible: ClassVar[str]
-    look_alikes: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str]
     one_sided: ClassVar[bool] = False
     everywhere: ClassVar[bool] = False
     sees_torque: ClassVar[bool] = True
+    revolute_only: ClassVar[bool] = False
 
-    @abstractmethod
     def places(self, motion: Motion) -> Sequence[Place]:
-        """Every place at which this effect can sit on this robot."""
+        """Every place at which this effect can sit on this robot: every joint, or every revolute one."""
+        revolute = motion.robot.kinematics.revolute
+        return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint] or not self.revolute_only)
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """Nonlinear parameters with their grids; none for a linear effect. Several: the search takes the product."""
-        del motion, place
         return ()
 
     @abstractmethod
@@ -142,7 +137,6 @@ class Effect(ABC):
 
     def phase(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> FloatArray | None:
         """Angle (S,) in rad, of which the torque is a function with period 2π; None for what does not repeat so."""
-        del motion, place, shape
         return None
 
     def parts(self, estimate: Estimate) -> Sequence[Estimate]:

@@ -17,15 +17,13 @@ class BaseTilt(Effect):
     """Gravity turned in the base's frame: g − ε × g, ε the small rotation of the base about two level axes.
 
     Shows first on a joint whose axis should be vertical, which a level base loads with no gravity at all.
+    Usual: 0.1 to 1°. Looks like: joint_crosstalk, bending_crosstalk. Source: Pinocchio/Featherstone inverse dynamics,
+    linear in gravity; Gautier, Khalil, IEEE Trans. Robot. 6, 1990.
     """
 
     name = "base_tilt"
     code = "tilt"
-    equation = "τ = ∂ID/∂g · (−ε × g)"
-    source = "Pinocchio/Featherstone inverse dynamics, linear in gravity; Gautier, Khalil, IEEE Trans. Robot. 6, 1990"
     units = ("rad", "rad")
-    plausible = "0.1 to 1°"
-    look_alikes = ("joint_crosstalk", "bending_crosstalk")
     separating_experiment = "Level the base; or turn joint 1 alone with the arm stretched out."
 
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -34,7 +32,6 @@ class BaseTilt(Effect):
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque per rad about the two axes level with the ground (x and y where gravity is along z)."""
-        del place, shape
         gravity = motion.robot.gravity
         level = across(gravity / np.linalg.norm(gravity))
         values = tilt_torques(motion) @ level.T

@@ -21,21 +21,19 @@ class CableSpring(OwnJointEffect):
 
     A hose that is drawn tight hardens: k (q + κ (q − r)³ − q₀) with κ ≥ 0, r where it is softest; κ = 0 unless another
     one explains clearly more.
+    Usual: 0.1 to 2 Nm/rad with an external hose. Looks like: torque_offset, position_dependent_torque,
+    torque_sensor_gain, joint_elasticity. Source: first-order law of an elastic dress pack; Madsen et al., collaborative
+    robots, 2020.
     """
 
     name = "cable_spring"
     code = "cable"
-    equation = "τ_j = k (q_j − q₀)"
-    source = "first-order law of an elastic dress pack; Madsen et al., collaborative robots, 2020"
     units = ("Nm/rad", "Nm")
     one_sided = True
-    plausible = "0.1 to 2 Nm/rad with an external hose"
-    look_alikes = ("torque_offset", "position_dependent_torque", "torque_sensor_gain", "joint_elasticity")
     separating_experiment = "Take the hose off, or repeat the same motion about another centre."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The hardening κ, too small for a stop that is felt at the end of the range only, and its centre r."""
-        del motion, place
         return (
             ShapeParameter("hardening", "1/rad²", (0.0,), 0.0, 0.5, logarithmic=False, textbook=0.0),
             ShapeParameter("softest_at", "rad", (0.0,), -1.5, 1.5, logarithmic=False, textbook=0.0),

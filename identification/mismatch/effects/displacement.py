@@ -154,9 +154,6 @@ def _coarse_grids(motion: Motion) -> list[Motion]:
         parts = (motion.time, motion.position, motion.velocity, motion.acceleration, motion.torque)
         time, position, velocity, acceleration, torque = (part[::stride] for part in parts)
         grids.append(
-            replace(
-                motion, time=time, position=position, velocity=velocity, acceleration=acceleration, torque=torque,
-                command_position=None, link_position=None,
-            )
-        )  # fmt: skip
+            replace(motion, time=time, position=position, velocity=velocity, acceleration=acceleration, torque=torque)
+        )
     return grids

@@ -15,16 +15,14 @@ class DistalRotorReaction(Effect):
     """h z_i · d/dt(z_j q̇_j) on every joint i before j, h = N_j J_r,j with the sign of the gear.
 
     Joint j's own sensor, behind the gear, does not feel its rotor; the joints before it carry motor and all.
+    Usual: 0.005 to 0.03 kg m². Looks like: torque_sensor_gain, rotor_inertia. Source: Sciavicco, Siciliano, Villani,
+    Lagrange and Newton-Euler modelling of geared robots, 1995.
     """
 
     name = "distal_rotor_reaction"
     code = "rotor"
     sees_torque = False
-    equation = "τ_i = N_j J_r,j z_i · d/dt(z_j q̇_j), i < j"
-    source = "Sciavicco, Siciliano, Villani, Lagrange and Newton-Euler modelling of geared robots, 1995"
     units = ("kg m²",)
-    plausible = "0.005 to 0.03 kg m²"
-    look_alikes = ("torque_sensor_gain", "rotor_inertia")
     separating_experiment = "Accelerate the carrying joint j alone and hard, the joints before it at rest."
 
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -38,7 +36,6 @@ class DistalRotorReaction(Effect):
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Reaction on the joints before, per kg m² of N J_r."""
-        del shape
         joint = joint_index(place)
         before = motion.robot.kinematics.upstream(joint)[:-1]
         values = rotor_reactions(motion)[:, list(before), joint, None]

@@ -32,15 +32,12 @@ class ExternalContact(EnvelopedEffect):
     does not tell on which link it is, the last one possible. Looks like: payload_change if it lasts to the end; in
     every period cable_spring, position_dependent_torque. Source: τ = Jᵀ F; De Luca, Mattone, ICRA 2005 (isolation by
     zero pattern).
+    Usual: 2 to 50 N for 0.1 to 3 s.
     """
 
     name: ClassVar[str] = "external_contact"
     code: ClassVar[str] = "contact"
-    equation: ClassVar[str] = "J_l(q)^T F p((t - t0)/D), p(u) = sin(pi u^a)^s"
-    source: ClassVar[str] = "De Luca & Mattone, ICRA 2005"
     units: ClassVar[tuple[str, ...]] = ("N", "N", "N")
-    plausible: ClassVar[str] = "2 to 50 N for 0.1 to 3 s"
-    look_alikes: ClassVar[tuple[str, ...]] = ("payload_change",)
     separating_experiment: ClassVar[str] = "Clear the space around the robot, dress pack included, and record again."
 
     def places(self, motion: Motion) -> Sequence[Place]:

@@ -17,16 +17,15 @@ class JointCoupling(Effect):
 
     f(ω) = Fc sign(ω) + Fv ω + J ω̇; r times the same on the other joint is the principle of virtual work. Own friction
     and inertia of both joints stay in the nominal model.
+    Usual: not on an iiwa; Fc 2 to 5 Nm, Fv 1 to 5 Nm s/rad, J 0.01 kg m² on a small wrist. Looks like: joint_crosstalk,
+    rotor_inertia, distal_rotor_reaction. Source: Gautier, Vandanjon, Janot, TX40 with coupled wrist: IFAC World
+    Congress 2011; Khalil, Dombre 2002, ch. 9.
     """
 
     name = "joint_coupling"
     code = "coupling"
     sees_torque = False
-    equation = "ω = q̇_j + r q̇_i; τ_j = Fc sign ω + Fv ω + J ω̇, τ_i = r τ_j"
-    source = "Gautier, Vandanjon, Janot, TX40 with coupled wrist: IFAC World Congress 2011; Khalil, Dombre 2002, ch. 9"
     units = ("Nm", "Nm s/rad", "kg m²")
-    plausible = "not on an iiwa; Fc 2 to 5 Nm, Fv 1 to 5 Nm s/rad, J 0.01 kg m² on a small wrist"
-    look_alikes = ("joint_crosstalk", "rotor_inertia", "distal_rotor_reaction")
     separating_experiment = "Move joint i alone, then joint j alone, then both against each other at equal speed."
 
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -42,7 +41,6 @@ class JointCoupling(Effect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The ratio r."""
-        del motion, place
         return (ShapeParameter("ratio", "1", (-1.0, 1.0), -3.0, 3.0, logarithmic=False),)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -28,21 +28,15 @@ class JointElasticity(Effect):
     the bearings of a link do; then it winds the spring too, and turns round with the link. Harmonic gears harden:
     τ = K φ + k₃ φ³, K their stiffness without load, k₃ = K³/τ_h². Base parameters take up most of what a linear spring
     does, but not of what a hardening one leaves beside it.
+    Usual: K 5000 to 20000 Nm/rad. Looks like: cable_spring, joint_zero_offset, backlash, payload. Source: Spong, J.
+    Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998.
     """
 
     name = "joint_elasticity"
     code = "elastic"
-    equation = "τ = ID(q − e_j φ) − ID(q), K φ + K³ φ³/τ_h² = ID(q − e_j φ)_j (+ friction)"
-    source = "Spong, J. Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998"
     units = ("rad/Nm",)
     one_sided = True
-    plausible = "K 5000 to 20000 Nm/rad"
-    look_alikes = ("cable_spring", "joint_zero_offset", "backlash", "payload")
     separating_experiment = "Repeat with a payload: wind-up moves gravity in proportion to the square of the load."
-
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """Every joint."""
-        return tuple(Place(joint=joint + 1) for joint in range(motion.n))
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The compliance again (the torque is not linear in it), where the spring is hard, where friction acts."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -18,25 +18,18 @@ class JointZeroOffset(Effect):
     """ID(q + e_j δ) − ID(q): the true angle is q_j + δ.
 
     Link parameters that turn with the frame take up nearly all of it; of the first and the last joint everything.
+    Usual: 0.05 to 0.5°. Looks like: payload, joint_elasticity, base_tilt. Source: Hollerbach, Khalil, Gautier, Model
+    Identification, Springer Handbook of Robotics, 2016.
     """
 
     name = "joint_zero_offset"
     code = "zero"
-    equation = "τ = ID(q + e_j δ) − ID(q)"
-    source = "Hollerbach, Khalil, Gautier, Model Identification, Springer Handbook of Robotics, 2016"
     units = ("rad",)
-    plausible = "0.05 to 0.5°"
-    look_alikes = ("payload", "joint_elasticity", "base_tilt")
+    revolute_only = True
     separating_experiment = "Calibrate the geometry (laser tracker, reference marks); dynamics hardly shows it."
-
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """Every revolute joint."""
-        revolute = motion.robot.kinematics.revolute
-        return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint])
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The offset again: the torque is not linear in it."""
-        del motion, place
         return (ShapeParameter("at_offset", "rad", (0.0,), -0.1, 0.1, logarithmic=False, tied=True),)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:

@@ -19,18 +19,9 @@ from identification.mismatch.motion import Motion
 
 
 class OwnJointEffect(Effect):
-    """An effect that adds torque to the joint it sits on, and to no other.
+    """An effect that adds torque to the joint it sits on, and to no other."""
 
-    revolute_only: whether the law needs an angle.
-    """
-
-    revolute_only: ClassVar[bool] = False
     sees_torque: ClassVar[bool] = False
-
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """One place per joint (per revolute joint where the law needs an angle)."""
-        revolute = motion.robot.kinematics.revolute
-        return tuple(Place(joint=joint + 1) for joint in range(motion.n) if revolute[joint] or not self.revolute_only)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """The joint's own row; None where the effect exerts no torque during this motion.

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
 from identification.mismatch.effects.describe import linear, size_of
 from identification.mismatch.motion import Motion
@@ -19,16 +20,14 @@ class Payload(Effect):
 
     A fit with free link parameters takes it up whole, so it shows only against parameters from elsewhere. It stands
     here so that the tool says so. A payload that changes during the recording is payload_change.
+    Usual: 0 to 14 kg. Looks like: torque_sensor_gain, joint_zero_offset, joint_elasticity. Source: Khalil, Gautier,
+    Lemoine, Identification of the payload inertial parameters, ICRA 2007.
     """
 
     name = "payload"
     code = "payload"
     sees_torque = False
-    equation = "τ = Y_n(q, q̇, q̈) Δπ_n"
-    source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
     units = _UNITS
-    plausible = "0 to 14 kg"
-    look_alikes = ("torque_sensor_gain", "joint_zero_offset", "joint_elasticity")
     separating_experiment = "Record the same motion with and without the load, or take the last link from CAD."
 
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -38,17 +37,8 @@ class Payload(Effect):
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """The link's ten columns of the regressor, on the joints that carry it."""
-        del shape
         assert place.link is not None, "a payload sits on a link"
-        robot, link = motion.robot, place.link - 1
-        wanted = [range(len(INERTIAL_SYMBOLS)) if other == link else () for other in range(motion.n)]
-        joints = robot.kinematics.upstream(link)
-        values = np.empty((motion.samples, len(joints), len(INERTIAL_SYMBOLS)))
-        for rows, columns in rigid_body_columns(
-            robot, motion.position, motion.velocity, motion.acceleration, [tuple(parameters) for parameters in wanted]
-        ):
-            values[rows] = columns[:, list(joints)].transpose(2, 1, 0)
-        return Columns(joints, values)
+        return Columns(*columns_of_link(motion, place.link - 1))
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Mass, first moments and inertia tensor about the link frame's origin."""
@@ -61,3 +51,14 @@ class Payload(Effect):
         """The mass."""
         mass = self.parameters(estimate)[0]
         return f"Link {estimate.place.link} carries {size_of(mass)} more than the model has (constant payload)."
+
+
+def columns_of_link(motion: Motion, link: int) -> tuple[tuple[int, ...], FloatArray]:
+    """Joints (from 0) that carry a link (from 0), and their torque per unit of its ten parameters (S, joints, 10)."""
+    joints = motion.robot.kinematics.upstream(link)
+    wanted = [tuple(range(len(INERTIAL_SYMBOLS))) if other == link else () for other in range(motion.n)]
+    values = np.empty((motion.samples, len(joints), len(INERTIAL_SYMBOLS)))
+    states = (motion.position, motion.velocity, motion.acceleration)
+    for rows, columns in rigid_body_columns(motion.robot, *states, wanted):
+        values[rows] = columns[:, list(joints)].transpose(2, 1, 0)
+    return joints, values

@@ -10,8 +10,8 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
+from identification.mismatch.effects.payload import columns_of_link
 from identification.mismatch.motion import Motion
-from identification.regressor import rigid_body_columns
 
 
 class PayloadChange(EnvelopedEffect):
@@ -21,15 +21,12 @@ class PayloadChange(EnvelopedEffect):
     first sample of the recording. Seen: on every joint that carries the last link, most where gravity acts, from one
     moment on. Looks like: external_contact that lasts to the end, steps of several sensors at once. A payload that does
     not change is absorbed in the last link's parameters and cannot be seen. Source: eq. (3) of the seed paper.
+    Usual: 0.05 to 14 kg.
     """
 
     name: ClassVar[str] = "payload_change"
     code: ClassVar[str] = "paystep"
-    equation: ClassVar[str] = "(t > t0) Y_n(q, dq, ddq) d(m, m c, I)"
-    source: ClassVar[str] = "rigid-body regressor of the last link, eq. (3)"
     units: ClassVar[tuple[str, ...]] = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
-    plausible: ClassVar[str] = "0.05 to 14 kg"
-    look_alikes: ClassVar[tuple[str, ...]] = ("external_contact", "torque_sensor_drift")
     separating_experiment: ClassVar[str] = "Record once with and once without the load, each without a change."
 
     def places(self, motion: Motion) -> Sequence[Place]:
@@ -38,7 +35,6 @@ class PayloadChange(EnvelopedEffect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The moment of the change."""
-        del place
         last = float(motion.start_s[-1] + motion.time[-1])
         return (ShapeParameter("time_s", "s", tuple(motion.start_s[1:]), 0.0, last, logarithmic=False),)
 
@@ -46,14 +42,8 @@ class PayloadChange(EnvelopedEffect):
         self, motion: Motion, place: Place, shape: Mapping[str, float]
     ) -> tuple[tuple[int, ...], FloatArray] | None:
         """Regressor of the last link's ten parameters."""
-        del shape
         assert place.link is not None
-        wanted = [tuple(range(10)) if link == place.link - 1 else () for link in range(motion.n)]
-        values = np.empty((motion.samples, motion.n, 10))
-        states = (motion.position, motion.velocity, motion.acceleration)
-        for rows, columns in rigid_body_columns(motion.robot, *states, wanted):
-            values[rows] = columns.transpose(2, 1, 0)
-        return tuple(range(motion.n)), values
+        return columns_of_link(motion, place.link - 1)
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """0 before the change, 1 after it; within one sample a linear rise, so that the moment can be refined."""

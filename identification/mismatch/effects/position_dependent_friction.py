@@ -17,15 +17,13 @@ class PositionDependentFriction(OwnJointEffect):
     """(a sin q + b cos q) sign(q̇): a bearing or seal that is tighter on one side.
 
     It need not be a pure sine: the second harmonic may go along, at most half as large, where it shows.
+    Usual: 10 to 50 % of the Coulomb friction, 0.01 to 0.2 Nm. Looks like: load_dependent_friction. Source:
+    Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994 (position-dependent friction).
     """
 
     name = "position_dependent_friction"
     code = "posf"
-    equation = "τ_j = (a sin q_j + b cos q_j) sign(q̇_j)"
-    source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994 (position-dependent friction)"
     units = ("Nm", "Nm")
-    plausible = "10 to 50 % of the Coulomb friction, 0.01 to 0.2 Nm"
-    look_alikes = ("load_dependent_friction",)
     separating_experiment = (
         "Repeat the path with another load, or with the base axis turned: friction that follows the angle stays where "
         "it was."
@@ -34,7 +32,6 @@ class PositionDependentFriction(OwnJointEffect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The share of the second harmonic."""
-        del motion, place
         return second_harmonic()
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

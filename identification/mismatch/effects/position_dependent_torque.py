@@ -17,21 +17,18 @@ class PositionDependentTorque(OwnJointEffect):
 
     No eccentricity makes a pure sine: the second harmonic may go along, at most half as large, where it shows.
     Order 1 is left out: for an axis that is not vertical it is a shift of the link's centre of mass.
+    Usual: 0.02 to 0.3 % of full scale, 0.02 to 0.5 Nm. Looks like: torque_offset, cable_spring, joint_crosstalk.
+    Source: Chawda, Niemeyer, Toward Torque Control of a KUKA LBR IIWA, IROS 2017 (periodic deflection).
     """
 
     name = "position_dependent_torque"
     code = "poslow"
-    equation = "τ_j = a sin(N q_j) + b cos(N q_j), N = 2 … 6"
-    source = "Chawda, Niemeyer, Toward Torque Control of a KUKA LBR IIWA, IROS 2017 (periodic deflection)"
     units = ("Nm", "Nm")
-    plausible = "0.02 to 0.3 % of full scale, 0.02 to 0.5 Nm"
-    look_alikes = ("torque_offset", "cable_spring", "joint_crosstalk")
     separating_experiment = "Let the joint turn through more than one period of the harmonic (beyond 360°/N)."
     revolute_only = True
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The order N per turn, and the share of its second harmonic."""
-        del motion, place
         orders = (2.0, 3.0, 4.0, 5.0, 6.0)
         return (ShapeParameter("order", "per turn", orders, 2.0, 12.0, True, False), *second_harmonic())
 

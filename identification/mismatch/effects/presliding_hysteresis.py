@@ -19,15 +19,14 @@ class PreslidingHysteresis(OwnJointEffect):
     A function of the distance since the reversal, not of speed. The exponent i (1 for Dahl's usual form, searched by
     refinement alone) bends the curve; LuGre and generalised Maxwell-slip friction come out as this effect with an
     average δ.
+    Usual: δ 1 to 30 mrad, F up to the Coulomb friction, 0.05 to 0.5 Nm. Looks like: stribeck_friction, torque_delay,
+    load_dependent_friction. Source: Dahl, AIAA J. 14(12), 1976; Canudas de Wit et al., IEEE Trans. Autom. Control
+    40(3), 1995.
     """
 
     name = "presliding_hysteresis"
     code = "dahl"
-    equation = "τ_j = F (z − sign(q̇_j)), ż = q̇_j (1 − z sign(q̇_j))ⁱ/δ"
-    source = "Dahl, AIAA J. 14(12), 1976; Canudas de Wit et al., IEEE Trans. Autom. Control 40(3), 1995"
     units = ("Nm",)
-    plausible = "δ 1 to 30 mrad, F up to the Coulomb friction, 0.05 to 0.5 Nm"
-    look_alikes = ("stribeck_friction", "torque_delay", "load_dependent_friction")
     one_sided = True
     separating_experiment = (
         "Drive the same path at two speeds: pre-sliding follows the distance since the reversal, Stribeck friction "
@@ -36,7 +35,6 @@ class PreslidingHysteresis(OwnJointEffect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The distance δ and Dahl's exponent i."""
-        del motion, place
         grid = (0.001, 0.002, 0.004, 0.008, 0.015, 0.03)
         return (
             ShapeParameter("distance", "rad", grid, lower=0.0003, upper=0.1),

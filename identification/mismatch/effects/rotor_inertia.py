@@ -12,20 +12,20 @@ from identification.mismatch.motion import Motion
 
 
 class RotorInertia(OwnJointEffect):
-    """N² J_r q̈ on the own joint. A torque sensor behind the gear, as in the iiwa, does not see it."""
+    """N² J_r q̈ on the own joint. A torque sensor behind the gear, as in the iiwa, does not see it.
+
+    Usual: 0 where torque is measured behind the gear (the iiwa); 0.5 to 4 kg m² seen from the motor. Looks like:
+    distal_rotor_reaction, torque_sensor_gain. Source: Khalil, Dombre, Modeling, Identification and Control of Robots,
+    2002, section 9.3 (IA_j).
+    """
 
     name = "rotor_inertia"
     code = "own_rotor"
-    equation = "τ_j = N_j² J_r,j q̈_j"
-    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, section 9.3 (IA_j)"
     units = ("kg m²",)
-    plausible = "0 where torque is measured behind the gear (the iiwa); 0.5 to 4 kg m² seen from the motor"
-    look_alikes = ("distal_rotor_reaction", "torque_sensor_gain")
     separating_experiment = "Move joint after joint alone with high acceleration, with the arm folded and stretched."
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """q̈."""
-        del shape
         return motion.acceleration[:, joint, None]
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

@@ -19,15 +19,14 @@ class StribeckFriction(OwnJointEffect):
     Seen on the own joint where |q̇| < 2 v_s, in both directions alike. a = 2 unless another one explains clearly more.
     On the shipped excitation a = 1 and 0.5 have cosines of 0.98 and 0.94 with their nearest Gaussian once the nominal
     friction is fitted again, and no exponent comes closer than 0.7 to a pre-sliding loop.
+    Usual: A 0.05 to 0.4 Nm beside the link, v_s 0.02 to 0.1 rad/s. Looks like: presliding_hysteresis,
+    nonlinear_viscous_friction. Source: Armstrong-Hélouvry, Control of Machines with Friction, Kluwer 1991; Bittencourt
+    et al., IROS 2010.
     """
 
     name = "stribeck_friction"
     code = "stribeck"
-    equation = "τ_j = A exp(−(|q̇_j|/v_s)^a) sign(q̇_j)"
-    source = "Armstrong-Hélouvry, Control of Machines with Friction, Kluwer 1991; Bittencourt et al., IROS 2010"
     units = ("Nm",)
-    plausible = "A 0.05 to 0.4 Nm beside the link, v_s 0.02 to 0.1 rad/s"
-    look_alikes = ("presliding_hysteresis", "nonlinear_viscous_friction")
     one_sided = True
     everywhere = True
     separating_experiment = (
@@ -40,7 +39,6 @@ class StribeckFriction(OwnJointEffect):
 
         A smaller v_s would live in the samples around a reversal, which do not count, and seize on what they leave.
         """
-        del motion, place
         grid = (0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3)
         return (
             ShapeParameter("stribeck_velocity", "rad/s", grid, lower=0.008, upper=0.5),

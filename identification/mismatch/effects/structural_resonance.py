@@ -21,21 +21,19 @@ class StructuralResonance(OwnJointEffect):
     Slow torque passes as it is; a friction reversal rings at ω. The second column is the same ringing turned by 90°, so
     that it need not be known what drives the mode (torque, its rate, or the jerk) nor what its damper acts against: on
     the ground, or on what drives it as in 1 − ω²/(s² + 2 ζ ω s + ω²). Torque at rest does not pass in either.
+    Usual: 5 to 15 Hz, ζ 0.01 to 0.1, a few per cent of the torque. Looks like: presliding_hysteresis,
+    stribeck_friction, torque_ripple. Source: Ohr et al., Identification of flexibility parameters of 6-axis industrial
+    manipulators, ISMA 2006.
     """
 
     name = "structural_resonance"
     code = "resonance"
     sees_torque = True
-    equation = "τ_j = G(s) (c₁ + c₂ ω/s) τ̂_j, G = s²/(s² + 2 ζ ω s + ω²)"
-    source = "Ohr et al., Identification of flexibility parameters of 6-axis industrial manipulators, ISMA 2006"
     units = ("1", "1")
-    plausible = "5 to 15 Hz, ζ 0.01 to 0.1, a few per cent of the torque"
-    look_alikes = ("presliding_hysteresis", "stribeck_friction", "torque_ripple")
     separating_experiment = "Tap the arm at rest, or sweep one joint with a small sine from 3 to 20 Hz."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """Frequency and damping ratio. Neighbours of the grid overlap at the wider damping."""
-        del place
         highest = 0.4 / motion.sampling_period_s
         grid = tuple(float(f) for f in np.geomspace(4.0, 20.0, 16) if f < highest)
         return (

@@ -25,15 +25,12 @@ class ThermalFriction(EnvelopedEffect):
     the joint's velocity; the mean of the periods hides it wholly in FV and FS. Looks like: wear, redistribution of
     grease (same course, but does not come back after a night). Source: Bittencourt, Wernholt, Sander-Tavallaey,
     Brogårdh, IROS 2010; Simoni, Beschi, Legnani, Visioli.
+    Usual: 10 to 50 % of the warm friction, T 30 to 600 s.
     """
 
     name: ClassVar[str] = "thermal_friction"
     code: ClassVar[str] = "tempf"
-    equation: ClassVar[str] = "exp(-t/T) (dFV dq + dFS sign(dq))"
-    source: ClassVar[str] = "Bittencourt et al., IROS 2010; Simoni et al. 2015"
     units: ClassVar[tuple[str, ...]] = ("Nm s/rad", "Nm")
-    plausible: ClassVar[str] = "10 to 50 % of the warm friction, T 30 to 600 s"
-    look_alikes: ClassVar[tuple[str, ...]] = ("torque_sensor_drift",)
     separating_experiment: ClassVar[str] = (
         "Record for half an hour from a cold start, and again at once: only warm-up is absent the second time."
     )
@@ -45,14 +42,12 @@ class ThermalFriction(EnvelopedEffect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The time constant."""
-        del motion, place
         return (ShapeParameter("time_constant_s", "s", (30.0, 65.0, 140.0, 300.0, 600.0), 10.0, 1200.0),)
 
     def repeated_columns(
         self, motion: Motion, place: Place, shape: Mapping[str, float]
     ) -> tuple[tuple[int, ...], FloatArray] | None:
         """Velocity and its sign on one joint."""
-        del shape
         assert place.joint is not None
         velocity = motion.velocity[:, place.joint - 1]
         if not np.any(velocity):

@@ -19,15 +19,13 @@ class TorqueDelay(Effect):
     Not linearised: at 12 to 15 ms the linear column leaves a rest that looks like friction. On joint null all joints
     are late alike, which points at the acquisition; on one joint it is its drive or its filter. Lateness of a positive
     d means that torque is late against position.
+    Usual: 1 to 20 ms. Looks like: presliding_hysteresis, stribeck_friction, nonlinear_viscous_friction. Source:
+    acquisition and filter lag, own model; effect on fits: Swevers et al., IEEE Trans. Robot. Autom. 13, 1997.
     """
 
     name = "torque_delay"
     code = "delay"
-    equation = "τ_j = τ̂_j(t − d) − τ̂_j(t); lag of order n: Δτ = (1/(1 + d s/n)ⁿ − 1) τ̂_j"
-    source = "acquisition and filter lag, own model; effect on fits: Swevers et al., IEEE Trans. Robot. Autom. 13, 1997"
     units = ("1",)
-    plausible = "1 to 20 ms"
-    look_alikes = ("presliding_hysteresis", "stribeck_friction", "nonlinear_viscous_friction")
     separating_experiment = (
         "Repeat the motion at another speed: the phase of a delay grows in proportion to frequency; pre-sliding "
         "follows the distance since the reversal."
@@ -39,7 +37,6 @@ class TorqueDelay(Effect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The delay d, and whether it is a lag (1, 2: its order) or a pure delay (0). Negative: position is late."""
-        del motion, place
         return (
             ShapeParameter("delay", "s", (0.002, 0.005, 0.012, 0.03), 0.0003, 0.1),
             ShapeParameter("lag", "", (0.0, 1.0, 2.0), 0.0, 2.0, True, False),

@@ -18,15 +18,14 @@ class TorqueOffset(OwnJointEffect):
 
     Coulomb friction F₊ forwards and F₋ backwards is ½(F₊ + F₋) sign(q̇) + ½(F₊ − F₋): asymmetric Coulomb friction is
     this effect and no other, and so is the rest torque of a cable.
+    Usual: 0.05 to 2 Nm (0.1 to 1 % of the sensor's full scale). Looks like: cable_spring, asymmetric_viscous_friction,
+    position_dependent_torque. Source: Swevers, Verdonck, De Schutter, IEEE Control Systems Magazine 27(5), 2007 (offset
+    per joint torque).
     """
 
     name = "torque_offset"
     code = "offset"
-    equation = "τ_j = b"
-    source = "Swevers, Verdonck, De Schutter, IEEE Control Systems Magazine 27(5), 2007 (offset per joint torque)"
     units = ("Nm",)
-    plausible = "0.05 to 2 Nm (0.1 to 1 % of the sensor's full scale)"
-    look_alikes = ("cable_spring", "asymmetric_viscous_friction", "position_dependent_torque")
     everywhere = True
     separating_experiment = (
         "Turn the joint in one direction only, then in the other: a sensor offset stays, asymmetric friction changes "
@@ -35,7 +34,6 @@ class TorqueOffset(OwnJointEffect):
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """Ones."""
-        del joint, shape
         return np.ones((motion.samples, 1))
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:

@@ -27,16 +27,14 @@ class TorqueRipple(OwnJointEffect):
     Nothing else looks like it, and nothing of it is absorbed; but it needs torque lines up to 60 Hz. A share w of the
     amplitude may grow with the load: the columns are weighed with 1 − w + w |τ̂|/rms(τ̂); w = 0 unless that
     explains clearly more.
+    Usual: 0.05 to 0.3 % of full scale, 0.02 to 0.5 Nm. Source: Taghirad, Bélanger, harmonic drives, 1998; Godler et
+    al.; Chawda, Niemeyer, IROS 2017.
     """
 
     name = "torque_ripple"
     code = "ripple"
     sees_torque = True
-    equation = "τ_j = a sin(N q_j) + b cos(N q_j), N near 160 or 320"
-    source = "Taghirad, Bélanger, harmonic drives, 1998; Godler et al.; Chawda, Niemeyer, IROS 2017"
     units = ("Nm", "Nm")
-    plausible = "0.05 to 0.3 % of full scale, 0.02 to 0.5 Nm"
-    look_alikes = ()
     separating_experiment = "None needed; record torque with at least 60 Hz of bandwidth."
     revolute_only = True
 

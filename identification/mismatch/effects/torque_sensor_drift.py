@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -23,26 +23,18 @@ class TorqueSensorDrift(EnvelopedEffect):
     Seen: own joint, line 0 of the periods differs from period to period. Looks like: nothing else that repeats;
     thermal_friction changes with the joint's velocity, payload_change reaches all joints. Source: zero drift of the
     LBR's joint torque sensors as reported by its users (lbr_fri_ros2_stack, discussion 246); warm-up of strain gauges.
+    Usual: 0.05 to 0.5 Nm per hour; jumps of 0.05 to 1 Nm.
     """
 
     name: ClassVar[str] = "torque_sensor_drift"
     code: ClassVar[str] = "drift"
-    equation: ClassVar[str] = "b t/3600 | b exp(-t/T) | b (t > t0)"
-    source: ClassVar[str] = "zero drift of joint torque sensors, lbr_fri_ros2_stack issue 246"
     units: ClassVar[tuple[str, ...]] = ("Nm",)
-    plausible: ClassVar[str] = "0.05 to 0.5 Nm per hour; jumps of 0.05 to 1 Nm"
-    look_alikes: ClassVar[tuple[str, ...]] = ("thermal_friction", "payload_change")
     separating_experiment: ClassVar[str] = (
         "Hold one pose for half an hour from a cold start: drift goes on at rest, friction does not act there."
     )
 
-    def places(self, motion: Motion) -> Sequence[Place]:
-        """Every joint."""
-        return tuple(Place(joint=joint + 1) for joint in range(motion.n))
-
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The course, and the time it goes with (time constant or moment of the step, s)."""
-        del place
         last = float(motion.start_s[-1] + motion.time[-1])
         grid = tuple(float(value) for value in np.geomspace(0.02 * last, last, 5))
         return (
@@ -54,7 +46,6 @@ class TorqueSensorDrift(EnvelopedEffect):
         self, motion: Motion, place: Place, shape: Mapping[str, float]
     ) -> tuple[tuple[int, ...], FloatArray] | None:
         """A constant torque on one joint."""
-        del shape
         assert place.joint is not None
         return (place.joint - 1,), np.ones((motion.samples, 1, 1))
 

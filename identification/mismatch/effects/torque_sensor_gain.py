@@ -20,15 +20,13 @@ class TorqueSensorGain(Effect):
     A gain that all joints share is the same as heavier links: the fit takes it up whole. It stands here so that the
     tool says so. The gain of one sensor may turn with the joint, as its spokes are not alike:
     g (1 + u cos q + v sin q); most of the constant part is taken up by the parameters, of the turning one little.
+    Usual: 0.5 to 2 %. Looks like: bending_crosstalk, cable_spring, distal_rotor_reaction, payload. Source: calibration
+    error of strain-gauge sensors: Lee, Kim, Song, calibration of joint torque sensors, 2010.
     """
 
     name = "torque_sensor_gain"
     code = "gain"
-    equation = "τ_j = g (1 + u cos q_j + v sin q_j) τ̂_j, textbook u = v = 0"
-    source = "calibration error of strain-gauge sensors: Lee, Kim, Song, calibration of joint torque sensors, 2010"
     units = ("1",)
-    plausible = "0.5 to 2 %"
-    look_alikes = ("bending_crosstalk", "cable_spring", "distal_rotor_reaction", "payload")
     separating_experiment = "Hold a known mass at rest in several poses: the gain shows as a constant ratio."
 
     def places(self, motion: Motion) -> Sequence[Place]:
