@@ -87,6 +87,4 @@ def unpack(data: bytes, path: Path) -> Recording:
     except RecordingError:
         raise
     except (*BROKEN_ARCHIVE, TypeError, MemoryError, RobotError) as error:
-        raise RecordingError(
-            f"{path.name}: its attachment {ATTACHMENT_NAME} cannot be read ({error})", file=path
-        ) from error
+        raise RecordingError.named(path, f"its attachment {ATTACHMENT_NAME} cannot be read ({error})") from error

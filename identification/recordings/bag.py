@@ -72,10 +72,8 @@ class Topic:
             for _, data in self.messages:
                 yield store.deserialize_cdr(data, self.type)
         except Exception as error:  # a parser of another library; whatever it raises, the message is unusable
-            raise RecordingError(
-                f"{path.name}: the messages on {self.name} do not fit their schema {self.type} ({error})",
-                file=path,
-                field=self.name,
+            raise RecordingError.named(
+                path, f"the messages on {self.name} do not fit their schema {self.type} ({error})", field=self.name
             ) from error
 
 
@@ -113,10 +111,10 @@ def bag_files(folder: Path) -> tuple[Path, ...]:
     ]
     names = list(dict.fromkeys(_name_of_bag(file.name) for file in files))
     if len(names) > 1:
-        raise RecordingError(
-            f"{folder}: holds {len(files)} logs of different names ({', '.join(sorted(names)[:3])}, …), which are not "
+        raise RecordingError.at(
+            folder,
+            f"holds {len(files)} logs of different names ({', '.join(sorted(names)[:3])}, …), which are not "
             "one recording; name those that are meant",
-            file=folder,
         )
     # rosbag2 numbers them NAME_0, NAME_1, … NAME_10: by number, not by letter.
     return tuple(sorted(files, key=lambda file: [int(x) if x.isdigit() else x for x in _number_parts(file.name)]))
@@ -126,10 +124,10 @@ def entries_of(folder: Path) -> list[Path]:
     """What lies in a folder. Raises RecordingError where it is more than a run or a bag has, before all is listed."""
     found = list(itertools.islice(folder.iterdir(), MOST_ENTRIES + 1))
     if len(found) > MOST_ENTRIES:
-        raise RecordingError(
-            f"{folder}: holds more than {MOST_ENTRIES} files, which neither a run nor a ROS 2 bag does; name the "
+        raise RecordingError.at(
+            folder,
+            f"holds more than {MOST_ENTRIES} files, which neither a run nor a ROS 2 bag does; name the "
             "recording itself",
-            file=folder,
         )
     return found
 
@@ -175,7 +173,7 @@ def _unpacked_file(file: Path, folder: Path) -> Path:
                 allowance.take(len(block))
                 plain.write(block)
         except zstandard.ZstdError as error:
-            raise RecordingError(f"{file.name}: cannot be unpacked ({error})", file=file) from error
+            raise RecordingError.named(file, f"cannot be unpacked ({error})") from error
     return target
 
 
@@ -208,9 +206,7 @@ def _read_mcap(file: Path, path: Path, allowance: Allowance, bag: Bag) -> None:
     except Exception as error:  # the library leaks struct.error, zstd and lz4 errors besides its own
         trouble = _cause(error)
         if not bag.messages and bag.archive is None:
-            raise RecordingError(
-                f"{path.name}: no complete chunk of an MCAP log could be read ({trouble})", file=path
-            ) from error
+            raise RecordingError.named(path, f"no complete chunk of an MCAP log could be read ({trouble})") from error
     if not complete:
         bag.broken_off = trouble or "the footer is missing"
 
@@ -219,10 +215,10 @@ def _topic_of(channel: Channel, schema: Schema | None, path: Path, bag: Bag) -> 
     if schema is None or not (channel.topic == FRI_STATE_TOPIC or schema.name == JOINT_STATE):
         return None
     if schema.encoding != "ros2msg" or channel.message_encoding != "cdr":
-        raise RecordingError(
-            f"{path.name}: {channel.topic} is encoded as {channel.message_encoding} with a {schema.encoding} schema; "
+        raise RecordingError.named(
+            path,
+            f"{channel.topic} is encoded as {channel.message_encoding} with a {schema.encoding} schema; "
             "cdr with a ros2msg schema is needed",
-            file=path,
             field=channel.topic,
         )
     return bag.topic(channel.topic, schema.name, schema.data.decode())
@@ -260,5 +256,5 @@ def _read_database(file: Path, path: Path, allowance: Allowance, bag: Bag) -> No
         raise
     except Exception as error:  # as above: apsw, zstd and struct errors come through
         if not bag.messages:
-            raise RecordingError(f"{path.name}: cannot be read as a bag of ROS 2 ({error})", file=path) from error
+            raise RecordingError.named(path, f"cannot be read as a bag of ROS 2 ({error})") from error
         bag.broken_off = str(error)

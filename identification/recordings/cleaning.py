@@ -49,10 +49,10 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     time = table.time[keep]
     if time.size < MINIMUM_SAMPLES or time[-1] - time[0] < MINIMUM_DURATION_S:
         duration = float(time[-1] - time[0]) if time.size else 0.0
-        raise RecordingError(
-            f"{table.path.name}: {time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples "
+        raise RecordingError.named(
+            table.path,
+            f"{time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples "
             f"and {MINIMUM_DURATION_S} s are needed",
-            file=str(table.path),
         )
     sampling_period_s = float(np.median(np.diff(time)))
     _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s)
@@ -135,36 +135,34 @@ def check_shapes(table: RawTable) -> None:
     """Raises RecordingError unless t is (N,) and q, tau and all that is optional are (N, n), N and n at least 1."""
     name = table.path.name
     if table.time.ndim != 1:
-        raise RecordingError(f"{name}: t has shape {table.time.shape}, one column of N times is needed", file=name)
+        raise RecordingError.at(name, f"t has shape {table.time.shape}, one column of N times is needed")
     for label, values in (("q", table.position), ("tau", table.torque)):
         if values.ndim != 2 or values.shape[0] != table.time.shape[0]:
-            raise RecordingError(
-                f"{name}: {label} has shape {values.shape}, but t has {table.time.shape[0]} rows; "
+            raise RecordingError.at(
+                name,
+                f"{label} has shape {values.shape}, but t has {table.time.shape[0]} rows; "
                 f"({table.time.shape[0]}, number of joints) is needed",
-                file=name,
             )
     if table.position.shape[1] != table.torque.shape[1] or table.position.shape[1] == 0:
-        raise RecordingError(
-            f"{name}: q has {table.position.shape[1]} joints and tau has {table.torque.shape[1]}; "
+        raise RecordingError.at(
+            name,
+            f"q has {table.position.shape[1]} joints and tau has {table.torque.shape[1]}; "
             "both need the same number of joints, at least one",
-            file=name,
         )
     for label, values in table.optional.items():
         if values.shape != table.position.shape:
-            raise RecordingError(
-                f"{name}: {label} has shape {values.shape}, but q has {table.position.shape}", file=name
-            )
+            raise RecordingError.at(name, f"{label} has shape {values.shape}, but q has {table.position.shape}")
     if table.time.shape[0] == 0:
-        raise RecordingError(f"{name}: holds no sample at all", file=name)
+        raise RecordingError.at(name, "holds no sample at all")
 
 
 def _refuse_too_many(table: RawTable, keep: BoolArray, what: str) -> None:
     bad = int((~keep).sum())
     if bad > LARGEST_SHARE_OF_BAD_ROWS * keep.size:
         first = int(np.flatnonzero(~keep)[0]) + 1
-        raise RecordingError(
-            f"{table.path.name}: {bad} of {keep.size} rows {what} (first: row {first}); too many to trust the rest",
-            file=str(table.path),
+        raise RecordingError.named(
+            table.path,
+            f"{bad} of {keep.size} rows {what} (first: row {first}); too many to trust the rest",
             field=f"row {first}",
         )
 
@@ -180,7 +178,7 @@ def _note_runs(findings: list[Finding], kind: str, rows: IntArray, what: str) ->
     else:
         shown = ", ".join(str(row) for row in rows[:5]) + (", …" if rows.size > 5 else "")
         place = f"each of {rows.size} rows between {rows[0]} and {rows[-1]} ({shown})"
-    findings.append(Finding(kind, int(rows[0]), int(rows[-1]), int(rows.size), f"{place} {what}"))
+    findings.append(Finding.of_rows(kind, rows, f"{place} {what}"))
 
 
 def _median_of_five(values: FloatArray) -> FloatArray:
@@ -204,10 +202,9 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
     steps = np.diff(time)
     ordinary = float(np.median(np.abs(steps))) if steps.size else 0.0
     if time.size < 2 or not np.any(steps != 0.0) or ordinary == 0.0:
-        raise RecordingError(
-            f"{table.path.name}: time stands still (t = {time[0]:g} s in most rows); "
-            "advancing time stamps in seconds are needed",
-            file=str(table.path),
+        raise RecordingError.named(
+            table.path,
+            f"time stands still (t = {time[0]:g} s in most rows); advancing time stamps in seconds are needed",
         )
     good = np.abs(time - _median_of_five(time[:, None])[:, 0]) <= 100.0 * ordinary
     _note_runs(
@@ -222,10 +219,10 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
     backwards = rest < highest_before
     if backwards.sum() > LARGEST_SHARE_OF_BAD_ROWS * rest.size:
         at = int(np.flatnonzero(backwards)[0])
-        raise RecordingError(
-            f"{table.path.name}: time goes backwards at row {number[good][at]} "
+        raise RecordingError.named(
+            table.path,
+            f"time goes backwards at row {number[good][at]} "
             f"(from {highest_before[at]:.6g} s to {rest[at]:.6g} s) and does not recover; split the file there",
-            file=str(table.path),
             field="t",
         )
     _note_runs(findings, "repeated_rows", number[good][repeated], "repeats the time stamp before it; it was left out")
@@ -300,16 +297,12 @@ def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: Int
         )
     ordinary = steps[steps <= GAP_FACTOR * period]
     if ordinary.size and float(np.std(ordinary)) > JITTER_SHARE * period:
-        findings.append(
-            Finding(
-                "jitter",
-                int(number[0]),
-                int(number[-1]),
-                int((np.abs(ordinary - period) > JITTER_SHARE * period).sum()),
-                f"time stamps are uneven: steps between {1e3 * ordinary.min():.4g} and {1e3 * ordinary.max():.4g} ms "
-                f"around {1e3 * period:.4g} ms (standard deviation {1e3 * float(np.std(ordinary)):.2g} ms)",
-            )
+        count = int((np.abs(ordinary - period) > JITTER_SHARE * period).sum())
+        sentence = (
+            f"time stamps are uneven: steps between {1e3 * ordinary.min():.4g} and {1e3 * ordinary.max():.4g} ms "
+            f"around {1e3 * period:.4g} ms (standard deviation {1e3 * float(np.std(ordinary)):.2g} ms)"
         )
+        findings.append(Finding("jitter", int(number[0]), int(number[-1]), count, sentence))
 
 
 def _optional_array(name: str, values: FloatArray, moves: BoolArray, findings: list[Finding], rows: int) -> FloatArray:
@@ -324,7 +317,7 @@ def _optional_array(name: str, values: FloatArray, moves: BoolArray, findings: l
         if (name == "link_position" or moves[joint]) and not np.any(values[:, joint] != 0.0):
             values[:, joint] = np.nan
             sentence = f"joint {joint + 1}: {field} holds zeros only; taken as having no {what}"
-            findings.append(Finding(kind, 1, rows, rows, sentence, joint + 1))
+            findings.append(Finding.of_all(kind, rows, sentence, joint + 1))
     return values
 
 
@@ -332,16 +325,15 @@ def _refuse_dead_torque(table: RawTable, torque: FloatArray, moves: BoolArray, f
     """A torque that never changes while its joint moves is no measurement; where all are so there is nothing to fit."""
     dead = moves & (np.ptp(torque, axis=0) == 0.0)
     if dead.any() and dead[moves].all():
-        raise RecordingError(
-            f"{table.path.name}: tau stays at {torque[0, np.argmax(dead)]:g} in every joint that moves; the torque was "
+        raise RecordingError.named(
+            table.path,
+            f"tau stays at {torque[0, np.argmax(dead)]:g} in every joint that moves; the torque was "
             "not measured (some drivers and simulators send zeros)",
-            file=str(table.path),
             field="tau",
         )
     for joint in np.flatnonzero(dead):
-        rows = table.time.shape[0]
         sentence = f"joint {joint + 1}: tau stays at {torque[0, joint]:g} although the joint moves; is it measured?"
-        findings.append(Finding("dead_torque", 1, rows, rows, sentence, int(joint) + 1))
+        findings.append(Finding.of_all("dead_torque", table.time.shape[0], sentence, int(joint) + 1))
 
 
 def _labels(
@@ -350,22 +342,16 @@ def _labels(
     """Period labels from the stated period, when the recording holds at least two of them."""
     assert table.period_s is not None
     if not np.isfinite(table.period_s) or table.period_s < 0.0:
-        raise RecordingError(
-            f"{table.path.name}: period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that "
-            "is not periodic",
-            file=str(table.path),
+        raise RecordingError.named(
+            table.path,
+            f"period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that is not periodic",
         )
     if time[-1] - time[0] < 0.99 * table.period_s:
-        findings.append(
-            Finding(
-                "short_of_a_period",
-                1,
-                rows,
-                rows,
-                f"the recording covers {time[-1] - time[0]:.4g} s of a stated period of {table.period_s:.4g} s; "
-                "it is used as not periodic",
-            )
+        sentence = (
+            f"the recording covers {time[-1] - time[0]:.4g} s of a stated period of {table.period_s:.4g} s; it is used "
+            "as not periodic"
         )
+        findings.append(Finding.of_all("short_of_a_period", rows, sentence))
         return {}
     period_index, sample, per_period = label_by_time(time, table.period_s, sampling_period_s)
     return {

@@ -29,10 +29,10 @@ def read_csv(path: Path) -> list[RawTable]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (UnicodeDecodeError, OSError) as error:
-        raise RecordingError(f"{path.name}: cannot be read as text ({reason_of(error)})", file=path) from error
+        raise RecordingError.named(path, f"cannot be read as text ({reason_of(error)})") from error
     settings, start = _settings(lines)
     if start >= len(lines):
-        raise RecordingError(f"{path.name}: holds no header and no rows", file=path)
+        raise RecordingError.named(path, "holds no header and no rows")
     header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
     columns = _columns(path, header)
     findings: list[Finding] = []
@@ -79,7 +79,7 @@ def _setting_number(path: Path, settings: dict[str, str], name: str) -> float | 
     try:
         return float(settings[name])
     except ValueError:
-        raise RecordingError(f"{path.name}: {name}={settings[name]} is no number", file=path, field=name) from None
+        raise RecordingError.named(path, f"{name}={settings[name]} is no number", field=name) from None
 
 
 def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
@@ -91,21 +91,19 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
         if key is None:
             continue
         if key in columns:
-            raise RecordingError(f"{path.name}: column '{name}' stands twice in the header", file=path, field=name)
+            raise RecordingError.named(path, f"column '{name}' stands twice in the header", field=name)
         columns[key] = index
     if ("t", "") not in columns:
-        raise RecordingError(
-            f"{path.name}: column 't' is missing; the header is: {', '.join(header)[:200]}", file=path, field="t"
-        )
+        raise RecordingError.named(path, f"column 't' is missing; the header is: {', '.join(header)[:200]}", field="t")
     joints = max((int(number) for name, number in columns if name == "q"), default=0)
     if joints == 0:
-        raise RecordingError(f"{path.name}: columns q1, q2, … are missing", file=path, field="q1")
+        raise RecordingError.named(path, "columns q1, q2, … are missing", field="q1")
     for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
         for joint in range(1, joints + 1):
             if (quantity, str(joint)) not in columns:
-                raise RecordingError(
-                    f"{path.name}: column '{quantity}{joint}' is missing ({joints} joints by the columns of q)",
-                    file=path,
+                raise RecordingError.named(
+                    path,
+                    f"column '{quantity}{joint}' is missing ({joints} joints by the columns of q)",
                     field=f"{quantity}{joint}",
                     joint=joint,
                 )
@@ -127,7 +125,7 @@ def _values(path: Path, lines: list[str], first: int, header: list[str], finding
             )
         )
     if not body:
-        raise RecordingError(f"{path.name}: holds a header but no rows", file=path)
+        raise RecordingError.named(path, "holds a header but no rows")
     try:
         values = np.loadtxt([line for _, line in body], delimiter=",", dtype=np.float64, ndmin=2, comments=None)
         if values.shape[1] == len(header):

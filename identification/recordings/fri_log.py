@@ -50,7 +50,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     stated = states["send_period_ms"][states["send_period_ms"] > 0]
     send_period_ms = int(stated[0]) if stated.size else 0
     if not label["sequence_counter"].size:
-        raise RecordingError(f"{path.name}: {FRI_STATE_TOPIC} holds no usable sample", file=path)
+        raise RecordingError.named(path, f"{FRI_STATE_TOPIC} holds no usable sample")
     clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if states["robot_time_valid"].all() else None
     steps = _counted(label["sequence_counter"], clock, send_period_ms or 1, findings)
     _note_lost(label["sequence_counter"], steps, left_out, findings)
@@ -120,9 +120,9 @@ def _states(path: Path, bag: Bag) -> dict[str, Any]:
             raise ValueError(f"it has no {', '.join(missing)}" if missing else f"its arrays are not of {JOINTS} joints")
         return topic.columns.columns((*_VECTORS, *_NUMBERS, *_FLAGS))
     except ValueError as error:
-        raise RecordingError(
-            f"{path.name}: the messages on {FRI_STATE_TOPIC} do not fit their schema {topic.type} ({error})",
-            file=path,
+        raise RecordingError.named(
+            path,
+            f"the messages on {FRI_STATE_TOPIC} do not fit their schema {topic.type} ({error})",
             field=FRI_STATE_TOPIC,
         ) from error
 
@@ -140,7 +140,7 @@ def installation_in(path: Path, metadata: dict[str, str]) -> Installation:
     try:
         return Installation.from_json(json.loads(metadata.get("installation") or "null"))
     except ValueError as error:
-        raise RecordingError(f"{path.name}: its installation is no JSON ({error})", file=path) from error
+        raise RecordingError.named(path, f"its installation is no JSON ({error})") from error
 
 
 def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: int, findings: list[Finding]) -> IntArray:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from identification.errors import RecordingError
-from identification.recordings.recording import OPTIONAL_ARRAYS, Finding, ImportReport, Recording
+from identification.recordings.recording import OPTIONAL_ARRAYS, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
@@ -158,10 +158,10 @@ def _wanted(file: str | Path, recorded: Sequence[str] | None, count: int, wanted
     for item, times in Counter(wanted).items():
         if item not in labels or times > 1:
             what = "is chosen twice" if item in labels else "is none of its joints"
-            raise RecordingError(
-                f"{Path(file).name}: '{item}' {what}; it has {_listed(labels)}"
+            raise RecordingError.named(
+                file,
+                f"'{item}' {what}; it has {_listed(labels)}"
                 + ("" if recorded is not None else " (it names no joints: give their numbers)"),
-                file=file,
                 field="joint_names",
             )
     return tuple(labels.index(item) for item in wanted)
@@ -227,30 +227,22 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
     optional = {name: _columns(values, columns) for name, values in table.optional.items()}
     findings, time, period = list(table.findings), table.time, table.period_index
     if choice.sentence:
-        rows = table.time.shape[0]
-        findings.append(Finding("joints_chosen", 1, rows, rows, choice.sentence))
+        findings.append(Finding.of_all("joints_chosen", table.time.shape[0], choice.sentence))
     if table.named is not None:
         named = table.named[:, columns]
         mine = named.any(axis=1)
         partial = int((mine & ~named.all(axis=1)).sum())
         if partial > LARGEST_SHARE_OF_PARTIAL_ROWS * max(int(mine.sum()), 1):
-            raise RecordingError(
-                f"{table.path.name}: {partial} of {int(mine.sum())} messages on {table.topic} name only some of "
+            raise RecordingError.named(
+                table.path,
+                f"{partial} of {int(mine.sum())} messages on {table.topic} name only some of "
                 f"{_listed(choice.names or ())}; a row needs all of them at one time",
-                file=table.path,
                 field="joint_names",
             )
         if not mine.all():
             others = np.flatnonzero(~mine) + 1
-            findings.append(
-                Finding(
-                    "other_joints",
-                    int(others[0]),
-                    int(others[-1]),
-                    int(others.size),
-                    f"{others.size} messages on {table.topic} are of other joints and were left out",
-                )
-            )
+            sentence = f"{others.size} messages on {table.topic} are of other joints and were left out"
+            findings.append(Finding.of_rows("other_joints", others, sentence))
         changes = {name: values[mine] for name, values in changes.items()}
         optional = {name: values[mine] for name, values in optional.items()}
         time = time[mine]
@@ -310,11 +302,5 @@ def _chosen_of(recording: Recording, robot: RobotModel, wanted: Sequence[str] | 
         values = getattr(recording, name)
         if values is not None:
             changed[name] = values[:, columns]
-    report = recording.report
-    note = Finding("joints_chosen", 1, report.rows_read, report.rows_read, choice.sentence)
-    return replace(
-        recording,
-        joint_names=choice.names,
-        report=ImportReport(report.rows_read, report.rows_kept, (note, *report.findings)),
-        **changed,
-    )
+    note = Finding.of_all("joints_chosen", recording.report.rows_read, choice.sentence)
+    return replace(recording, joint_names=choice.names, report=recording.report.first([note]), **changed)

@@ -52,14 +52,12 @@ def read_joint_states(path: Path, bag: Bag) -> list[RawTable]:
     """
     topics = [topic for topic in bag.topics.values() if topic.messages]
     if not topics:
-        raise RecordingError(
-            f"{path.name}: holds neither {FRI_STATE_TOPIC} nor a topic of type {JOINT_STATE}", file=path
-        )
+        raise RecordingError.named(path, f"holds neither {FRI_STATE_TOPIC} nor a topic of type {JOINT_STATE}")
     tables = [_table(path, topic, bag) for topic in topics]
     found = [table for table in tables if not np.isnan(table.torque).all()]
     if not found:
         names = ", ".join(topic.name for topic in topics)
-        raise RecordingError(f"{path.name}: {names} carries no effort (torque)", file=path, field="effort")
+        raise RecordingError.named(path, f"{names} carries no effort (torque)", field="effort")
     return found
 
 
@@ -68,7 +66,7 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
     names = tuple(dict.fromkeys(name for layout in layouts for name in layout.names))
     width = len(names) or max(layout.width for layout in layouts)
     if width > MOST_JOINTS:
-        raise RecordingError(f"{path.name}: {topic.name} names {width} joints, which is no robot", file=path)
+        raise RecordingError.named(path, f"{topic.name} names {width} joints, which is no robot")
     place = {name: column for column, name in enumerate(names)}
     arrays = {name: np.full((count, width), np.nan) for name in _QUANTITIES}
     named = np.zeros((count, width), dtype=np.bool_)
@@ -87,11 +85,8 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
     findings: list[Finding] = []
     if not np.any(stamps):
         stamps = np.array([time for time, _ in topic.messages], dtype=np.int64)
-        findings.append(
-            Finding(
-                "no_header_stamp", 1, count, count, f"{topic.name} carries no time stamps; the log's times are used"
-            )
-        )
+        sentence = f"{topic.name} carries no time stamps; the log's times are used"
+        findings.append(Finding.of_all("no_header_stamp", count, sentence))
     # A bag holds messages as they came in; which was measured first is for their stamps to say, unless these went back.
     order, steps = np.argsort(stamps, kind="stable"), np.abs(np.diff(stamps))
     late = int((np.diff(stamps) < 0).sum())
@@ -133,15 +128,12 @@ def _layouts(path: Path, topic: Topic) -> tuple[list[_Layout], np.ndarray[Any, n
         if layout is None:
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
-                raise RecordingError(
-                    f"{path.name}: message {row + 1} on {topic.name} names joint '{twice[0]}' twice",
-                    file=path,
-                    field=twice[0],
+                raise RecordingError.named(
+                    path, f"message {row + 1} on {topic.name} names joint '{twice[0]}' twice", field=twice[0]
                 )
             if len(layouts) >= MOST_JOINTS or width > MOST_JOINTS:
-                raise RecordingError(
-                    f"{path.name}: {topic.name} names ever other joints ({width} in message {row + 1}), no robot's",
-                    file=path,
+                raise RecordingError.named(
+                    path, f"{topic.name} names ever other joints ({width} in message {row + 1}), no robot's"
                 )
             layout = layouts[(names, width)] = _Layout(names, width)
         layout.add(row, message)

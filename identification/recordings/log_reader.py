@@ -28,7 +28,7 @@ def read_bag_folder(path: Path) -> list[RawTable] | Recording:
     """The same of a folder that ROS 2 recorded, all of its files together. Raises RecordingError where it is none."""
     files = bag_files(path)
     if not files:
-        raise RecordingError(f"{path}: is a folder with neither recording.mcap nor a ROS 2 bag in it", file=path)
+        raise RecordingError.at(path, "is a folder with neither recording.mcap nor a ROS 2 bag in it")
     return _read(path, read_bag(files, path))
 
 
@@ -39,13 +39,6 @@ def _read(path: Path, bag: Bag) -> list[RawTable] | Recording:
     if bag.broken_off:
         for table in tables:
             rows = table.time.shape[0]
-            table.findings.append(
-                Finding(
-                    "truncated_file",
-                    max(rows, 1),
-                    max(rows, 1),
-                    1,
-                    f"the file breaks off after row {rows} ({bag.broken_off}); its complete chunks were read",
-                )
-            )
+            sentence = f"the file breaks off after row {rows} ({bag.broken_off}); its complete chunks were read"
+            table.findings.append(Finding("truncated_file", max(rows, 1), max(rows, 1), 1, sentence))
     return tables

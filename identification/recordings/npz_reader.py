@@ -65,13 +65,13 @@ def read_npz(path: Path) -> list[RawTable]:
         KeyError,
         NotImplementedError,
     ) as error:
-        raise RecordingError(f"{path.name}: cannot be read as .npz ({reason_of(error)})", file=path) from error
+        raise RecordingError.named(path, f"cannot be read as .npz ({reason_of(error)})") from error
     for name in ("t", "q", "tau"):
         if name not in fields:
-            raise RecordingError(
-                f"{path.name}: field '{name}' is missing; it holds "
+            raise RecordingError.named(
+                path,
+                f"field '{name}' is missing; it holds "
                 f"{', '.join(sorted(item.removesuffix('.npy') for item in held)[:30]) or 'nothing'}",
-                file=path,
                 field=name,
             )
     period = _scalar(path, fields, "period_s")
@@ -104,9 +104,7 @@ def resolve_robot(path: Path, robot: str) -> str | None:
 def _numbers(path: Path, fields: dict[str, Any], name: str) -> FloatArray:
     values = np.asarray(fields[name])
     if values.dtype.kind not in "fiu":
-        raise RecordingError(
-            f"{path.name}: field '{name}' holds {values.dtype} instead of real numbers", file=path, field=name
-        )
+        raise RecordingError.named(path, f"field '{name}' holds {values.dtype} instead of real numbers", field=name)
     return np.asarray(values, dtype=np.float64)
 
 
@@ -115,7 +113,7 @@ def _scalar(path: Path, fields: dict[str, Any], name: str) -> float | None:
         return None
     values = np.asarray(fields[name])
     if values.size != 1 or values.dtype.kind not in "fiu":
-        raise RecordingError(f"{path.name}: field '{name}' must be one number", file=path, field=name)
+        raise RecordingError.named(path, f"field '{name}' must be one number", field=name)
     return float(values.reshape(()))
 
 

@@ -17,7 +17,7 @@ from identification.recordings.joint_choice import for_robot, select_joints
 from identification.recordings.leaps import refuse_leaps, with_whole_turns
 from identification.recordings.log_reader import read_bag_folder, read_log
 from identification.recordings.npz_reader import read_npz
-from identification.recordings.recording import Finding, ImportReport, Recording
+from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
 from identification.recordings.units import check_units, in_si
 from identification.robots import Installation, RobotModel, load_robot
@@ -103,7 +103,7 @@ def read_recording(
     """
     path = Path(path)
     if not path.exists():
-        raise RecordingNotFoundError(f"{path}: there is no such recording", file=path)
+        raise RecordingNotFoundError.at(path, "there is no such recording")
     file = recording_file(path)
     with ThreadPoolExecutor(1) as beside:  # a digest needs no interpreter
         digest = beside.submit(_digest, file)
@@ -140,9 +140,7 @@ def recording_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     if fnmatch.filter((entry.name for entry in entries_of(path)), RUN_PARTS) and not (path / RUN_BROKEN).is_file():
-        raise RecordingError(
-            f"{path}: its recording is in parts; make it whole with: iiwa-ident recover {path}", file=path
-        )
+        raise RecordingError.at(path, f"its recording is in parts; make it whole with: iiwa-ident recover {path}")
     log = path / RUN_RECORDING
     return log if log.is_file() else path
 
@@ -150,9 +148,8 @@ def recording_file(path: Path) -> Path:
 def _reader_of(path: Path) -> Callable[[Path], Tables]:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise RecordingError(
-            f"{path.name}: recordings end in {', '.join(READERS)} or are folders, this one ends in '{path.suffix}'",
-            file=path,
+        raise RecordingError.named(
+            path, f"recordings end in {', '.join(READERS)} or are folders, this one ends in '{path.suffix}'"
         )
     return reader
 
@@ -173,9 +170,9 @@ def _chosen(
     if topic is not None:
         named = [table for table in tables if table.topic == topic]
         if not named:
-            raise RecordingError(
-                f"{path.name}: has no JointState topic {topic} with effort, but {', '.join(t.topic for t in tables)}",
-                file=path,
+            raise RecordingError.named(
+                path,
+                f"has no JointState topic {topic} with effort, but {', '.join(t.topic for t in tables)}",
                 field="topic",
             )
         return select_joints(named[0], arm, joints), arm, notes
@@ -192,10 +189,10 @@ def _chosen(
     measured = [table for table in fitting if not any(word in table.topic.split("/")[-1] for word in NOT_MEASURED)]
     fitting = sorted(measured or fitting, key=lambda table: -table.time.size)
     if len(fitting) > 1 and fitting[1].time.size > NEARLY_AS_MANY * fitting[0].time.size:
-        raise RecordingError(
-            f"{path.name}: {fitting[0].topic} and {fitting[1].topic} both hold joints with effort and as many "
+        raise RecordingError.named(
+            path,
+            f"{fitting[0].topic} and {fitting[1].topic} both hold joints with effort and as many "
             "messages; import it and choose one with --topic",
-            file=path,
             field="topic",
         )
     if len(tables) > 1:
@@ -247,10 +244,10 @@ def _arm(
 def _refuse_other_arm(path: Path, named: RobotModel, model_robot: RobotModel) -> None:
     difference = difference_of_arms(model_robot, named)
     if difference:
-        raise RecordingError(
-            f"{path.name}: is of {named.name}, but the model is of {model_robot.name}: {difference}. If the recording "
+        raise RecordingError.named(
+            path,
+            f"is of {named.name}, but the model is of {model_robot.name}: {difference}. If the recording "
             f"is wrong about itself, say --robot {model_robot.spec}",
-            file=path,
             field="robot",
         )
 
@@ -259,9 +256,7 @@ def _noted(recording: Recording, notes: list[str]) -> Recording:
     if not notes:
         return recording
     report = recording.report
-    rows = report.rows_read
-    added = tuple(Finding("note", 1, rows, rows, note) for note in notes)
-    return replace(recording, report=ImportReport(rows, report.rows_kept, (*added, *report.findings)))
+    return replace(recording, report=report.first(Finding.of_all("note", report.rows_read, note) for note in notes))
 
 
 def _digest(path: Path) -> str:
@@ -284,10 +279,10 @@ def _installation_of(recordings: Sequence[Recording]) -> Installation:
     first = recordings[0]
     for other in recordings[1:]:
         if other.installation != first.installation:
-            raise RecordingError(
-                f"{Path(other.source.path).name}: was made with another gravity or other joints held than "
+            raise RecordingError.named(
+                other.source.path,
+                f"was made with another gravity or other joints held than "
                 f"{Path(first.source.path).name}; fit them apart, or say --mount and --lock for all",
-                file=other.source.path,
                 field="installation",
             )
     return first.installation

@@ -5,6 +5,7 @@ Nothing here reads a file. Readers build these objects, `identification.signals`
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -41,6 +42,16 @@ class Finding:
     sentence: str
     joint: int | None = None
 
+    @classmethod
+    def of_rows(cls, kind: str, rows: IntArray, sentence: str) -> Finding:
+        """About rows (k,) of the file, counted from 1, in their order."""
+        return cls(kind, int(rows[0]), int(rows[-1]), int(rows.size), sentence)
+
+    @classmethod
+    def of_all(cls, kind: str, rows: int, sentence: str, joint: int | None = None) -> Finding:
+        """About every row of a file with so many."""
+        return cls(kind, 1, rows, rows, sentence, joint)
+
     def to_json(self) -> dict[str, Any]:
         """The finding as plain JSON types."""
         return {
@@ -58,6 +69,10 @@ class ImportReport:
     rows_read: int
     rows_kept: int
     findings: tuple[Finding, ...] = ()
+
+    def first(self, findings: Iterable[Finding]) -> ImportReport:
+        """With these findings before all others."""
+        return replace(self, findings=(*findings, *self.findings))
 
     def of_kind(self, kind: str) -> tuple[Finding, ...]:
         """The findings of one kind, in the order of their rows."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
-from identification.recordings.recording import Finding, ImportReport, Recording
+from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
@@ -33,8 +33,6 @@ _ONLY_PRISMATIC = ("mm", "mm/s")
 SLOWEST_SAMPLING_S = 1.0
 SLOW_SAMPLING_S = 0.1
 STANDING_RAD_S = 0.02
-FASTEST_RAD_S = 100.0
-"""No arm turns a joint faster; a rotor does."""
 WHOLE_TURNS = 2.0
 OVER_LIMIT = 1.0
 """Beyond its limits by this share of a joint's range, a position is in another unit; less may be another robot."""
@@ -51,10 +49,8 @@ def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | No
     for quantity, unit in units.items():
         if unit not in UNITS.get(quantity, {}):
             known = ", ".join(UNITS.get(quantity, {})) or f"only of {', '.join(UNITS)}"
-            raise RecordingError(
-                f"{table.path.name}: the unit of {quantity} is '{unit}'; known are {known}",
-                file=table.path,
-                field=f"{quantity}_unit",
+            raise RecordingError.named(
+                table.path, f"the unit of {quantity} is '{unit}'; known are {known}", field=f"{quantity}_unit"
             )
     revolute = (
         np.ones(table.position.shape[1], dtype=np.bool_)
@@ -131,9 +127,9 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
     ]
     if not notes:
         return recording
-    report, rows = recording.report, recording.report.rows_read
-    added = tuple(Finding("unlikely_value", 1, rows, rows, note) for note in notes)
-    return replace(recording, report=ImportReport(rows, report.rows_kept, (*report.findings, *added)))
+    report = recording.report
+    added = (Finding.of_all("unlikely_value", report.rows_read, note) for note in notes)
+    return replace(recording, report=replace(report, findings=(*report.findings, *added)))
 
 
 def _known_limits(robot: RobotModel | None, n: int) -> tuple[FloatArray, FloatArray]:

@@ -30,10 +30,10 @@ class Allowance:
         """Count bytes about to be unpacked. Raises RecordingError where they are more than may be."""
         self.left -= count
         if self.left < 0:
-            raise RecordingError(
-                f"{self.path.name}: its {_size(self.size)} unpack to more than {_size(self.whole)}, which no "
+            raise RecordingError.named(
+                self.path,
+                f"its {_size(self.size)} unpack to more than {_size(self.whole)}, which no "
                 "recording of this size does; nothing of it was used",
-                file=self.path,
             )
 
     def unpack(self, data: bytes, compression: str, claimed: int) -> bytes:
@@ -51,11 +51,9 @@ class Allowance:
             case "lz4":
                 unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, claimed + 1)
             case _:
-                raise RecordingError(f"{self.path.name}: is compressed with '{compression}'", file=self.path)
+                raise RecordingError.named(self.path, f"is compressed with '{compression}'")
         if len(unpacked) > claimed:
-            raise RecordingError(
-                f"{self.path.name}: a block unpacks to more than the {claimed} bytes it states", file=self.path
-            )
+            raise RecordingError.named(self.path, f"a block unpacks to more than the {claimed} bytes it states")
         return unpacked
 
 
