@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,9 @@ def json_list(values: npt.ArrayLike) -> list[Any]:
 
 
 def plain(value: Any) -> Any:
-    """Plain JSON types of nested mappings, sequences, arrays and numpy numbers."""
+    """Plain JSON types of nested mappings, value objects, sequences, arrays and numpy numbers."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

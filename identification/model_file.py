@@ -153,9 +153,7 @@ def write_model(data: dict[str, Any], path: str | Path) -> Path:
     try:
         text = json.dumps(data, indent=1, allow_nan=False)
     except ValueError as error:
-        raise ModelFileError(
-            f"{path.name}: the model holds a number that is not finite ({error})", file=path
-        ) from error
+        raise ModelFileError.named(path, f"the model holds a number that is not finite ({error})") from error
     partial = path.with_name(path.name + ".partial")
     try:
         partial.write_text(text + "\n", encoding="utf-8")
@@ -169,14 +167,14 @@ def read_model(path: str | Path) -> Model:
     """Read and check a model.json. Raises ModelFileNotFoundError (66) or ModelFileError (65) naming the field."""
     path = Path(path)
     if not path.is_file():
-        raise ModelFileNotFoundError(f"{path}: there is no such model", file=path)
+        raise ModelFileNotFoundError.at(path, "there is no such model")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
-        raise ModelFileError(f"{path.name}: cannot be read as JSON ({reason_of(error)})", file=path) from error
+        raise ModelFileError.named(path, f"cannot be read as JSON ({reason_of(error)})") from error
     if not isinstance(data, dict) or data.get("format") != MODEL_FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise ModelFileError(f"{path.name}: is no {MODEL_FORMAT} (format: {found})", file=path, field="format")
+        raise ModelFileError.named(path, f"is no {MODEL_FORMAT} (format: {found})", field="format")
     where = "base_parameters"
     try:
         base = data[where]
@@ -211,9 +209,7 @@ def read_model(path: str | Path) -> Model:
         robot = str(data[where])
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, EstimationError) as error:
         reason = str(error) if isinstance(error, EstimationError) else repr(error)
-        raise ModelFileError(
-            f"{path.name}: field '{where}' is not as it should be ({reason})", file=path, field=where
-        ) from error
+        raise ModelFileError.named(path, f"field '{where}' is not as it should be ({reason})", field=where) from error
     return Model(robot, names, values, std, units, physical, rotor, offset, options, str(path), data)
 
 

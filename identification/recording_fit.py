@@ -221,10 +221,10 @@ def _refuse_wrong_sign(sign: TorqueSign, processed: list[Processed]) -> None:
         if np.isnan(sign.gravity_correlation)
         else f"; at low speed gravity correlates {sign.gravity_correlation:+.2f}"
     )
-    raise RecordingError(
-        f"{Path(path).name}: the torque has the opposite sign of the inverse dynamics: as it stands, inertia or "
+    raise RecordingError.named(
+        path,
+        f"the torque has the opposite sign of the inverse dynamics: as it stands, inertia or "
         f"friction of joint {joints} would be negative{gravity}. Turn it with --flip-torque",
-        file=path,
         field="tau",
         joint=next(iter(sign.inverted_joints), None),
     )

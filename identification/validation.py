@@ -34,15 +34,13 @@ Progress = Callable[[str, float], None]
 def validate_model(
     model: Model | FitResult,
     recordings: Sequence[Recording],
-    settings: FitSettings | None = None,
     *,
     robot: RobotModel | None = None,
-    progress: Progress | None = None,
 ) -> RmsTable:
     """RMS per joint of a model on each recording: lines "NAME, base" and, where the model has them, "NAME, physical".
 
-    settings: which pipeline the recordings go through; default the one of the model's fit (cutoffs and sign included).
-    A torque that the fit took earlier is taken earlier here, too.
+    The recordings go through the pipeline of the model's fit, cutoffs and sign included. A torque that the fit took
+    earlier is taken earlier here, too.
     robot: overrides the robot the model names. Periodic recordings are compared on their mean period without any
     filter; the others through the low-pass of the aperiodic pipeline, on rows in which the joint moves.
     Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used or comes twice.
@@ -64,11 +62,8 @@ def validate_model(
             sets["physical"] = physical
         noted, shift = model.data.get("provenance", {}).get("settings", {}), model.torque_shift(robot.n)
     rows = []
-    for number, (recording, name) in enumerate(zip(recordings, recording_names(recordings), strict=True)):
-        if progress is not None:
-            progress(f"validating on {name}", number / len(recordings))
-        chosen = settings if settings is not None else _as_fitted(noted, recording)
-        blocks = _blocks(recording, robot, regressor, chosen, shift)
+    for recording, name in zip(recordings, recording_names(recordings), strict=True):
+        blocks = _blocks(recording, robot, regressor, _as_fitted(noted, recording), shift)
         parts = [block.evaluation for block in blocks]
         floors = np.array([block.signals.noise_floor_nm for block in blocks])
         floor = np.sqrt(np.mean(floors**2, axis=0))

@@ -13,6 +13,7 @@ from identification.audit.difference import Audit
 from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
+from identification.json_values import plain
 from identification.model_file import Model
 from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
@@ -42,12 +43,8 @@ class Change:
         return {
             "audit": self.audit.to_json(),
             "differences": [item.to_json() for item in self.audit.differences],
-            "parameters": [
-                {"name": item.name, "before": item.before, "after": item.after, "sigmas": item.sigmas,
-                 "unit": item.unit}
-                for item in self.parameters
-            ],
-        }  # fmt: skip
+            "parameters": plain(self.parameters),
+        }
 
 
 def fitted_to(recording: Recording, robot: RobotModel) -> FitResult:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from identification.json_values import json_list, number
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +25,8 @@ class Number:
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
-        low, high = self.interval
-        return {"value": _finite(self.value), "std": _finite(self.std), "unit": self.unit,
-                "ci95": [_finite(low), _finite(high)]}  # fmt: skip
+        value, std = number(self.value), number(self.std)
+        return {"value": value, "std": std, "unit": self.unit, "ci95": json_list(self.interval)}
 
 
 def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) -> str:
@@ -79,8 +79,8 @@ class Difference:
             "fault": self.effect,
             "recording": "",
             "joints": list(self.joints),
-            "ratio": None if ratio is None else _finite(ratio.value),
-            "ratio_std": None if ratio is None else _finite(ratio.std),
+            "ratio": None if ratio is None else number(ratio.value),
+            "ratio_std": None if ratio is None else number(ratio.std),
             "rows": None,
             "sentence": self.sentence,
         }
@@ -94,12 +94,12 @@ class Difference:
             "joint": self.joint,
             "link": self.link,
             "where": {"joint": self.joint, "link": self.link, "joints": list(self.joints)},
-            "number": None if first is None else _finite(first.value),
+            "number": None if first is None else number(first.value),
             "unit": None if first is None else first.unit,
-            "interval": None if first is None else [_finite(value) for value in first.interval],
+            "interval": None if first is None else json_list(first.interval),
             "parameters": {item.name: item.to_json() for item in self.numbers},
-            "explained": _finite(self.explained),
-            "score": _finite(self.log_odds),
+            "explained": number(self.explained),
+            "score": number(self.log_odds),
             "against": self.against,
             "alternatives": [{"effect": effect, "joint": joint} for effect, joint in self.alternatives],
             "sentence": self.sentence,
@@ -128,8 +128,8 @@ class Audit:
             "source": self.source,
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "rms_before_nm": [_finite(value) for value in self.rms_before],
-            "rms_after_nm": [_finite(value) for value in self.rms_after],
+            "rms_before_nm": json_list(self.rms_before),
+            "rms_after_nm": json_list(self.rms_after),
         }
 
     @property
@@ -142,11 +142,3 @@ class Audit:
         """Whether a fit of these recordings as they stand is of another arm: wrong data, or gravity from elsewhere."""
         wrong = ("wrong_time_base", "wrong_unit", "wrong_joint_order", "base_tilt")
         return any(item.effect in wrong for item in self.differences)
-
-    def of_effect(self, effect: str) -> Sequence[Difference]:
-        """The differences of one kind."""
-        return [item for item in self.differences if item.effect == effect]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -39,13 +39,12 @@ _REPEATED = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
-    """gravity: (3,) m/s² in the base frame, the likeliest. stated: (3,) what the description says. angle: rad between
-    them; spread: its standard deviation. gain, mirrored: nats of the likeliest against the stated, and against gravity
+    """gravity: (3,) m/s² in the base frame, the likeliest. angle: rad from the stated one;
+    spread: its standard deviation. gain, mirrored: nats of the likeliest against the stated, and against gravity
     upside down. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
     """
 
     gravity: FloatArray
-    stated: FloatArray
     angle: float
     spread: float
     gain: float
@@ -115,9 +114,7 @@ def require_stated_stand(recordings: Sequence[Recording], robot: RobotModel) -> 
     found = other_stand(recordings, robot)
     if found is not None:
         recording, mounting = found
-        raise RecordingError(
-            f"{recording.source.path}: {mounting.sentence}", file=recording.source.path, field="gravity"
-        )
+        raise RecordingError.at(recording.source.path, f"{mounting.sentence}", field="gravity")
 
 
 def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Recording, Mounting] | None:
@@ -168,7 +165,7 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
     rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
     mirrored = everything.evidence(gravity, weight, mean, factor) - everything.evidence(-gravity, weight, mean, factor)
     spread = Directions.of(geometry, rows.torque, PARTS).spread(gravity, weight, mean, factor)
-    return Mounting(gravity, stated, angle, spread, gain, mirrored, rms[0], rms[1])
+    return Mounting(gravity, angle, spread, gain, mirrored, rms[0], rms[1])
 
 
 def _angle(first: FloatArray, second: FloatArray) -> float:

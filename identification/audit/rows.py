@@ -17,7 +17,6 @@ from identification.audit.colour import preceded
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import (
-    AperiodicSettings,
     process_aperiodic,
     sixth_order_difference,
     zero_phase_low_pass,
@@ -69,8 +68,8 @@ class Smooth:
 class Rows:
     """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
     friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
-    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. low_pass_hz: the band. smooth: the
-    torque of every stretch, from which a later one is taken.
+    (R,) which stretch of time a row is in. spacing_s: distance of neighbours. smooth: the torque of every stretch, from
+    which a later one is taken.
     """
 
     position: FloatArray
@@ -82,13 +81,7 @@ class Rows:
     used: BoolArray
     block: IntArray
     spacing_s: float
-    low_pass_hz: float
     smooth: tuple[Smooth, ...]
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.position.shape[1])
 
     @property
     def before(self) -> IntArray:
@@ -122,14 +115,14 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
     found: list[Rows] = []
     for recording in recordings:
         if float(np.ptp(recording.position, axis=0).max()) < LEAST_TRAVEL:
-            raise RecordingError(
-                f"{recording.source.path}: no joint moves; a recording of a motion is needed to compare with a model.",
-                file=recording.source.path,
+            raise RecordingError.at(
+                recording.source.path,
+                "no joint moves; a recording of a motion is needed to compare with a model.",
                 field="q",
             )
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
         measured = np.ptp(recording.torque, axis=0) > 0.0
-        for piece in process_aperiodic(recording, AperiodicSettings(low_pass_hz=low_pass_hz)):
+        for piece in process_aperiodic(recording, low_pass_hz):
             first = 1 + (int(found[-1].block[-1]) if found else -1)
             smooth = Smooth.of(piece, low_pass_hz)
             torque, rate = smooth.after(0.0)
@@ -145,17 +138,16 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                     piece.used & measured,
                     first + ((time - time[0]) / duration).astype(np.int64),
                     float(time[1] - time[0]),
-                    low_pass_hz,
                     (smooth,),
                 )
             )
     arrays: dict[str, Any] = {name: np.concatenate([getattr(item, name) for item in found]) for name in _ARRAYS}
     joined = replace(found[0], **arrays, smooth=tuple(each for item in found for each in item.smooth))
     if int(joined.used.any(axis=1).sum()) < FEWEST_ROWS:
-        raise RecordingError(
-            f"{recordings[0].source.path}: the robot moves in fewer than {FEWEST_ROWS} rows of {low_pass_hz:.3g} Hz; "
+        raise RecordingError.at(
+            recordings[0].source.path,
+            f"the robot moves in fewer than {FEWEST_ROWS} rows of {low_pass_hz:.3g} Hz; "
             "a longer motion is needed to compare with a model.",
-            file=recordings[0].source.path,
             field="q",
         )
     stride = -(-len(joined.block) // MOST_ROWS)

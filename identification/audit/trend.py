@@ -19,6 +19,7 @@ from identification.arrays import FloatArray
 from identification.audit.between import fitted_to
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
+from identification.json_values import json_list
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -112,7 +113,7 @@ class Trend:
                     "speed_rad_s": item.speed,
                     "friction_nm": item.friction.tolist(),
                     "std_nm": item.std.tolist(),
-                    "temperature_c": [float(v) if np.isfinite(v) else None for v in item.temperature],
+                    "temperature_c": json_list(item.temperature),
                     "change": {"before": self.names[item.change.at], "odds": item.change.odds,
                                "size_nm": item.change.size, "std_nm": item.change.std},
                     "drift": {"odds": item.change.drift_odds, "size_nm": item.change.drift,

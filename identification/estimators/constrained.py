@@ -9,7 +9,7 @@ Not here: least squares, and the check of the rules themselves (`feasibility`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import count, islice
 
 import numpy as np
@@ -20,7 +20,6 @@ from identification.errors import SolverError
 from identification.estimators.constrained_program import LOCAL_BARRIER, ConstrainedProgram
 from identification.estimators.feasibility import (
     FeasibilityRules,
-    Violation,
     rules_for,
     violations,
 )
@@ -44,12 +43,11 @@ _CENTRAL_BARRIER = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """One start of the optimiser: where it began, the cost it reached, whether it converged, its iterations."""
+    """One start of the optimiser: where it began, the cost it reached, whether it converged."""
 
     origin: str
     cost: float
     converged: bool
-    iterations: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +57,9 @@ class Certificate:
     cost: of the set returned; least_squares_cost: of (9), without rules; lower_bound: of any set that meets the rules;
     gap: (cost − lower_bound) / least_squares_cost, which bounds what a better optimiser could still gain.
     consistent_cost: of the pseudo-inertia program (full physical consistency, without the rules of (10d)).
-    violations: rules of (10b)–(10d) that do not hold, compared exactly: empty. fully_consistent: whether all links'
-    pseudo-inertias are positive definite, which (10d) does not ask for; smallest_eigenvalue: the smallest of theirs.
+    fully_consistent: whether all links' pseudo-inertias are positive definite, which (10d) does not ask for;
+    smallest_eigenvalue: the smallest of theirs. feasible: every rule of (10b)–(10d) holds, compared exactly; no other
+    set is returned.
     """
 
     cost: float
@@ -68,21 +67,14 @@ class Certificate:
     lower_bound: float
     gap: float
     consistent_cost: float
-    violations: tuple[Violation, ...]
     fully_consistent: bool
     smallest_eigenvalue: float
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every rule of (10b)–(10d) holds."""
-        return not self.violations
+    feasible: bool = True
 
     def to_json(self) -> dict[str, object]:
         """The certificate as it stands in model.json; costs are weighted sums of squared residuals."""
         return {
-            "program": "(10a)-(10d), corrected",
             "feasible": self.feasible,
-            "violations": [asdict(violation) for violation in self.violations],
             "cost": self.cost,
             "least_squares_cost": self.least_squares_cost,
             "lower_bound": self.lower_bound,
@@ -98,15 +90,12 @@ class ConstrainedResult:
     """Solution of program (10).
 
     physical: μ. base_values: (p,) its base parameters. full: (full,) its dynamic parameters in the order of
-    full_names, with rotor inertias and offsets where chosen. cost, lower_bound: as in the certificate. starts: all, the
-    best first. rules: those asked for.
+    full_names, with rotor inertias and offsets where chosen. starts: all, the best first. rules: those asked for.
     """
 
     physical: PhysicalParameters
     base_values: FloatArray
     full: FloatArray
-    cost: float
-    lower_bound: float
     starts: tuple[Start, ...]
     certificate: Certificate
     rules: FeasibilityRules
@@ -163,7 +152,6 @@ def solve_constrained(
         lower_bound=relaxation.lower_bound,
         gap=(cost - relaxation.lower_bound) / program.scale,
         consistent_cost=consistent.cost,
-        violations=broken,
         fully_consistent=smallest > 0.0,
         smallest_eigenvalue=smallest,
     )
@@ -171,9 +159,7 @@ def solve_constrained(
         physical=physical,
         base_values=base_values,
         full=full,
-        cost=cost,
-        lower_bound=relaxation.lower_bound,
-        starts=tuple(Start(origin, program.cost(end.point), end.converged, end.iterations) for origin, end in ends),
+        starts=tuple(Start(origin, program.cost(end.point), end.converged) for origin, end in ends),
         certificate=certificate,
         rules=chosen,
     )

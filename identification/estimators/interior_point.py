@@ -23,22 +23,21 @@ _FRACTION_TO_BOUNDARY = 0.99
 _ARMIJO = 1e-4
 # Iterations over which a value that stands still ends the search (flat valleys: what moves there costs nothing)
 _WINDOW = 15
+_TOLERANCE = 1e-9
+_MOST_ITERATIONS = 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InteriorPointResult:
-    """Where the method ended: point, value, and how far it is from a stationary point.
+    """Where the method ended: point and value.
 
-    stationarity: largest entry of the Lagrangian's gradient in the scale of the variables. complementarity: mean of
-    slack times multiplier, an estimate of what the value could still fall by per inequality. converged: both are below
-    the tolerance, or the latter is and the value has stood still for 15 iterations.
+    converged: the Lagrangian's gradient in the scale of the variables and the mean of slack times multiplier (what the
+    value could still fall by per inequality) are below the tolerance, or the latter is and the value has stood still
+    for 15 iterations.
     """
 
     point: FloatArray
     value: float
-    stationarity: float
-    complementarity: float
-    iterations: int
     converged: bool
 
 
@@ -49,8 +48,6 @@ def minimise_inside(
     bound: FloatArray,
     start: FloatArray,
     *,
-    tolerance: float = 1e-9,
-    maximum_iterations: int = 300,
     initial_barrier: float = 1e-2,
 ) -> InteriorPointResult:
     """A local minimum of function(y) over matrix · y < bound (matrix sparse), from a start strictly inside.
@@ -68,26 +65,23 @@ def minimise_inside(
     barrier = initial_barrier
     multiplier = np.minimum(barrier / slack, 1e6)
     value = function(point)
-    iterations = 0
-    stationarity = complementarity = np.inf
     converged = False
     values: list[float] = []
-    while iterations < maximum_iterations:
-        iterations += 1
+    for _ in range(_MOST_ITERATIONS):
         gradient, hessian = derivatives(point)
         lagrangian = gradient + multiplier @ rows
         scale = np.maximum(np.abs(point), 1e-3)
         stationarity = float(np.abs(lagrangian * scale).max())
         complementarity = float(slack @ multiplier) / len(slack)
         values.append(value)
-        standing = len(values) > _WINDOW and abs(values[-1 - _WINDOW] - value) < 100.0 * tolerance
-        if (stationarity < tolerance * 100 and complementarity < tolerance) or (
-            standing and complementarity < 10.0 * tolerance
+        standing = len(values) > _WINDOW and abs(values[-1 - _WINDOW] - value) < 100.0 * _TOLERANCE
+        if (stationarity < _TOLERANCE * 100 and complementarity < _TOLERANCE) or (
+            standing and complementarity < 10.0 * _TOLERANCE
         ):
             converged = True
             break
         if stationarity < 10.0 * barrier and np.abs(slack * multiplier - barrier).max() < 10.0 * barrier:
-            barrier = max(min(0.2 * barrier, barrier**1.5), 0.1 * tolerance)
+            barrier = max(min(0.2 * barrier, barrier**1.5), 0.1 * _TOLERANCE)
         weight = multiplier / slack
         system = hessian + (rows.T * weight) @ rows
         pull = gradient + (barrier / slack) @ rows
@@ -107,16 +101,16 @@ def minimise_inside(
                     break
             length *= 0.5
         else:
-            if barrier <= 0.1 * tolerance:
+            if barrier <= 0.1 * _TOLERANCE:
                 break
-            barrier = max(0.1 * barrier, 0.1 * tolerance)
+            barrier = max(0.1 * barrier, 0.1 * _TOLERANCE)
             multiplier = barrier / slack
             continue
         point, slack, value = trial, trial_slack, trial_value
         multiplier = multiplier + _longest_step(multiplier, multiplier_step) * multiplier_step
         # keep slack · multiplier within a corridor around the barrier parameter, or Newton steps lose their meaning
         multiplier = np.clip(multiplier, barrier / (1e10 * slack), 1e10 * barrier / slack)
-    return InteriorPointResult(point, value, stationarity, complementarity, iterations, converged)
+    return InteriorPointResult(point, value, converged)
 
 
 def _longest_step(values: FloatArray, steps: FloatArray) -> float:

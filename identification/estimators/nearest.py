@@ -19,6 +19,7 @@ from identification.estimators.feasibility import FeasibilityRules, rules_of_mat
 from identification.estimators.least_squares import solve_least_squares
 from identification.estimators.observation import Observation
 from identification.estimators.semidefinite import SemidefiniteResult, solve_semidefinite
+from identification.json_values import plain
 from identification.physical_parameters import INERTIAL_COUNT, pseudo_inertia
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
@@ -91,10 +92,7 @@ class FeasibilityAnswer:
             "total_nm": self.total_nm,
             "pooled_nm": self.pooled_nm,
             "lower_bound_nm": self.lower_bound_nm,
-            "impossible": [
-                {"name": item.name, "value": item.value, "std": item.std, "allowed": item.allowed}
-                for item in self.impossible
-            ],
+            "impossible": plain(self.impossible),
             "nearest_base_parameters": self.nearest.base_values.tolist(),
         }
 

@@ -69,7 +69,6 @@ class ReducedProblem:
     projected: FloatArray
     residual_square: float
     rows: int
-    names: tuple[str, ...]
 
     def cost(self, base_values: FloatArray) -> float:
         """Weighted sum of squared residuals of the base parameters (p,)."""
@@ -140,7 +139,6 @@ class CompressedObservation:
             projected=padded[:size, size].copy(),
             residual_square=float(padded[size, size] ** 2),
             rows=self.rows,
-            names=self.names,
         )
 
 

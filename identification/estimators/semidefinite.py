@@ -39,7 +39,7 @@ class SemidefiniteResult:
     physical: masses, centres of mass, inertias, friction (rotor inertias and offsets stand in full). base_values: (p,)
     their base parameters. full: (full,) their dynamic parameters. cost: weighted squared residuals, same unit as the
     least-squares cost. lower_bound: no physically consistent set within the bounds costs less (value of the dual
-    program). smallest_eigenvalue: of all links' pseudo-inertias, kg m² or kg. iterations, status: Clarabel's.
+    program).
     """
 
     physical: PhysicalParameters
@@ -47,9 +47,6 @@ class SemidefiniteResult:
     full: FloatArray
     cost: float
     lower_bound: float
-    smallest_eigenvalue: float
-    iterations: int
-    status: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +58,6 @@ class RelaxationResult:
 
     lower_bound: float
     start: FloatArray
-    iterations: int
-    status: str
 
 
 def solve_semidefinite(
@@ -111,9 +106,6 @@ def solve_semidefinite(
         full=solution.variables,
         cost=problem.cost(base_values),
         lower_bound=solution.lower_bound,
-        smallest_eigenvalue=float(np.linalg.eigvalsh(physical.pseudo_inertia()).min()),
-        iterations=solution.iterations,
-        status=solution.status,
     )
 
 
@@ -171,9 +163,7 @@ def relax_constrained_program(
             rows, constants = _pseudo_inertia_rows(link, stride, size + 6 * links, 0.0)
             program.positive_semidefinite(rows[:6], constants[:6], 3)
     solution = program.solve("relaxation of program (10)")
-    return RelaxationResult(
-        solution.lower_bound, solution.variables[:size].copy(), solution.iterations, solution.status
-    )
+    return RelaxationResult(solution.lower_bound, solution.variables[:size].copy())
 
 
 def _centre(problem: ReducedProblem, base: BaseRegressor) -> FloatArray:
@@ -231,8 +221,6 @@ class _ConicSolution:
     variables: FloatArray
     excess: float
     lower_bound: float
-    iterations: int
-    status: str
 
 
 class _ConicProgram:
@@ -270,8 +258,6 @@ class _ConicProgram:
             variables=self._centre + np.array(solution.x[:size]),
             excess=float(np.square(solution.x[size:]).sum()),
             lower_bound=self._problem.residual_square + self._scale * bound,
-            iterations=int(solution.iterations),
-            status=str(solution.status),
         )
 
     def settle(self, what: str, optimum: _ConicSolution, price: FloatArray) -> _ConicSolution:
@@ -297,11 +283,7 @@ class _ConicProgram:
             [(cone_rows, radius)],
             [clarabel.SecondOrderConeT(p + 1)],
         )
-        return replace(
-            optimum,
-            variables=self._centre + np.array(solution.x[:size]),
-            iterations=optimum.iterations + int(solution.iterations),
-        )
+        return replace(optimum, variables=self._centre + np.array(solution.x[:size]))
 
     def _run(
         self,

@@ -15,6 +15,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import DesignError
+from identification.json_values import json_list
 
 if TYPE_CHECKING:
     from identification.robots import RobotModel
@@ -88,8 +89,8 @@ class ExcitationLimits:
             "position_lower_rad": self.position_lower.tolist(),
             "position_upper_rad": self.position_upper.tolist(),
             "velocity_rad_s": self.velocity.tolist(),
-            "acceleration_rad_s2": [float(x) if np.isfinite(x) else None for x in self.acceleration],
-            "torque_nm": [float(x) if np.isfinite(x) else None for x in self.torque_nm],
+            "acceleration_rad_s2": json_list(self.acceleration),
+            "torque_nm": json_list(self.torque_nm),
         }
 
 

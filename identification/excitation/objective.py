@@ -215,17 +215,12 @@ class BaseMatrix:
     The columns are those that `BaseRegressor` keeps, the inertial ones first; size: their number p.
     """
 
-    def __init__(self, robot: RobotModel, *, viscous: bool = True, coulomb: bool = True) -> None:
+    def __init__(self, robot: RobotModel) -> None:
         self.n = robot.n
         self.chain = ChainRegressor(robot.kinematics, np.asarray(robot.gravity, dtype=np.float64))
         # Without friction all columns are inertial, so `kept` counts in the 10 n columns of the chain's regressor.
         self.columns = BaseRegressor(robot, RegressorOptions(viscous=False, coulomb=False)).kept
-        self.viscous, self.coulomb = viscous, coulomb
-        self.size = len(self.columns) + self.n * (int(viscous) + int(coulomb))
-
-    def matrix(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, sign: FloatArray) -> FloatArray:
-        """Y_b of S samples, (S, n, p): inertial base columns, then FV_1..n, then FS_1..n. sign: (S, n), of q̇."""
-        return self._with_friction(self.chain.matrix(self.chain.motion(q, dq, ddq)), dq, sign)
+        self.size = len(self.columns) + 2 * self.n
 
     def samples(
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, sign_width_rad_s: float = SIGN_WIDTH_RAD_S
@@ -260,25 +255,17 @@ class BaseMatrix:
         inertial[:, :, self.columns] = weights[:, :, : len(self.columns)]
         by_q, by_dq, by_ddq = self.chain.gradient(motion, inertial)
         by_q, by_dq = by_q + direct_q, by_dq + direct_dq
-        joints = np.arange(self.n)
-        start = len(self.columns)
-        if self.viscous:
-            by_dq = by_dq + weights[:, joints, start + joints]
-            start += self.n
-        if self.coulomb:
-            by_dq = by_dq + weights[:, joints, start + joints] * (1.0 - samples.sign**2) / sign_width_rad_s
+        joints, start = np.arange(self.n), len(self.columns)
+        by_dq = by_dq + weights[:, joints, start + joints]
+        by_dq = by_dq + weights[:, joints, start + self.n + joints] * (1.0 - samples.sign**2) / sign_width_rad_s
         return value, (by_q, by_dq, by_ddq)
 
     def _with_friction(self, full: FloatArray, dq: FloatArray, sign: FloatArray) -> FloatArray:
         matrix = np.zeros((*full.shape[:2], self.size))
         matrix[:, :, : len(self.columns)] = full[:, :, self.columns]
-        joints = np.arange(self.n)
-        start = len(self.columns)
-        if self.viscous:
-            matrix[:, joints, start + joints] = dq
-            start += self.n
-        if self.coulomb:
-            matrix[:, joints, start + joints] = sign
+        joints, start = np.arange(self.n), len(self.columns)
+        matrix[:, joints, start + joints] = dq
+        matrix[:, joints, start + self.n + joints] = sign
         return matrix
 
 

@@ -53,9 +53,9 @@ class NoiseColour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedDeviations:
-    """names, units: of the p base parameters. std: (p,) predicted σ. noise_nm: (n,) Nm per sample at rate_hz, assumed.
+    """names, units: of the p base parameters. std: (p,) predicted σ. noise_nm: (n,) Nm per sample, assumed.
 
-    periods: number of periods averaged. torque_bandwidth_hz: band of the fit.
+    periods: number of periods averaged.
     """
 
     names: tuple[str, ...]
@@ -63,8 +63,6 @@ class PredictedDeviations:
     std: FloatArray
     noise_nm: FloatArray
     periods: int
-    rate_hz: float
-    torque_bandwidth_hz: float
 
 
 def torque_noise(robot: RobotModel, noise_nm: npt.ArrayLike | None = None) -> FloatArray:
@@ -111,6 +109,4 @@ def predict_deviations(
     if vectors is None or values[0] <= 1e-14 * values[-1]:
         raise DesignError("The motion leaves base parameters undetermined; σ would be infinite.")
     variance = np.sum(vectors**2 / values, axis=1) / norms**2 / periods
-    return PredictedDeviations(
-        regressor.names, regressor.units, np.sqrt(variance), noise, periods, rate_hz, settings.torque_bandwidth_hz
-    )
+    return PredictedDeviations(regressor.names, regressor.units, np.sqrt(variance), noise, periods)

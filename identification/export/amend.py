@@ -25,11 +25,9 @@ from identification.export.amended_files import (
     write_sdf_changes,
     write_urdf_changes,
 )
-from identification.export.given_bodies import poses_at_zero
-from identification.export.kinematic_urdf import arm_without_inertias
-from identification.export.xml_text import document
+from identification.export.given_bodies import in_file_base, poses_at_zero
 from identification.regressor import INERTIAL_SYMBOLS
-from identification.robots import RobotModel, load_robot, robot_from_urdf
+from identification.robots import RobotModel, load_robot
 from identification.robots.simulator_models import read_simulator_model
 
 TOLERANCE = 1e-3
@@ -69,12 +67,10 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     """
     kind = _kind(source)
     if source.suffix.lower() != target.suffix.lower():
-        raise ModelFileError(
-            f"{target}: a changed model keeps its format; give a name that ends in {source.suffix}.", file=target
-        )
+        raise ModelFileError.at(target, f"a changed model keeps its format; give a name that ends in {source.suffix}.")
     wanted = _wanted(differences, robot, has_armature=kind == "mujoco")
     names, poses = _frames(source, kind, robot)
-    filed = _in_file_base(robot).kinematics
+    filed = in_file_base(robot).kinematics
     ours = poses_at_zero(filed)
     bodies = {
         names[link]: (move := np.linalg.solve(poses[link], ours[link])) @ body @ move.T
@@ -107,7 +103,7 @@ def _kind(source: Path) -> str:
     except (ElementTree.ParseError, OSError) as error:
         raise ModelFileError(f"{source} cannot be read as a simulator model: {error}", file=source) from error
     if tag not in ("robot", "sdf", "mujoco"):
-        raise ModelFileError(f"{source}: is neither URDF, SDF nor MJCF (its root is <{tag}>).", file=source)
+        raise ModelFileError.at(source, f"is neither URDF, SDF nor MJCF (its root is <{tag}>).")
     return tag
 
 
@@ -155,13 +151,6 @@ def _body(numbers: dict[str, float], link: int, robot: RobotModel) -> FloatArray
     return moment_matrix(mass, moment, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def _in_file_base(robot: RobotModel) -> RobotModel:
-    """The robot as a file has it: the table of a built-in arm measures from the shoulder, a file from the floor."""
-    if robot.modified_denavit_hartenberg is None:
-        return robot
-    return robot_from_urdf(document(arm_without_inertias(robot)), source=robot.source, name=robot.name)
-
-
 def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list[FloatArray]]:
     """Names of the file's joints in the robot's order, and the (4, 4) pose of each one's link at zero."""
     if kind == "robot":
@@ -173,7 +162,7 @@ def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list
         found = _drake_frames(source)
     names = list(robot.joint_names) if all(name in found for name in robot.joint_names) else list(found)
     if len(names) != robot.n:
-        raise ModelFileError(f"{source}: has {len(found)} movable joints, {robot.name} has {robot.n}.", file=source)
+        raise ModelFileError.at(source, f"has {len(found)} movable joints, {robot.name} has {robot.n}.")
     return names, [found[name] for name in names]
 
 

@@ -47,7 +47,7 @@ def _central(matrix: FloatArray, link: str, file: Path) -> tuple[float, FloatArr
     """Mass, centre and inertia about it of a pseudo-inertia. Raises ModelFileError where no body has them."""
     mass = float(matrix[3, 3])
     if not mass > 0.0:
-        raise ModelFileError(f"{file}: link '{link}' would be left with {mass:.3g} kg; nothing was written.", file=file)
+        raise ModelFileError.at(file, f"link '{link}' would be left with {mass:.3g} kg; nothing was written.")
     center = matrix[:3, 3] / mass
     about = matrix[:3, :3] - mass * np.outer(center, center)
     least = float(np.linalg.eigvalsh(about)[0])
@@ -72,7 +72,7 @@ def _tensor(entries: Mapping[str, float]) -> FloatArray:
 def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> ElementTree.Element:
     found = next((item for item in root.iter(tag) if item.get("name") == name), None)
     if found is None:
-        raise ModelFileError(f"{file}: has no {tag} '{name}'; nothing was written.", file=file)
+        raise ModelFileError.at(file, f"has no {tag} '{name}'; nothing was written.")
     return found
 
 
@@ -159,7 +159,7 @@ def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
         for joint, more in table.items():
             axis = _named(root, "joint", joint, source).find("axis")
             if axis is None:
-                raise ModelFileError(f"{source}: joint '{joint}' has no axis; nothing was written.", file=source)
+                raise ModelFileError.at(source, f"joint '{joint}' has no axis; nothing was written.")
             dynamics = axis.find("dynamics")
             dynamics = add(axis, "dynamics") if dynamics is None else dynamics
             element = dynamics.find(key)

@@ -19,12 +19,11 @@ IN_THE_PARAMETERS = {
 
 @dataclass(frozen=True, slots=True)
 class EffectsNote:
-    """included: effects that stand in the simulator model; left_out: those it cannot hold, as in the findings.
+    """left_out: effects that the simulator model cannot hold, as in the findings.
 
     sentences: one for each effect, for the file's head and the operator.
     """
 
-    included: tuple[dict[str, Any], ...]
     left_out: tuple[dict[str, Any], ...]
     sentences: tuple[str, ...]
 
@@ -34,7 +33,7 @@ def effects_note(model: Model) -> EffectsNote:
 
     A constant torque offset per joint is in `drives`, and no format has a place for it: it is left out as an effect.
     """
-    included, left_out, sentences = [], [], []
+    left_out, sentences = [], []
     offsets = [
         {"effect": "torque_offset", "joint": joint, "parameters": {"offset": {"value": float(value), "unit": "Nm"}}}
         for joint, value in enumerate(model.offset, start=1)
@@ -44,9 +43,8 @@ def effects_note(model: Model) -> EffectsNote:
         name = str(effect.get("effect"))
         where = f" of joint {effect['joint']}" if effect.get("joint") else ""
         if name in IN_THE_PARAMETERS:
-            included.append(effect)
             sentences.append(f"{name}{where} {IN_THE_PARAMETERS[name]}.")
         else:
             left_out.append(effect)
             sentences.append(f"{name}{where} has no place in a simulator model: apply it as a joint torque.")
-    return EffectsNote(tuple(included), tuple(left_out), tuple(sentences))
+    return EffectsNote(tuple(left_out), tuple(sentences))

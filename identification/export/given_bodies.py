@@ -32,10 +32,7 @@ def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
     the file states no masses or one below zero, lacks joints, or has one of them in another place.
     """
     given = load_robot(file)
-    # The table of a built-in arm measures from the shoulder, a file from the floor: so does the arm's own file.
-    ours = robot
-    if robot.modified_denavit_hartenberg is not None:
-        ours = robot_from_urdf(document(arm_without_inertias(robot)), source=robot.source, name=robot.name)
+    ours = in_file_base(robot)
     matched = _matched(given, ours, Path(file))
     here, there = poses_at_zero(ours.kinematics), poses_at_zero(given.kinematics)
     for joint, other in matched.items():
@@ -60,6 +57,13 @@ def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
     if not inertial[:, 0].any():
         raise RobotError(f"{file} states no masses; a prior needs them.", file=file, field="inertial")
     return prior_of_bodies(inertial, robot.kinematics, f"bodies of {Path(file).name}")
+
+
+def in_file_base(robot: RobotModel) -> RobotModel:
+    """The robot as a file has it: the table of a built-in arm measures from the shoulder, a file from the floor."""
+    if robot.modified_denavit_hartenberg is None:
+        return robot
+    return robot_from_urdf(document(arm_without_inertias(robot)), source=robot.source, name=robot.name)
 
 
 def poses_at_zero(kinematics: Kinematics) -> FloatArray:
@@ -94,9 +98,9 @@ def _compare(
     angle = float(np.arccos(np.clip(mine @ its, -1.0, 1.0)))
     distance = float(np.linalg.norm(np.cross(mine, there[:3, 3] - here[:3, 3])))
     if angle > _LARGEST_ANGLE or distance > _LARGEST_DISTANCE_M:
-        raise RobotError(
-            f"{file}: joint {joint + 1} stands elsewhere than the identified robot's at zero, its axis turned by "
+        raise RobotError.at(
+            file,
+            f"joint {joint + 1} stands elsewhere than the identified robot's at zero, its axis turned by "
             f"{np.degrees(angle):.1f}° and {1e3 * distance:.0f} mm away; it is another robot, or zero is elsewhere.",
-            file=file,
             joint=joint + 1,
         )

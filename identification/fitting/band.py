@@ -20,7 +20,7 @@ from identification.errors import EstimationError
 from identification.fitting.blocks import Block, RowsOverTime, build_block
 from identification.fitting.estimate import estimate_parameters
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import AperiodicSettings, process_aperiodic, uniform_grid
+from identification.signals.aperiodic import process_aperiodic, uniform_grid
 from identification.signals.periodic import to_lines
 
 LOWEST_HZ = 10.0
@@ -84,7 +84,7 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
     blocks, levels = [], []
     for recording in recordings:
         level = position_noise(recording)
-        for signals in process_aperiodic(recording, AperiodicSettings(low_pass_hz=bands[-1])):
+        for signals in process_aperiodic(recording, bands[-1]):
             block = build_block(signals, regressor, None, float(recording.time[0]), recording.duration_s)
             if block is not None:
                 blocks.append(_in_lines(block))

@@ -29,7 +29,7 @@ Process = Callable[[Recording], tuple[ProcessedSignals, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InstrumentPair:
-    """Columns (R, n, p) of one stretch from two measurements of its motion with independent noise, and which they are.
+    """Columns (R, n, p) of one stretch from two measurements of its motion with independent noise.
 
     both_ways: whether either may serve as the other's instrument (halves), or only the second for the first.
     """
@@ -37,7 +37,6 @@ class InstrumentPair:
     columns: FloatArray
     instruments: FloatArray
     both_ways: bool
-    source: str
 
 
 def instrument_pairs(
@@ -52,7 +51,7 @@ def instrument_pairs(
         others = process(replace(recording, position=commanded))
         if len(others) == len(stretches):
             return [
-                InstrumentPair(_columns(own, own, regressor), _columns(own, other, regressor), False, "command")
+                InstrumentPair(_columns(own, own, regressor), _columns(own, other, regressor), False)
                 for own, other in zip(stretches, others, strict=True)
             ]
     if stretches[0].row_time is not None or recording.period_index is None:
@@ -67,7 +66,7 @@ def instrument_pairs(
         inside = np.isin(recording.period_index, half)
         (signals,) = process(replace(recording, period_index=np.where(inside, recording.period_index, -1)))
         halves.append(_columns(stretches[0], signals, regressor))
-    return [InstrumentPair(halves[0], halves[1], True, "odd and even periods")]
+    return [InstrumentPair(halves[0], halves[1], True)]
 
 
 def estimate_with_instruments(blocks: list[Block], pairs: list[InstrumentPair], names: tuple[str, ...]) -> Estimate:
@@ -108,7 +107,7 @@ def estimate_with_instruments(blocks: list[Block], pairs: list[InstrumentPair], 
         std=np.sqrt(np.diag(covariance)),
         rms_nm=rms_over(evaluation, values),
         cost=cost,
-        reduced=ReducedProblem(root, root @ values, cost, rows, names),
+        reduced=ReducedProblem(root, root @ values, cost, rows),
     )
     return replace(first, least_squares=solution)
 

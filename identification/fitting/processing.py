@@ -13,7 +13,6 @@ from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals import (
-    AperiodicSettings,
     PeriodicSettings,
     ProcessedSignals,
     process_aperiodic,
@@ -108,7 +107,7 @@ def process_without_periods(recording: Recording, settings: FitSettings) -> Proc
             period_table(recording)
         except RecordingError as error:
             notes = (f"{error}; used as not periodic",)
-    stretches = process_aperiodic(recording, AperiodicSettings(low_pass_hz=settings.low_pass_hz))
+    stretches = process_aperiodic(recording, settings.low_pass_hz)
     return Processed(recording, "aperiodic", tuple(stretches), notes)
 
 
@@ -130,4 +129,4 @@ def process_stretches(recording: Recording, settings: FitSettings) -> tuple[Proc
         return (
             process_periodic(recording, PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)),
         )
-    return tuple(process_aperiodic(recording, AperiodicSettings(low_pass_hz=settings.low_pass_hz)))
+    return tuple(process_aperiodic(recording, settings.low_pass_hz))

@@ -179,16 +179,8 @@ class FitResult:
     def _certificate_json(self) -> dict[str, Any]:
         if self.constrained is None:
             return {}
-        certificate = self.constrained.certificate
         return {
-            "feasible": certificate.feasible,
-            "cost": certificate.cost,
-            "least_squares_cost": certificate.least_squares_cost,
-            "lower_bound": certificate.lower_bound,
-            "gap": certificate.gap,
-            "consistent_cost": certificate.consistent_cost,
-            "fully_consistent": certificate.fully_consistent,
-            "smallest_pseudo_inertia_eigenvalue": certificate.smallest_eigenvalue,
+            **self.constrained.certificate.to_json(),
             "base_parameters": None if self.feasibility is None else self.feasibility.to_json(),
             "starts": [
                 {"origin": start.origin, "cost": start.cost, "converged": start.converged}

@@ -13,6 +13,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
+from identification.json_values import plain
 from identification.regressor import torque_regressor
 from identification.robots import RobotModel
 
@@ -48,12 +49,7 @@ class TorqueSign:
 
     def to_json(self) -> dict[str, Any]:
         """The check as plain JSON types."""
-        return {
-            "gravity_correlation": None if np.isnan(self.gravity_correlation) else self.gravity_correlation,
-            "inertia_significance": [float(value) for value in self.inertia_significance],
-            "friction_significance": [float(value) for value in self.friction_significance],
-            "inverted": self.inverted,
-        }
+        return dict(plain(self))
 
 
 def notes_on_signs(sign: TorqueSign) -> tuple[str, ...]:

@@ -209,8 +209,6 @@ def planned(
         full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
         periodic=True,
         start_s=period_s * np.arange(periods, dtype=np.float64),
-        command_position=None,
-        link_position=None,
     )
     bridge = over_standstills(velocity, step)
     frequency = np.repeat(np.arange(lines + 1) / period_s, 2)[1:]

@@ -72,9 +72,8 @@ class Room:
         return np.clip(pose, low + third, high - third)
 
 
-def _fourier(random: np.random.Generator, room: Room, joint: int | None) -> FloatArray:
+def _fourier(random: np.random.Generator, room: Room, _joint: int | None = None) -> FloatArray:
     """A random series on all joints."""
-    del joint
     n = room.centre.size
     decay = np.arange(1, _HARMONICS + 1) ** float(random.uniform(-0.5, 1.0))
     shape = random.normal(size=(n, 2, _HARMONICS)) * decay
@@ -84,13 +83,13 @@ def _fourier(random: np.random.Generator, room: Room, joint: int | None) -> Floa
 
 def _alone(random: np.random.Generator, room: Room, joint: int | None) -> FloatArray:
     """One joint over its whole range at many speeds."""
-    series = _fourier(random, room, None)
+    series = _fourier(random, room)
     return _beside(random, room, joint, series[:, joint or 0] - series[:, joint or 0].mean(), largest=True)
 
 
 def _sweep(random: np.random.Generator, room: Room, joint: int | None) -> FloatArray:
     """Constant speed both ways: slow as a joint of that range goes in one period, or slower."""
-    return _beside(random, room, joint, _constant_speeds([random.uniform(0.01, 0.25)], [1]))
+    return _beside(random, room, joint, _forth_and_back(0.25 * PERIOD_S * random.uniform(0.01, 0.25), [(1.0, 1)]))
 
 
 def _two_speeds(random: np.random.Generator, room: Room, joint: int | None) -> FloatArray:
@@ -201,13 +200,6 @@ def _beside(
         factor = 0.5 * reach / np.abs(way).max() if largest else 1.0
         table[:, joint] = table[:, joint].mean() + factor * way
     return table
-
-
-def _constant_speeds(speeds: Sequence[float], turns: Sequence[int]) -> FloatArray:
-    """Forth and back once per turn at each speed, rad/s; all of them share the period evenly."""
-    share = 1.0 / len(speeds)
-    legs = [(share, count) for count in turns]
-    return _forth_and_back(0.25 * PERIOD_S * share * np.array(speeds) / np.array(turns), legs)
 
 
 def _forth_and_back(half_width: float | FloatArray, legs: Sequence[tuple[float, int]]) -> FloatArray:

@@ -47,11 +47,6 @@ class Hypothesis:
         return self.effect is None and any(own.any() for own in self.beside)
 
     @property
-    def size(self) -> float:
-        """Of the leading coefficients, and relative_std: how well it is known."""
-        return float(np.linalg.norm(self.coefficients))
-
-    @property
     def relative_std(self) -> float:
         """Standard deviation of the size over the size."""
         strength = float(self.coefficients @ np.linalg.pinv(self.covariance, hermitian=True) @ self.coefficients)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy.fft import dct, idct
@@ -22,15 +21,16 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
 from identification.fitting.settings import Split
-from identification.mismatch.evidence import Evidence, complete_evidence, fit_parameters, with_parameters
+from identification.mismatch.evidence import Evidence, fit_parameters, with_nominal, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import (
+    EDGE_PERIODS,
     ROWS_PER_CUTOFF_PERIOD,
-    AperiodicSettings,
+    cutoff_of,
     process_aperiodic,
     zero_phase_low_pass,
 )
@@ -46,7 +46,6 @@ LONGEST_BLOCK_S = 2.0
 FEWEST_ROWS = 8
 GUARD_PERIODS = 1.0
 """Of the cutoff frequency: what is trimmed of a held-out block, half at each end."""
-EDGE_PERIODS = AperiodicSettings().edge_periods
 MOST_STANDSTILL = 0.5
 """Share of a block in which a joint may stand still before the block says nothing on that joint."""
 WEIGHT_SHARE = 0.1
@@ -75,7 +74,7 @@ class Block:
 def low_pass_of(recording: Recording, settings: DiagnosisSettings) -> float:
     """Cutoff in Hz: the one asked for, that of the fit, or what the motion alone asks for."""
     if settings.low_pass_hz is not None:
-        return AperiodicSettings(low_pass_hz=settings.low_pass_hz).cutoff_hz(recording.sampling_period_s)
+        return cutoff_of(settings.low_pass_hz, recording.sampling_period_s)
     return band_of_motion(recording)
 
 
@@ -89,11 +88,11 @@ def default_split(recordings: Sequence[Recording], settings: DiagnosisSettings) 
     block = (FEWEST_ROWS / ROWS_PER_CUTOFF_PERIOD + GUARD_PERIODS + EDGE_PERIODS) / cutoff
     blocks = min(BLOCKS_PER_RECORDING, int(shortest.duration_s / block))
     if blocks < HELD_OUT_EVERY:
-        raise RecordingError(
-            f"{Path(shortest.source.path).name}: {shortest.duration_s:.2g} s are too short to hold each third block of "
+        raise RecordingError.named(
+            shortest.source.path,
+            f"{shortest.duration_s:.2g} s are too short to hold each third block of "
             f"time out at a low-pass of {cutoff:.3g} Hz, which takes {HELD_OUT_EVERY * block:.2g} s; record longer, or "
             "give another recording with --heldout",
-            file=shortest.source.path,
             field="t",
         )
     return Split("blocks", (shortest.duration_s / blocks, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
@@ -107,9 +106,7 @@ def thinned_stretches(recording: Recording, settings: DiagnosisSettings) -> list
     `process_aperiodic`.
     """
     cutoff = low_pass_of(recording, settings)
-    return [
-        _thinned(signals, cutoff) for signals in process_aperiodic(recording, AperiodicSettings(low_pass_hz=cutoff))
-    ]
+    return [_thinned(signals, cutoff) for signals in process_aperiodic(recording, cutoff)]
 
 
 def build_aperiodic_evidence(
@@ -131,10 +128,9 @@ def build_aperiodic_evidence(
         if blocks:
             found.append(_evidence(recording, signals, blocks, robot, regressor))
     if not found:
-        raise RecordingError(
-            f"{recording.source.path}: no block of time is left to {'check' if held_out else 'fit'}; "
-            "choose longer blocks or another recording",
-            file=recording.source.path,
+        raise RecordingError.at(
+            recording.source.path,
+            f"no block of time is left to {'check' if held_out else 'fit'}; choose longer blocks or another recording",
         )
     return tuple(found)
 
@@ -147,7 +143,7 @@ def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
         torque = zero_phase_low_pass(torque, step, 0.4 / (stride * step))
     coarse = stride * step
     time = signals.time[::stride]
-    edge = round(AperiodicSettings().edge_periods / cutoff_hz / coarse)
+    edge = round(EDGE_PERIODS / cutoff_hz / coarse)
     kept = slice(edge, time.size - edge, min(ROW_STRIDE, max(1, int(1.0 / coarse / (2.5 * cutoff_hz)))))
     project = partial(_filtered_rows, step=coarse, cutoff_hz=cutoff_hz, kept=kept)
     row_time = time[kept]
@@ -273,23 +269,23 @@ def _evidence(
     white = np.sqrt(density / step)[None] * response[:, None]
     scale = np.sqrt(np.mean(torque**2, axis=0))
     offset = signals.time - signals.time[0]
-    evidence = complete_evidence(
-        recording,
-        motion,
-        project,
-        frequency,
-        torque,
-        None,
-        regressor,
-        white + SMALLEST_WEIGHT * scale + 1e-12,
-        np.full(torque.shape, NOISE_FREEDOM),
-        False,
+    evidence = Evidence(
+        recording=recording,
+        motion=motion,
+        project=project,
+        frequency=frequency,
+        torque=torque,
+        period_torque=None,
+        nominal=np.zeros(0),
+        noise=white + SMALLEST_WEIGHT * scale + 1e-12,
+        noise_freedom=np.full(torque.shape, NOISE_FREEDOM),
         used=used,
+        noise_is_measured=False,
         restore=partial(_to_time, blocks=tuple(blocks), row_time=time - signals.time[0], time=offset),
         counted=sum(block.last - block.first for block in blocks),
         white_noise=white,
     )
-    return _with_weights(evidence, regressor)
+    return _with_weights(with_nominal(evidence, regressor), regressor)
 
 
 def _to_cosine_lines(values: FloatArray, *, blocks: tuple[Block, ...]) -> FloatArray:

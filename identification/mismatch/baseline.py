@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
-from identification.json_values import json_list, number
+from identification.json_values import json_list, number, plain
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
@@ -128,23 +128,9 @@ class ModelComparison:
                 "refitted": json_list(self.missing_nm),
                 "with_findings": json_list(self.findings_nm),
             },
-            "links": [
-                {"link": item.link, "wrong": item.wrong, "probability": item.probability, "torque_nm": item.torque_nm}
-                for item in self.links
-            ],
+            "links": [{**plain(item), "wrong": item.wrong} for item in self.links],
             "parameters": [
-                {
-                    "name": item.name,
-                    "link": item.link,
-                    "model": number(item.model),
-                    "fitted": number(item.fitted),
-                    "std": number(item.std),
-                    "unit": item.unit,
-                    "sigmas": number(item.sigmas),
-                    "torque_nm": number(item.torque_nm),
-                    "wrong": item.wrong,
-                }
-                for item in self.parameters
+                {**plain(item), "sigmas": number(item.sigmas), "wrong": item.wrong} for item in self.parameters
             ],
         }
 

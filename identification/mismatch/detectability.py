@@ -1,4 +1,4 @@
-"""What a motion can show of each effect, before or after it is recorded: absorbed share, smallest size, hidden bias.
+"""What a motion can show of each effect, before or after it is recorded: absorbed share, smallest size.
 
 The nominal parameters take up part of every effect; only the rest can be seen (Frisch, Waugh, Lovell). From the rest
 and the noise follow the smallest size that shows, how far the parameters move when the effect is real and not modelled,
@@ -70,8 +70,7 @@ class Candidate:
     """An effect at one place with one shape, after the nominal columns are projected off.
 
     strength: (m, m) CᵀC of the whitened rest: λ of coefficients c is cᵀ strength c. energy: (m,) the same diagonal
-    before projecting. bias: (p, m) shift of the base parameters per unit of each coefficient when it is not modelled.
-    space: (rows, r) orthonormal columns of the rest, r ≤ m; empty where nothing is left.
+    before projecting. space: (rows, r) orthonormal columns of the rest, r ≤ m; empty where nothing is left.
     """
 
     effect: Effect
@@ -79,7 +78,6 @@ class Candidate:
     shape: Mapping[str, float]
     strength: FloatArray
     energy: FloatArray
-    bias: FloatArray
     space: FloatArray
 
     @property
@@ -114,12 +112,6 @@ class Candidate:
             Estimate(self.place, self.shape, coefficients, np.zeros((leading.size, leading.size)))
         )[0]
         return size if self.identifiable else Parameter(size.name, math.inf, size.std, size.unit)
-
-    def hidden_bias(self, needed: float = ORACLE_STRENGTH) -> FloatArray:
-        """Shift (p,) of the base parameters by the effect at the smallest size that shows; per unit where none does."""
-        if not self.identifiable:
-            return self.bias[:, 0]
-        return np.asarray(self.bias[:, 0] * math.sqrt(needed / float(self.strength[0, 0])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,8 +154,7 @@ def candidates(
     """
     nominal = np.concatenate([_whitened(part.nominal, part.noise) for part in rows], axis=1)
     joints, count, parameters = nominal.shape
-    basis, triangle, kept = _orthonormal(nominal.reshape(joints * count, parameters))
-    blocks = basis.reshape(joints, count, -1)
+    blocks = _orthonormal(nominal.reshape(joints * count, parameters)).reshape(joints, count, -1)
     found = []
     for effect, place, shape in _points(rows[0].motion, effects, every_shape):
         columns = _rows_of(effect, place, shape, rows)
@@ -175,9 +166,7 @@ def candidates(
         left[touched] += values
         rest = left.reshape(joints * count, -1)
         energy = np.einsum("jrm,jrm->m", values, values)
-        bias = np.zeros((parameters, values.shape[2]))
-        bias[kept] = np.linalg.solve(triangle, coordinates)
-        found.append(Candidate(effect, place, shape, rest.T @ rest, energy, bias, _space(rest, energy)))
+        found.append(Candidate(effect, place, shape, rest.T @ rest, energy, _space(rest, energy)))
     return tuple(found)
 
 
@@ -229,12 +218,10 @@ def _whitened(values: FloatArray, noise: FloatArray) -> FloatArray:
     return np.ascontiguousarray((values / noise[..., None]).transpose(1, 0, 2))
 
 
-def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Q, the solution's R and the columns that count: those the motion lets vary, one after the other."""
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal columns of the space of those that the motion lets vary."""
     norms = np.linalg.norm(columns, axis=0)
-    kept = np.flatnonzero(norms > _RANK * norms.max())
-    basis, triangle = np.linalg.qr(columns[:, kept])
-    return basis, triangle, kept
+    return np.linalg.qr(columns[:, norms > _RANK * norms.max()])[0]
 
 
 def _space(rest: FloatArray, energy: FloatArray) -> FloatArray:

@@ -148,38 +148,8 @@ def periodic_evidence(
         full_parameters=np.zeros(len(regressor.full_names)),
         periodic=True,
         start_s=first,
-        command_position=_period_mean(recording, table, recording.command_position),
-        link_position=_period_mean(recording, table, recording.link_position),
         coulomb_velocity=regressor.options.coulomb_velocity,
     )
-    return complete_evidence(
-        recording, motion, project, frequency, torque, period_torque, regressor, noise, freedom, average.periods > 1
-    )
-
-
-def complete_evidence(
-    recording: Recording,
-    motion: Motion,
-    project: LinearOperator,
-    frequency: FloatArray,
-    torque: FloatArray,
-    period_torque: FloatArray | None,
-    regressor: BaseRegressor,
-    noise: FloatArray,
-    freedom: FloatArray,
-    measured: bool,
-    *,
-    used: BoolArray | None = None,
-    restore: LinearOperator | None = None,
-    counted: int | None = None,
-    white_noise: FloatArray | None = None,
-) -> Evidence:
-    """The evidence with its nominal rows and the torque of the nominal fit to it; fields as in `Evidence`."""
-    columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration)
-    nominal = np.zeros((*torque.shape, regressor.size))
-    for joint in range(motion.n):
-        present = np.flatnonzero(columns[:, joint].any(axis=0))
-        nominal[:, joint, present] = project(columns[:, joint, present])
     evidence = Evidence(
         recording=recording,
         motion=motion,
@@ -187,15 +157,24 @@ def complete_evidence(
         frequency=frequency,
         torque=torque,
         period_torque=period_torque,
-        nominal=nominal,
+        nominal=np.zeros(0),
         noise=noise,
         noise_freedom=freedom,
-        used=np.ones(torque.shape, dtype=np.bool_) if used is None else used,
-        noise_is_measured=measured,
-        restore=restore,
-        counted=counted,
-        white_noise=white_noise,
+        used=np.ones(torque.shape, dtype=np.bool_),
+        noise_is_measured=average.periods > 1,
     )
+    return with_nominal(evidence, regressor)
+
+
+def with_nominal(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
+    """The evidence with its nominal rows and the torque of the nominal fit to it."""
+    motion = evidence.motion
+    columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration)
+    nominal = np.zeros((*evidence.torque.shape, regressor.size))
+    for joint in range(motion.n):
+        present = np.flatnonzero(columns[:, joint].any(axis=0))
+        nominal[:, joint, present] = evidence.project(columns[:, joint, present])
+    evidence = replace(evidence, nominal=nominal)
     values = fit_parameters([evidence])
     full = np.linalg.pinv(regressor.regrouping) @ values
     return replace(evidence, motion=replace(motion, torque=columns @ values, full_parameters=full))
@@ -204,24 +183,6 @@ def complete_evidence(
 def _first_row(recording: Recording, period: int) -> int:
     assert recording.period_index is not None
     return int(np.flatnonzero(recording.period_index == period)[0])
-
-
-def _period_mean(recording: Recording, table: PeriodTable, values: FloatArray | None) -> FloatArray | None:
-    """Mean period (M, n) of another channel; samples no period has are interpolated; None where it is not complete."""
-    if values is None or recording.period_index is None or recording.sample_in_period is None:
-        return None
-    rows = np.isin(recording.period_index, table.periods) & np.isfinite(values).all(axis=1)
-    samples = table.position.shape[1]
-    count = np.bincount(recording.sample_in_period[rows], minlength=samples)
-    if not count.any():
-        return None
-    grid = np.arange(samples)
-    mean = np.empty((samples, values.shape[1]))
-    for joint in range(values.shape[1]):
-        total = np.bincount(recording.sample_in_period[rows], weights=values[rows, joint], minlength=samples)
-        known = count > 0
-        mean[:, joint] = np.interp(grid, grid[known], total[known] / count[known], period=samples)
-    return mean
 
 
 def _noise_of_high_band(torque: FloatArray, lines: int) -> tuple[FloatArray, FloatArray]:

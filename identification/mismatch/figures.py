@@ -6,10 +6,8 @@ Filled in by `localisation` and `summary`; drawn by the report.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from identification.arrays import FloatArray
-from identification.json_values import json_list
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,14 +28,6 @@ class Curve:
     after: FloatArray
     std: FloatArray
     fitted: FloatArray | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """The curve as plain JSON types."""
-        result: dict[str, Any] = {"joint": self.joint, "coordinate": self.coordinate, "unit": self.unit}
-        for name in ("centre", "before", "after", "std", "fitted"):
-            values = getattr(self, name)
-            result[name] = None if values is None else json_list(values)
-        return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)

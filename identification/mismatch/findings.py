@@ -7,7 +7,7 @@ Here: the shapes and their JSON (contract §6). Not here: arrays for figures (`f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -29,11 +29,10 @@ Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained",
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another name that this data cannot rule out. joint: from 1, or None. score: its score in the finding's place."""
+    """Another name that this data cannot rule out. joint: from 1, or None."""
 
     effect: str
     joint: int | None
-    score: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,18 +109,6 @@ class DataFault:
     ratio_std: float | None = None
     rows: tuple[int, int, int] | None = None
     recording: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """The fault as plain JSON types."""
-        return {
-            "fault": self.fault,
-            "recording": self.recording,
-            "joints": list(self.joints),
-            "ratio": self.ratio,
-            "ratio_std": self.ratio_std,
-            "rows": None if self.rows is None else list(self.rows),
-            "sentence": self.sentence,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,18 +190,6 @@ class HeldOut:
     excess_after_nm: FloatArray
     misfits: tuple[HeldOutMisfit, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain JSON types, one entry per joint."""
-        return {
-            "rms_before_nm": json_list(self.rms_before_nm),
-            "rms_after_nm": json_list(self.rms_after_nm),
-            "ci95_after_nm": json_list(self.ci95_after_nm),
-            "noise_floor_nm": json_list(self.noise_floor_nm),
-            "excess_before_nm": json_list(self.excess_before_nm),
-            "excess_after_nm": json_list(self.excess_after_nm),
-            "misfits": [asdict(item) for item in self.misfits],
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class HeldOutMisfit:
@@ -241,16 +216,6 @@ class ParameterShift:
     after: float
     std: float
     unit: str
-
-    def to_json(self) -> dict[str, Any]:
-        """As plain JSON types."""
-        return {
-            "name": self.name,
-            "before": number(self.before),
-            "after": number(self.after),
-            "std": number(self.std),
-            "unit": self.unit,
-        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -298,7 +263,10 @@ class Diagnosis:
         return tuple(item for item in self.classes if not item.named)
 
     def to_json(self) -> dict[str, Any]:
-        """`diagnosis.json`, contract §6. Numbers that are not known are null."""
+        """`diagnosis.json`, contract §6. Numbers that are not known are null.
+
+        What has no `to_json` of its own goes in by the names of its fields.
+        """
         differences = () if self.audit is None else self.audit.differences
         known = {fault.fault for fault in self.data_faults}
         seen = [item for item in differences if item.against == "recording" and item.effect not in known]
@@ -312,18 +280,15 @@ class Diagnosis:
                 *(item.to_finding_json() for item in differences if item.against == "model"),
                 *(finding.to_json() for finding in self.findings),
             ],
-            "data_faults": [
-                *(fault.to_json() for fault in self.data_faults),
-                *(item.to_fault_json() for item in seen),
-            ],
+            "data_faults": [*plain(self.data_faults), *(item.to_fault_json() for item in seen)],
             "not_identifiable_here": [item.to_json() for item in self.not_identifiable],
             "minimum_detectable": [item.to_json() for item in self.minimum_detectable],
-            "heldout": None if self.heldout is None else self.heldout.to_json(),
-            "parameter_shift": [item.to_json() for item in self.parameter_shift],
+            "heldout": plain(self.heldout),
+            "parameter_shift": plain(self.parameter_shift),
             "classes": [item.to_json() for item in self.classes],
             **({} if self.class_model is None else {"class_model": self.class_model.to_json()}),
             "remaining": self.remaining,
-            "curves": [curve.to_json() for curve in self.curves],
+            "curves": plain(self.curves),
             "notes": list(self.notes),
             "provenance": plain(dict(self.provenance)),
             **({} if self.audit is None else {"audit": self.audit.to_json()}),

@@ -87,29 +87,6 @@ class Residuals:
         """(n,) square root of the excess energy, zero where that is negative."""
         return np.asarray(np.sqrt(np.maximum(self.excess_energy, 0.0)), dtype=np.float64)
 
-    @property
-    def log_likelihood(self) -> float:
-        """Of the rows under noise and scatter, but for a constant that all models of these recordings share."""
-        scatter, values = self._whitened()
-        inner = np.eye(scatter.shape[1]) + scatter.T @ scatter
-        return -0.5 * (self._length(values) + float(np.linalg.slogdet(inner)[1]))
-
-    def squared_distance(self, other: Residuals) -> float:
-        """How far another model's prediction lies from this one's, squared, in units of noise and scatter."""
-        return self._length(self._whitened()[1] - other._whitened()[1])
-
-    def _length(self, values: FloatArray) -> float:
-        """Squared length of whitened values where the scatter of the parameters costs nothing beyond its own size."""
-        scatter = self._whitened()[0]
-        shadow = scatter.T @ values
-        inner = np.eye(scatter.shape[1]) + scatter.T @ scatter
-        return float(values @ values - shadow @ np.linalg.solve(inner, shadow))
-
-    def _whitened(self) -> tuple[FloatArray, FloatArray]:
-        """Scatter (n R, k) and rows (n R,) over the sensors' noise, zero where they do not count."""
-        weight = np.where(self.used, 1.0 / self.sensor_noise, 0.0)
-        return (self.scatter * weight[..., None]).reshape(weight.size, -1), (self.rows * weight).ravel()
-
     def _sum(self, values: FloatArray) -> FloatArray:
         return np.asarray(np.where(self.used, values, 0.0).sum(axis=1), dtype=np.float64)
 

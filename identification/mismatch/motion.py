@@ -19,7 +19,7 @@ class Motion:
     (the minimum-norm ones where the motion does not determine them). periodic: whether the stretch wraps around; then
     states with memory start in their periodic steady state. start_s: (K,) times at which the K periods of the
     recording began, s from its first sample; (1,) for a stretch that is not periodic.
-    command_position, link_position: (S, n) rad or None. coulomb_velocity: of the nominal model's Coulomb friction
+    coulomb_velocity: of the nominal model's Coulomb friction
     (`base_parameters.direction_of`), rad/s.
     """
 
@@ -32,8 +32,6 @@ class Motion:
     full_parameters: FloatArray
     periodic: bool
     start_s: FloatArray
-    command_position: FloatArray | None = None
-    link_position: FloatArray | None = None
     coulomb_velocity: float = 0.0
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import (
-    AperiodicSettings,
+    cutoff_of,
     sixth_order_difference,
     zero_phase_low_pass,
 )
@@ -97,7 +97,7 @@ _Part = tuple[FloatArray, FloatArray, FloatArray]
 def _columns(recording: Recording) -> _Part:
     """Difference, velocity and torque (S, n), low-passed alike, ends cut."""
     step = recording.sampling_period_s
-    cutoff = AperiodicSettings().cutoff_hz(step)
+    cutoff = cutoff_of(None, step)
     edge = round(2.0 / cutoff / step)
     assert recording.link_position is not None
     smooth = [

@@ -105,10 +105,8 @@ def _visibility(
         columns = spread(problem, item.joints, item.rows)
         shadow = problem.basis.T @ columns
         plain = columns.T @ columns
-        visible = Visible(
-            item.effect, place, dict(item.shape), plain - shadow.T @ shadow, np.diag(plain).copy(),
-            np.zeros((0, columns.shape[1])), np.zeros((0, 0)),
-        )  # fmt: skip
+        strength, energy = plain - shadow.T @ shadow, np.diag(plain).copy()
+        visible = Visible(item.effect, place, dict(item.shape), strength, energy, np.zeros((0, 0)))
         if visible.absorbed_fraction > 1.0 - NOTHING_LEFT:
             hidden.append(NotIdentifiable(name, place, "the base parameters take up all of it in this motion"))
             continue

@@ -63,4 +63,4 @@ def _described(spec: str | Path, gravity: tuple[float, float, float]) -> RobotMo
         return robot_from_table(text, name=path.stem, source=str(path), gravity=gravity)
     if suffix in (".urdf", ".xml"):
         return robot_from_urdf(text, source=str(path), gravity=gravity)
-    raise RobotError(f"{path}: a robot is described by a .urdf file or a .csv table, not by '{suffix}'.", file=path)
+    raise RobotError.at(path, f"a robot is described by a .urdf file or a .csv table, not by '{suffix}'.")

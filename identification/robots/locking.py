@@ -35,7 +35,7 @@ def lock_joints(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel
     if not held:
         return replace(robot, mimics=mimics)
     if len(held) == robot.n:
-        raise RobotError(f"{robot.source}: all of its joints are locked.", file=robot.source, field="joint")
+        raise RobotError.at(robot.source, "all of its joints are locked.", field="joint")
     kinematics, inertias, kept = _without(robot, held)
     names = tuple(robot.joint_names[joint] for joint in kept)
     return replace(
@@ -62,10 +62,8 @@ def _with_followers(robot: RobotModel, held: dict[str, float]) -> tuple[dict[str
     followers = {item.joint: item for item in robot.mimics}
     for name in held:
         if name in followers:
-            raise RobotError(
-                f"{robot.source}: joint '{name}' follows '{followers[name].leader}'; lock that one.",
-                file=robot.source,
-                field=name,
+            raise RobotError.at(
+                robot.source, f"joint '{name}' follows '{followers[name].leader}'; lock that one.", field=name
             )
     moving = []
     for item in followers.values():
@@ -81,10 +79,8 @@ def _with_followers(robot: RobotModel, held: dict[str, float]) -> tuple[dict[str
                 motor.multiplier * before.offset + motor.offset,
             )
         else:
-            raise RobotError(
-                f"{robot.source}: joint '{item.joint}' follows itself through '{item.leader}'.",
-                file=robot.source,
-                field=item.joint,
+            raise RobotError.at(
+                robot.source, f"joint '{item.joint}' follows itself through '{item.leader}'.", field=item.joint
             )
         if motor.leader in held:
             held[item.joint] = motor.multiplier * held[motor.leader] + motor.offset

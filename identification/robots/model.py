@@ -174,11 +174,11 @@ def refuse_followers(robot: RobotModel, what: str) -> None:
     """Raises RobotError, naming a joint that follows one that moves; what: the verb that this program has no way of."""
     if robot.mimics:
         first = robot.mimics[0]
-        raise RobotError(
-            f"{robot.source}: joint '{first.joint}' follows '{first.leader}', which moves; `fit` and `validate` follow "
+        raise RobotError.at(
+            robot.source,
+            f"joint '{first.joint}' follows '{first.leader}', which moves; `fit` and `validate` follow "
             f"it, but this program cannot {what} such an arm. If '{first.leader}' stood still, say where: "
             f"--lock {first.leader}=0.",
-            file=robot.source,
             field=first.joint,
         )
 

@@ -40,24 +40,24 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
     """
     path = Path(path)
     if not path.is_file():
-        raise RobotNotFoundError(f"{path}: there is no such model", file=path)
+        raise RobotNotFoundError.at(path, "there is no such model")
     inverse_dynamics = _inverse_dynamics(path, regressor.robot)
     generator = np.random.default_rng(SEED)
     shape = (STATES, regressor.robot.n)
     q, dq, ddq = generator.uniform(-2.0, 2.0, shape), generator.uniform(-1.5, 1.5, shape), generator.normal(size=shape)
     torque = np.array([inverse_dynamics(*state) for state in zip(q, dq, ddq, strict=True)])
     if not np.any(np.abs(torque) > 1e-9):
-        raise RobotError(f"{path}: it gives no link a mass; a model to compare with needs inertias.", file=path)
+        raise RobotError.at(path, "it gives no link a mass; a model to compare with needs inertias.")
     columns = regressor.matrix(q, dq, ddq).reshape(-1, regressor.size)
     scale = np.linalg.norm(columns, axis=0)
     values = np.linalg.lstsq(columns / scale, torque.ravel(), rcond=None)[0] / scale
     left = np.abs(torque.ravel() - columns @ values).reshape(shape).max(axis=0)
     if left.max() > TOLERANCE * np.abs(torque).max():
         joint = int(np.argmax(left))
-        raise RobotError(
-            f"{path}: its torque on joint {joint + 1} cannot be that of {regressor.robot.name} with any inertias "
+        raise RobotError.at(
+            path,
+            f"its torque on joint {joint + 1} cannot be that of {regressor.robot.name} with any inertias "
             f"({left[joint]:.2g} Nm differ); zero positions, axes, lengths or gravity are others.",
-            file=path,
             joint=joint + 1,
         )
     return np.asarray(values, dtype=np.float64)
@@ -79,7 +79,7 @@ def _inverse_dynamics(path: Path, robot: RobotModel) -> InverseDynamics:
         raise RobotError(
             f"{path} cannot be read as a simulator model: {str(error).splitlines()[0]}", file=path
         ) from error
-    raise RobotError(f"{path}: is neither URDF, SDF nor MJCF (its root is <{root.tag}>).", file=path)
+    raise RobotError.at(path, f"is neither URDF, SDF nor MJCF (its root is <{root.tag}>).")
 
 
 def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
@@ -88,7 +88,7 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
         return [list(names).index(name) for name in robot.joint_names]
     if len(names) == robot.n:
         return list(range(robot.n))
-    raise RobotError(f"{path}: has {len(names)} movable joints, {robot.name} has {robot.n}.", file=path)
+    raise RobotError.at(path, f"has {len(names)} movable joints, {robot.name} has {robot.n}.")
 
 
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
@@ -99,10 +99,10 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
     if massless and len(massless) < robot.n:
         mass = model.inertias[massless[0] + 1].mass
-        raise RobotError(
-            f"{path}: what joint '{names[massless[0]]}' moves has {f'a mass of {mass:.4g} kg' if mass else 'no mass'}, "
+        raise RobotError.at(
+            path,
+            f"what joint '{names[massless[0]]}' moves has {f'a mass of {mass:.4g} kg' if mass else 'no mass'}, "
             "so its torque is not that of an arm. Give that link its <inertial>.",
-            file=path,
             joint=_chosen(path, names, robot).index(massless[0]) + 1,
         )
     dynamics = {joint.get("name"): joint.find("dynamics") for joint in root.findall("joint")}
@@ -150,7 +150,7 @@ def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
 
 def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
     if importlib.util.find_spec("pydrake") is None:
-        raise RobotError(f"{path}: SDF is read by Drake, which is not installed (pip install drake).", file=path)
+        raise RobotError.at(path, "SDF is read by Drake, which is not installed (pip install drake).")
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.multibody.tree import MultibodyForces_

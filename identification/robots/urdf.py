@@ -79,19 +79,19 @@ def _check_xml(text: str, source: str) -> str | None:
         )
     for joint in joints:
         if joint.get("type") in ("floating", "planar"):
-            raise RobotError(
-                f"{source}: joint '{joint.get('name')}' is {joint.get('type')}; only fixed, revolute, continuous and "
+            raise RobotError.at(
+                source,
+                f"joint '{joint.get('name')}' is {joint.get('type')}; only fixed, revolute, continuous and "
                 "prismatic joints of a fixed-base robot are supported.",
-                file=source,
                 field=joint.get("name"),
             )
         for end in ("parent", "child"):
             element = joint.find(end)
             link = None if element is None else element.get("link")
             if link not in links:
-                raise RobotError(
-                    f"{source}: joint '{joint.get('name')}' names {end} link '{link}', which is not described.",
-                    file=source,
+                raise RobotError.at(
+                    source,
+                    f"joint '{joint.get('name')}' names {end} link '{link}', which is not described.",
                     field=joint.get("name"),
                 )
     return root.get("name")
@@ -129,10 +129,10 @@ def _joint_type_and_axis(
         vector = angular if revolute else linear
         if revolute != bool(np.any(linear)):
             return revolute, np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
-    raise RobotError(
-        f"{source}: joint '{name}' is of a kind that is not supported ({kind}); only revolute, continuous and "
+    raise RobotError.at(
+        source,
+        f"joint '{name}' is of a kind that is not supported ({kind}); only revolute, continuous and "
         "prismatic joints are.",
-        file=source,
         field=name,
     )
 
@@ -173,14 +173,10 @@ def _mimics(text: str, joint_names: tuple[str, ...], source: str) -> tuple[Mimic
         try:
             multiplier, offset = float(rule.get("multiplier", 1.0)), float(rule.get("offset", 0.0))
         except ValueError as error:
-            raise RobotError(
-                f"{source}: joint '{name}' follows by no number ({error}).", file=source, field=name
-            ) from error
+            raise RobotError.at(source, f"joint '{name}' follows by no number ({error}).", field=name) from error
         if leader not in joint_names or leader == name:
-            raise RobotError(
-                f"{source}: joint '{name}' follows '{leader}', which is no other movable joint.",
-                file=source,
-                field=name,
+            raise RobotError.at(
+                source, f"joint '{name}' follows '{leader}', which is no other movable joint.", field=name
             )
         found.append(Mimic(name, leader, multiplier, offset))
     return tuple(found)

@@ -6,16 +6,13 @@ Here: averaging over periods, derivatives, filters, standstill, noise from perio
 
 from __future__ import annotations
 
-from identification.signals.aperiodic import AperiodicSettings, process_aperiodic
+from identification.signals.aperiodic import process_aperiodic
 from identification.signals.paper_chain import process_as_in_paper
 from identification.signals.periodic import PeriodicSettings, process_periodic
-from identification.signals.periods import PeriodAverage, PeriodTable, average_periods, period_table
+from identification.signals.periods import average_periods, period_table
 from identification.signals.processed import ProcessedSignals
 
 __all__ = [
-    "AperiodicSettings",
-    "PeriodAverage",
-    "PeriodTable",
     "PeriodicSettings",
     "ProcessedSignals",
     "average_periods",

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -26,6 +25,12 @@ FILTER_ORDER = 4
 # The position passes a low-pass this many times wider than `project`, which q̈ and q̇ pass as well: at the same cutoff
 # they would be filtered twice where the torque is once (5 % of an inertia on a motion with content near 10 Hz).
 MOTION_OVER_CUTOFF = 2.0
+STANDSTILL_SHARE = 0.01
+"""A joint slower than this share of its own largest speed, for at least one period of the cutoff, stands still."""
+EDGE_PERIODS = 2.0
+"""Of the cutoff frequency, cut off at both ends of a segment: after one the ringing leaves 1 % of the acceleration,
+after two 0.1 %.
+"""
 LONGEST_PIECE = 30_000
 ROWS_PER_CUTOFF_PERIOD = 2.5
 MIRRORED_PERIODS = 3.0
@@ -34,51 +39,40 @@ EVEN_STAMPS = 0.01
 _DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class AperiodicSettings:
-    """low_pass_hz: cutoff of the zero-phase low-pass, None = 10 Hz, lowered to an eighth of the sampling rate.
+def cutoff_of(low_pass_hz: float | None, sampling_period_s: float) -> float:
+    """Cutoff of the zero-phase low-pass in Hz: what is asked for, or 10 Hz, lowered to an eighth of the sampling rate.
 
-    standstill_share: a joint slower than this share of its own largest speed, for at least one period of the cutoff
-    frequency, stands still. edge_periods: length cut off at both ends of a segment, in periods of the cutoff frequency
-    (after one, the ringing of the ends leaves 1 % of the acceleration, after two 0.1 %).
+    Raises RecordingError when the rate is too low for the one asked.
     """
-
-    low_pass_hz: float | None = None
-    standstill_share: float = 0.01
-    edge_periods: float = 2.0
-
-    def cutoff_hz(self, sampling_period_s: float) -> float:
-        """The cutoff used at a sampling period. Raises RecordingError when the rate is too low for the one asked."""
-        rate = 1.0 / sampling_period_s
-        if self.low_pass_hz is None:
-            return min(10.0, rate / 8.0)
-        if not 0.0 < self.low_pass_hz < rate / 2.5:
-            raise RecordingError(
-                f"A low-pass at {self.low_pass_hz:g} Hz does not fit a recording at {rate:.4g} Hz; "
-                f"choose one between 0 and {rate / 2.5:.4g} Hz"
-            )
-        return self.low_pass_hz
+    rate = 1.0 / sampling_period_s
+    if low_pass_hz is None:
+        return min(10.0, rate / 8.0)
+    if not 0.0 < low_pass_hz < rate / 2.5:
+        raise RecordingError(
+            f"A low-pass at {low_pass_hz:g} Hz does not fit a recording at {rate:.4g} Hz; "
+            f"choose one between 0 and {rate / 2.5:.4g} Hz"
+        )
+    return low_pass_hz
 
 
-def process_aperiodic(recording: Recording, settings: AperiodicSettings | None = None) -> list[ProcessedSignals]:
-    """Every usable piece of a recording, filtered alike on both sides.
+def process_aperiodic(recording: Recording, low_pass_hz: float | None = None) -> list[ProcessedSignals]:
+    """Every usable piece of a recording, filtered alike on both sides. low_pass_hz: as in `cutoff_of`.
 
     Raises RecordingError when no piece is long enough for the filter.
     """
-    settings = settings if settings is not None else AperiodicSettings()
     step = recording.sampling_period_s
-    cutoff = settings.cutoff_hz(step)
-    edge = round(settings.edge_periods / cutoff / step)
+    cutoff = cutoff_of(low_pass_hz, step)
+    edge = round(EDGE_PERIODS / cutoff / step)
     fastest = _fastest(recording, cutoff)
     pieces = [
-        _process_piece(recording, rows, cutoff, edge, settings.standstill_share * fastest)
+        _process_piece(recording, rows, cutoff, edge, STANDSTILL_SHARE * fastest)
         for rows in _pieces(recording, cutoff, edge)
     ]
     if not pieces:
-        raise RecordingError(
-            f"{recording.source.path}: no stretch without gaps is longer than {4 * settings.edge_periods / cutoff:.3g} "
+        raise RecordingError.at(
+            recording.source.path,
+            f"no stretch without gaps is longer than {4 * EDGE_PERIODS / cutoff:.3g} "
             f"s, which a low-pass at {cutoff:g} Hz needs",
-            file=recording.source.path,
         )
     return pieces
 

@@ -88,9 +88,9 @@ def period_table(recording: Recording) -> PeriodTable:
     Raises RecordingError when the recording has no period labels, or the motion does not repeat with the stated period.
     """
     if recording.period_index is None or recording.sample_in_period is None:
-        raise RecordingError(
-            f"{recording.source.path}: states no period; give period_s, or use the pipeline for aperiodic recordings",
-            file=recording.source.path,
+        raise RecordingError.at(
+            recording.source.path,
+            "states no period; give period_s, or use the pipeline for aperiodic recordings",
             field="period_s",
         )
     assert recording.period_s is not None
@@ -99,9 +99,9 @@ def period_table(recording: Recording) -> PeriodTable:
     numbers, row = np.unique(recording.period_index[inside], return_inverse=True)
     sample = recording.sample_in_period[inside]
     if numbers.size == 0 or int(sample.max()) >= recording.samples_per_period:
-        raise RecordingError(
-            f"{recording.source.path}: its period labels do not fit {recording.samples_per_period} samples per period",
-            file=recording.source.path,
+        raise RecordingError.at(
+            recording.source.path,
+            f"its period labels do not fit {recording.samples_per_period} samples per period",
             field="sample_in_period",
         )
     values = [recording.position, recording.torque]
@@ -233,10 +233,10 @@ def _check_repetition(recording: Recording, position: FloatArray) -> None:
     difference = float(np.sqrt(np.nanmean(np.diff(position, axis=0) ** 2) / 2.0))
     motion = float(np.sqrt(np.nanmean((position - np.nanmean(position, axis=(0, 1))) ** 2)))
     if difference > LARGEST_PERIOD_DIFFERENCE * motion:
-        raise RecordingError(
-            f"{recording.source.path}: the motion does not repeat every {recording.period_s:g} s: successive periods "
+        raise RecordingError.at(
+            recording.source.path,
+            f"the motion does not repeat every {recording.period_s:g} s: successive periods "
             f"differ by {difference:.3g} rad where the motion itself is {motion:.3g} rad (RMS)",
-            file=recording.source.path,
             field="period_s",
         )
 

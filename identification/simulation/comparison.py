@@ -154,7 +154,6 @@ def compare_with_recording(
     settings: SimulationSettings,
     *,
     extra_torque: ExtraTorque | None = None,
-    fit_settings: FitSettings | None = None,
 ) -> Comparison:
     """Simulate the commanded motion of a recording and compare with what was measured.
 
@@ -162,13 +161,12 @@ def compare_with_recording(
     longest stretch without a gap. A recording without commands is followed along its measured motion. duration_s,
     lead_in_s and step_s of the settings are set here. Raises RecordingError as the fit does.
     """
-    chosen = fit_settings if fit_settings is not None else FitSettings()
-    measured = _longest(process(recording, robot, chosen).stretches)
+    measured = _longest(process(recording, robot, FitSettings()).stretches)
     sentences = []
     commanded = measured
     command = recording.command_position
     if command is not None and np.isfinite(command).all():
-        commanded = _longest(process(replace(recording, position=command), robot, chosen).stretches)
+        commanded = _longest(process(replace(recording, position=command), robot, FitSettings()).stretches)
         sentences.append("Followed: the recording's commanded motion.")
     if command is None or commanded.time.shape != measured.time.shape:
         commanded = measured

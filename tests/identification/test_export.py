@@ -168,7 +168,7 @@ def test_the_fits_consistent_set_of_an_infeasible_table_is_one_that_simulators_t
 ) -> None:
     """Table 2 is the base parameters of no robot (ZZR_1 < 0): the nearest consistent set lies on the cone's edge."""
     values = np.array([table2[name] for name in iiwa14_base.names])
-    problem = ReducedProblem(np.eye(len(values)) / 1e-3, values / 1e-3, 1.0, 7000, iiwa14_base.names)
+    problem = ReducedProblem(np.eye(len(values)) / 1e-3, values / 1e-3, 1.0, 7000)
     physical = solve_semidefinite(problem, iiwa14_base).physical
     assert principal_slack(physical).min() > 0.0
     refuse_inconsistent(physical)

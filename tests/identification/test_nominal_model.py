@@ -76,7 +76,7 @@ def test_the_interval_of_a_choice_is_the_mean_over_the_models_considered() -> No
     chosen, larger = (
         LeastSquaresResult(
             names, values, np.ones(0), covariance, np.ones(0), 0.0, 1.0, np.ones(0), ReducedProblem(
-                covariance, values, 0.0, 1, names
+                covariance, values, 0.0, 1
             ),
         )
         for names, values, covariance in (

@@ -13,7 +13,6 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from identification.errors import RecordingError
 from identification.recordings import Recording
 from identification.signals import (
-    AperiodicSettings,
     PeriodicSettings,
     average_periods,
     period_table,
@@ -220,14 +219,14 @@ def test_even_stamps_are_taken_as_they_are_and_uneven_ones_resampled() -> None:
 def test_gaps_split_a_recording_into_stretches() -> None:
     recording = replace(_recording(periods=6), period_index=None, sample_in_period=None, period_s=None)
     holes = np.concatenate([np.arange(1500, 1560), np.arange(3000, 3040)])
-    pieces = process_aperiodic(_without(recording, holes), AperiodicSettings(low_pass_hz=8.0))
+    pieces = process_aperiodic(_without(recording, holes), 8.0)
     assert len(pieces) == 3
     assert all(np.allclose(np.diff(piece.time), recording.sampling_period_s) for piece in pieces)
 
 
 def test_aperiodic_projection_is_one_filter_for_every_side() -> None:
     recording = _recording(periods=2)
-    (piece,) = process_aperiodic(recording, AperiodicSettings(low_pass_hz=8.0))
+    (piece,) = process_aperiodic(recording, 8.0)
     generator = np.random.default_rng(9)
     first, second = generator.normal(size=(2, piece.time.size, 3))
     combined = piece.project(first + 2.0 * second)
@@ -266,7 +265,7 @@ def test_a_median_over_periods_is_of_what_there_is_joint_by_joint() -> None:
 
 def test_a_low_pass_above_the_sampling_rate_is_refused() -> None:
     with pytest.raises(RecordingError, match="does not fit"):
-        process_aperiodic(_recording(), AperiodicSettings(low_pass_hz=190.0))
+        process_aperiodic(_recording(), 190.0)
 
 
 @pytest.mark.filterwarnings("error")

@@ -30,25 +30,15 @@ from identification.mismatch.findings import Alternative
 from identification.recordings.recording import Recording
 
 FEWEST_PERIODS = 3
+FALSE_ALARM = 1e-4
+"""Chance per recording and family that a change is claimed where there is none, by the noise's theory."""
+MOST_CHANGES = 5
 WINDOW_MARGIN_S = 0.1
 CLOSING_POINTS = 9
 BESIDE_FLAGGED_S = 0.5
 """A jolt rings on for about as long beside the rows that stand out of it."""
 RESIDUE_MARGIN = 0.35
 """A contact nearer to a stronger one than this share of the longer duration is taken for its residue."""
-
-
-@dataclass(frozen=True, slots=True)
-class BetweenPeriodsSettings:
-    """false_alarm: chance per recording and family that a change is claimed where there is none, by the noise's theory,
-    one of 500 diagnoses of five recordings. On noise alone the best of each family follows it, but for a change of
-    payload in coloured noise, which comes several times as often (docs/decisions/090).
-
-    most_changes: how many are claimed at most in one recording.
-    """
-
-    false_alarm: float = 1e-4
-    most_changes: int = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,18 +75,16 @@ def with_level(mean_columns: FloatArray) -> FloatArray:
 def find_between_periods(
     evidences: Sequence[Evidence],
     effects: Sequence[Effect],
-    settings: BetweenPeriodsSettings | None = None,
     banned: frozenset[tuple[str, Place]] = frozenset(),
 ) -> tuple[Change, ...]:
     """All changes in all recordings, strongest first; recordings with fewer than three periods have none.
 
     effects: those of the stage "between_periods" among them are searched. banned: names and places that are not asked.
     """
-    settings = settings if settings is not None else BetweenPeriodsSettings()
     changes: list[Change] = []
     for number, evidence in enumerate(evidences):
         if evidence.period_torque is not None and evidence.periods >= FEWEST_PERIODS:
-            changes.extend(_search(number, evidence, effects, settings, banned))
+            changes.extend(_search(number, evidence, effects, banned))
     return tuple(sorted(changes, key=lambda change: -change.gain))
 
 
@@ -125,7 +113,6 @@ class _Closed:
 
     drift: set[int] = field(default_factory=set)
     thermal: set[int] = field(default_factory=set)
-    payload: int = 0
     spans: list[tuple[float, float]] = field(default_factory=list)
 
 
@@ -133,7 +120,6 @@ def _search(
     number: int,
     evidence: Evidence,
     effects: Sequence[Effect],
-    settings: BetweenPeriodsSettings,
     banned: frozenset[tuple[str, Place]],
 ) -> list[Change]:
     contrasts = Contrasts(evidence)
@@ -154,8 +140,8 @@ def _search(
         ],
     )
     claimed: list[Candidate] = []
-    bound = float(np.log10(settings.false_alarm))
-    while len(claimed) < settings.most_changes:
+    bound = float(np.log10(FALSE_ALARM))
+    while len(claimed) < MOST_CHANGES:
         found: list[Candidate] = []
         # A push is the costliest to look for: last, and only where it may explain more than what was found.
         for effect in sorted(effects, key=lambda effect: isinstance(effect, ExternalContact)):

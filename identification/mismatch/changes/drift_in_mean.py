@@ -143,7 +143,7 @@ def _weighed(
         score = 0.5 * gain - cost
         rivals = [member for member in members if member not in kept]
         even = len(rivals) == 1 and result.trial.complete and ahead < settings.margin_of_indistinguishable
-        others = tuple(Alternative(item.effect.name, item.place.joint, score - ahead) for item in rivals if even)
+        others = tuple(Alternative(item.effect.name, item.place.joint) for item in rivals if even)
         best = ahead, _change(problem, number, course, size, information, score, others)
     return best
 

@@ -35,8 +35,8 @@ def alternatives(
 ) -> tuple[Alternative, ...]:
     """Other names of one member (`rivals`), best first."""
     return tuple(
-        Alternative(rival.effect.name, rival.place.joint, score)
-        for score, rival in rivals(nominal, trial, index, screen, library, settings)
+        Alternative(rival.effect.name, rival.place.joint)
+        for _, rival in rivals(nominal, trial, index, screen, library, settings)
     )
 
 

@@ -37,11 +37,11 @@ def search_beside_classes(
         problem = classes.problem(held)
         members = polished(problem, fitted(problem, [*members, member], settings), library, settings).members
     if not members:
-        return SearchResult(before, (), before, library, candidates)
+        return SearchResult(before, before, library, candidates)
     problem = classes.problem(held)
-    trial, scores = pruned(problem, fitted(problem, members, settings), settings)
+    trial = pruned(problem, fitted(problem, members, settings), settings)
     trial, library = on_own_torque(problem, trial, library, renewed, settings)
-    return SearchResult(trial, scores, before, library, candidates)
+    return SearchResult(trial, before, library, candidates)
 
 
 def _best_move(

@@ -22,12 +22,11 @@ BARELY_INFLATED = 1.3
 class BandPower:
     """Residual against noise per joint and band, (n, bands): V = power / noise power, its degrees of freedom, p value.
 
-    noise_freedom: (n, bands) degrees of freedom behind the noise. V is 1 where a band is empty.
+    V is 1 where a band is empty.
     """
 
     ratio: FloatArray
     freedom: FloatArray
-    noise_freedom: FloatArray
     probability: FloatArray
 
     @property
@@ -58,7 +57,7 @@ def _power(problem: Problem, residual: FloatArray, taken: FloatArray) -> BandPow
     tested = freedom > LEAST_FREEDOM
     ratio = np.where(tested, power / np.where(tested, freedom, 1.0), 1.0)
     probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), noise_freedom), 1.0)
-    return BandPower(ratio, freedom, noise_freedom, probability)
+    return BandPower(ratio, freedom, probability)
 
 
 def located(nominal: Problem, problem: Problem, power: BandPower, rounds: int = 3) -> tuple[FloatArray, BandPower]:

@@ -13,16 +13,16 @@ from identification.mismatch.search.trial import Trial, fitted
 from identification.mismatch.settings import DiagnosisSettings
 
 
-def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[Trial, tuple[float, ...]]:
+def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial:
     """Members whose loss costs less than it must, left out one by one, the weakest first."""
     while trial.members:
         scores = removal_scores(nominal, trial, settings)
         weakest = int(np.argmin(scores))
         if scores[weakest] >= (settings.provisional_score if nominal.noise_is_measured else settings.background_score):
-            return trial, scores
+            return trial
         kept = [member for index, member in enumerate(trial.members) if index != weakest]
         trial = fitted(nominal, kept, settings)
-    return trial, ()
+    return trial
 
 
 def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:

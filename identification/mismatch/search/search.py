@@ -44,13 +44,12 @@ Renewal = Callable[[FloatArray], Library]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """What the search settled on. scores: per member, what is lost without it. before: the nominal problem.
+    """What the search settled on. before: the nominal problem.
 
     library, candidates: those of the last nominal torque.
     """
 
     trial: Trial
-    scores: tuple[float, ...]
     before: Trial
     library: Library
     candidates: Sequence[EffectRows]
@@ -85,9 +84,9 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
         trial = _exchanged(nominal, trial, screen, library, settings)
     trial, library = on_own_torque(nominal, trial, library, renewed, settings)
     trial = _on_every_joint(nominal, before, trial, library, settings)
-    trial, scores = pruned(nominal, trial, settings)
+    trial = pruned(nominal, trial, settings)
     trial, library = on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
-    return SearchResult(trial, scores, before, library, candidates)
+    return SearchResult(trial, before, library, candidates)
 
 
 def _on_every_joint(
