@@ -23,12 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.regressor import (
-    INERTIAL_SYMBOLS,
-    fill_rigid_body_columns,
-    rigid_body_columns,
-    torque_regressor,
-)
+from identification.regressor import INERTIAL_SYMBOLS, fill_rigid_body_columns, rigid_body_columns, torque_regressor
 from identification.robots.model import RobotModel
 
 if TYPE_CHECKING:

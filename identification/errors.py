@@ -43,12 +43,7 @@ class FileRelatedError(IdentificationError):
     exit_code = 65
 
     def __init__(
-        self,
-        message: str,
-        *,
-        file: str | Path | None = None,
-        field: str | None = None,
-        joint: int | None = None,
+        self, message: str, *, file: str | Path | None = None, field: str | None = None, joint: int | None = None
     ) -> None:
         super().__init__(message)
         self.file = None if file is None else Path(file)

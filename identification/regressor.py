@@ -49,11 +49,7 @@ def torque_regressor(robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: Floa
 
 
 def rigid_body_columns(
-    robot: RobotModel,
-    q: FloatArray,
-    dq: FloatArray,
-    ddq: FloatArray,
-    wanted: Sequence[Sequence[int]],
+    robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: FloatArray, wanted: Sequence[Sequence[int]]
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Chosen columns of the rigid-body regressor, chunk by chunk: (slice of samples, array (columns, n, samples)).
 

@@ -32,10 +32,7 @@ Progress = Callable[[str, float], None]
 
 
 def validate_model(
-    model: Model | FitResult,
-    recordings: Sequence[Recording],
-    *,
-    robot: RobotModel | None = None,
+    model: Model | FitResult, recordings: Sequence[Recording], *, robot: RobotModel | None = None
 ) -> RmsTable:
     """RMS per joint of a model on each recording: lines "NAME, base" and, where the model has them, "NAME, physical".
 

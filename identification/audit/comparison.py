@@ -68,11 +68,7 @@ def stretches_of(rows: Rows) -> IntArray:
 
 
 def compare(
-    geometry: Geometry,
-    set_up: SetUp,
-    model: GivenModel,
-    slopes: FloatArray | None = None,
-    part: IntArray | None = None,
+    geometry: Geometry, set_up: SetUp, model: GivenModel, slopes: FloatArray | None = None, part: IntArray | None = None
 ) -> Comparison:
     """The products of every column with the difference. slopes: (R, n, n) of the zeros, computed where not given.
 

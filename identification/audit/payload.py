@@ -69,11 +69,7 @@ class Body:
         return self.seconds * (max(known, default=0.0) / center_m) ** 2
 
 
-def weigh(
-    robot: RobotModel,
-    without: Sequence[Recording],
-    with_load: Sequence[Recording],
-) -> Body:
+def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[Recording]) -> Body:
     """The body on the last link that only the second recordings have.
 
     In the flange's frame where the robot has one on its last link, else in that link's.

@@ -16,11 +16,7 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.colour import preceded
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import (
-    process_aperiodic,
-    sixth_order_difference,
-    zero_phase_low_pass,
-)
+from identification.signals.aperiodic import process_aperiodic, sixth_order_difference, zero_phase_low_pass
 from identification.signals.processed import ProcessedSignals
 
 WIDEST_HZ = 8.0

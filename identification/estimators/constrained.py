@@ -18,11 +18,7 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.constrained_program import LOCAL_BARRIER, ConstrainedProgram
-from identification.estimators.feasibility import (
-    FeasibilityRules,
-    rules_for,
-    violations,
-)
+from identification.estimators.feasibility import FeasibilityRules, rules_for, violations
 from identification.estimators.interior_point import InteriorPointResult
 from identification.estimators.observation import ReducedProblem
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite

@@ -61,11 +61,7 @@ class RelaxationResult:
 
 
 def solve_semidefinite(
-    problem: ReducedProblem,
-    base: BaseRegressor,
-    rules: FeasibilityRules | None = None,
-    *,
-    inertia_margin: float = 1e-6,
+    problem: ReducedProblem, base: BaseRegressor, rules: FeasibilityRules | None = None, *, inertia_margin: float = 1e-6
 ) -> SemidefiniteResult:
     """The parameters of smallest cost among those of robots that can exist.
 
@@ -298,11 +294,7 @@ class _ConicProgram:
         equality = np.hstack([self._image / np.sqrt(self._scale), -np.eye(p)])
         inequality = np.vstack(self._rows)
         constraints = np.vstack(
-            [
-                equality,
-                np.hstack([inequality, np.zeros((len(inequality), p))]),
-                *(rows for rows, _ in further_rows),
-            ]
+            [equality, np.hstack([inequality, np.zeros((len(inequality), p))]), *(rows for rows, _ in further_rows)]
         )
         settings = clarabel.DefaultSettings()
         settings.verbose = False

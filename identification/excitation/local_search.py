@@ -205,10 +205,7 @@ class LocalSearch:
         return start
 
     def improve(
-        self,
-        coefficients: FloatArray,
-        descent: Descent,
-        time_is_up: Callable[[], bool] | None = None,
+        self, coefficients: FloatArray, descent: Descent, time_is_up: Callable[[], bool] | None = None
     ) -> tuple[float, FloatArray]:
         """Value and coefficients after one descent, exactly inside the constraints.
 

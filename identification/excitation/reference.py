@@ -113,11 +113,7 @@ def _polynomial(
 
 
 def _sine_series(
-    limits: ExcitationLimits,
-    offset: FloatArray,
-    generator: np.random.Generator,
-    robot: str,
-    record: dict[str, object],
+    limits: ExcitationLimits, offset: FloatArray, generator: np.random.Generator, robot: str, record: dict[str, object]
 ) -> SineSeriesTrajectory:
     """Random sines that start at rest (Σ a b = 0), each joint stretched to the first limit it meets."""
     joints = limits.joints

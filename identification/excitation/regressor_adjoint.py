@@ -267,10 +267,7 @@ class ChainRegressor:
         acceleration_weight = _world_force(rotation, origin, by_classical, by_wd)
         products = dual @ motion.wrench_columns.swapaxes(-1, -2)
         by_columns = np.concatenate(
-            [
-                _skew_adjoint(products[..., 3:, :3]),
-                _skew_adjoint(products[..., 3:, 3:] + products[..., :3, :3]),
-            ],
+            [_skew_adjoint(products[..., 3:, :3]), _skew_adjoint(products[..., 3:, 3:] + products[..., :3, :3])],
             axis=-1,
         )
         shift = by_columns - (

@@ -84,10 +84,7 @@ def workers(problem: Problem) -> Iterator[_Run]:
     with (
         _one_blas_thread_each(),
         ProcessPoolExecutor(
-            settings.processes,
-            mp_context=context,
-            initializer=_start_worker,
-            initargs=(problem, stop),
+            settings.processes, mp_context=context, initializer=_start_worker, initargs=(problem, stop)
         ) as executor,
     ):
 

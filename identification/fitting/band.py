@@ -142,11 +142,7 @@ def position_noise(recording: Recording) -> FloatArray:
 
 
 def _share_of_position_noise(
-    blocks: Sequence[Block],
-    levels: Sequence[FloatArray],
-    regressor: BaseRegressor,
-    values: FloatArray,
-    band_hz: float,
+    blocks: Sequence[Block], levels: Sequence[FloatArray], regressor: BaseRegressor, values: FloatArray, band_hz: float
 ) -> FloatArray:
     """(n,) of the squares that parameters (p,) leave of each joint's torque up to a frequency.
 

@@ -45,9 +45,7 @@ _TOUCHED = 0.1
 
 
 def assess(
-    evidences: Sequence[Evidence],
-    known: Sequence[Form] = (),
-    asked: Collection[tuple[str, int | None]] = (),
+    evidences: Sequence[Evidence], known: Sequence[Form] = (), asked: Collection[tuple[str, int | None]] = ()
 ) -> Assessment:
     """Weigh every form of the library on these evidences together.
 

@@ -294,12 +294,7 @@ def _between(changes: Sequence[Change], names: Sequence[str]) -> list[Finding]:
                 sentence=_sentence(change.effect.sentence(change.estimate), change.alternatives, checked=True),
                 alternatives=change.alternatives,
                 separating_experiment=separating_experiment(names) if change.alternatives else None,
-                where={
-                    "joint": place.joint,
-                    "joints": joints,
-                    "periods": periods,
-                    "recording": names[change.evidence],
-                },
+                where={"joint": place.joint, "joints": joints, "periods": periods, "recording": names[change.evidence]},
                 curve=_curve_over_periods(change),
             )
         )

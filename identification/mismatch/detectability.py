@@ -124,12 +124,7 @@ class Pair:
 
 
 def planned_rows(
-    motion: Motion,
-    regressor: BaseRegressor,
-    noise_nm: FloatArray,
-    *,
-    periods: int = 1,
-    bandwidth_hz: float = 60.0,
+    motion: Motion, regressor: BaseRegressor, noise_nm: FloatArray, *, periods: int = 1, bandwidth_hz: float = 60.0
 ) -> PlannedRows:
     """Rows of a periodic motion before it is recorded, lines 0 to bandwidth_hz of its period.
 
@@ -143,10 +138,7 @@ def planned_rows(
 
 
 def candidates(
-    rows: Sequence[Rows],
-    effects: Sequence[Effect] = EFFECTS,
-    *,
-    every_shape: bool = False,
+    rows: Sequence[Rows], effects: Sequence[Effect] = EFFECTS, *, every_shape: bool = False
 ) -> tuple[Candidate, ...]:
     """All repeatable effects at all places: at the middle of their grids, or at every grid point.
 

@@ -22,11 +22,7 @@ from identification.robots import RobotModel
 
 
 def extended_model(
-    diagnosis: Diagnosis,
-    recordings: Sequence[Recording],
-    robot: RobotModel,
-    *,
-    progress: Progress | None = None,
+    diagnosis: Diagnosis, recordings: Sequence[Recording], robot: RobotModel, *, progress: Progress | None = None
 ) -> dict[str, Any]:
     """`model.json` (contract §5) of a diagnosis, as `fit` writes it, with `effects`.
 

@@ -185,11 +185,7 @@ def extended(problem: Problem, columns: FloatArray) -> Problem:
     They are in its basis, which follows that of the problem before; `nominal` stays as it is.
     """
     added = orthonormal(columns, tolerance=1e-7)
-    return replace(
-        problem,
-        basis=np.concatenate([problem.basis, added], axis=1),
-        residual=off(added, problem.residual),
-    )
+    return replace(problem, basis=np.concatenate([problem.basis, added], axis=1), residual=off(added, problem.residual))
 
 
 def spread(problem: Problem, joints: Sequence[int], rows: FloatArray) -> FloatArray:

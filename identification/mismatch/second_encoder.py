@@ -15,11 +15,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import (
-    cutoff_of,
-    sixth_order_difference,
-    zero_phase_low_pass,
-)
+from identification.signals.aperiodic import cutoff_of, sixth_order_difference, zero_phase_low_pass
 
 CLAIMS = {"delay": (0,), "elasticity": (1,), "delay and elasticity": (0, 1)}
 """Columns of q̇ and τ that each claim uses beside a constant."""

@@ -220,11 +220,7 @@ def _series(evidences: Sequence[Evidence], before: Residuals, after: Residuals) 
         size, motion = evidence.frequency.size, evidence.motion
         measured, first, last = (
             rows_to_time(evidence, rows)
-            for rows in (
-                evidence.torque,
-                before.rows[:, start : start + size].T,
-                after.rows[:, start : start + size].T,
-            )
+            for rows in (evidence.torque, before.rows[:, start : start + size].T, after.rows[:, start : start + size].T)
         )
         found.append(TimeSeries(motion.time, motion.position, motion.velocity, measured, first, last))
         start += size

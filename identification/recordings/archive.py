@@ -70,10 +70,7 @@ def unpack(data: bytes, path: Path) -> Recording:
         return Recording(
             sampling_period_s=float(description["sampling_period_s"]),
             source=RecordingSource(
-                str(path),
-                source["sha256"],
-                source["kind"],
-                {**source["metadata"], "imported_from": source["path"]},
+                str(path), source["sha256"], source["kind"], {**source["metadata"], "imported_from": source["path"]}
             ),
             report=ImportReport.from_json(description["report"]),
             robot=resolve_robot(path, description["robot"] or ""),

@@ -208,10 +208,7 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
         )
     good = np.abs(time - _median_of_five(time[:, None])[:, 0]) <= 100.0 * ordinary
     _note_runs(
-        findings,
-        "garbled_rows",
-        number[~good],
-        "carries a time stamp far from its neighbours'; it was left out",
+        findings, "garbled_rows", number[~good], "carries a time stamp far from its neighbours'; it was left out"
     )
     rest = time[good]
     highest_before = highest_before_each(rest)
@@ -227,10 +224,7 @@ def _advancing_time(table: RawTable, time: FloatArray, number: IntArray, finding
         )
     _note_runs(findings, "repeated_rows", number[good][repeated], "repeats the time stamp before it; it was left out")
     _note_runs(
-        findings,
-        "time_backwards",
-        number[good][backwards],
-        "carries a time before an earlier row's; it was left out",
+        findings, "time_backwards", number[good][backwards], "carries a time before an earlier row's; it was left out"
     )
     twice = before_a_clock_was_set_back(rest, GAP_FACTOR * ordinary)
     _note_runs(

@@ -25,12 +25,7 @@ from identification.robots.installation import ON_THE_FLOOR
 from identification.robots.same_arm import difference_of_arms
 
 Tables = list[RawTable] | Recording
-READERS: dict[str, Callable[[Path], Tables]] = {
-    ".npz": read_npz,
-    ".csv": read_csv,
-    ".mcap": read_log,
-    ".db3": read_log,
-}
+READERS: dict[str, Callable[[Path], Tables]] = {".npz": read_npz, ".csv": read_csv, ".mcap": read_log, ".db3": read_log}
 RUN_RECORDING = "recording.mcap"
 RUN_PARTS = "recording.part*.mcap"
 RUN_BROKEN = "recording.broken.mcap"

@@ -14,13 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
-OPTIONAL_ARRAYS = (
-    "velocity",
-    "command_position",
-    "link_position",
-    "external_torque",
-    "temperature",
-)
+OPTIONAL_ARRAYS = ("velocity", "command_position", "link_position", "external_torque", "temperature")
 
 CLOCK_START = "clock_start_s"
 """In a source's metadata: its own time stamp of the first row, where `Recording.time` counts from zero."""

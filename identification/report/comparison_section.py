@@ -20,12 +20,7 @@ def comparison_section(comparison: ModelComparison | None) -> Section | None:
         ("left with the findings as well", *row_of(comparison.findings_nm)),
     )
     links = tuple(
-        (
-            str(item.link),
-            "wrong" if item.wrong else "right within σ",
-            rounded(item.torque_nm),
-            chance(item.probability),
-        )
+        (str(item.link), "wrong" if item.wrong else "right within σ", rounded(item.torque_nm), chance(item.probability))
         for item in comparison.links
     )
     wrong = sorted((item for item in comparison.parameters if item.wrong), key=lambda item: -item.torque_nm)

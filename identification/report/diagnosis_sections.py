@@ -84,9 +84,7 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[Section]:
 def _findings(diagnosis: Diagnosis) -> Section:
     blocks: list[Block] = [Paragraph(f"{fault.sentence}", "warning") for fault in diagnosis.data_faults]
     if diagnosis.findings and diagnosis.heldout is None:
-        blocks.append(
-            Paragraph("No held-out recording was given: the names below are unconfirmed.", "warning"),
-        )
+        blocks.append(Paragraph("No held-out recording was given: the names below are unconfirmed.", "warning"))
     for number, finding in enumerate(diagnosis.findings, 1):
         blocks += finding_blocks(number, finding, diagnosis)
     blocks.append(Heading("What remains"))
@@ -219,11 +217,7 @@ def _limits(diagnosis: Diagnosis) -> Section | None:
     if smallest:
         places = (*range(1, joints + 1), None)
         rows = tuple(
-            (
-                effect_name(effect),
-                unit_of(unit),
-                *row_of((cells.get(place) for place in places), 2),
-            )
+            (effect_name(effect), unit_of(unit), *row_of((cells.get(place) for place in places), 2))
             for (effect, unit), cells in smallest.items()
         )
         blocks += [

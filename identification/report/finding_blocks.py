@@ -24,10 +24,7 @@ _AXES = {"phase": "phase of the wave", "travel": "travel since the reversal"}
 def finding_blocks(number: int, finding: Finding, diagnosis: Diagnosis) -> list[Block]:
     """The finding's part of its section; number: from 1, diagnosis: whose spectra and held-out residuals are drawn."""
     name = f"{effect_name(finding.effect)}, {place_name(finding.place)}"
-    blocks: list[Block] = [
-        Heading(f"{number}. {name[:1].upper()}{name[1:]}"),
-        Paragraph(finding.sentence, "lead"),
-    ]
+    blocks: list[Block] = [Heading(f"{number}. {name[:1].upper()}{name[1:]}"), Paragraph(finding.sentence, "lead")]
     if finding.confirmed is False:
         blocks.append(Paragraph("The held-out recording does not support it.", "warning"))
     if finding.alternatives:

@@ -85,11 +85,7 @@ def residual_section(stretches: Sequence[Stretch], what: str) -> Section | None:
 
 
 def spectrum_panel(
-    joint: int,
-    frequency: FloatArray,
-    lines: Sequence[tuple[Style, FloatArray]],
-    noise: FloatArray | None,
-    title: str,
+    joint: int, frequency: FloatArray, lines: Sequence[tuple[Style, FloatArray]], noise: FloatArray | None, title: str
 ) -> Panel:
     """Spectra (F, n) of one joint (from 0) as RMS per line, by style, with the noise on top.
 

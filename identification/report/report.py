@@ -17,12 +17,7 @@ from identification.report.comparison_section import comparison_section
 from identification.report.diagnosis_sections import diagnosis_sections, tone_of, verdict_sentence
 from identification.report.document import Document, Section
 from identification.report.fit_verdict import fit_verdict
-from identification.report.model_sections import (
-    feasibility_section,
-    parameter_section,
-    provenance_section,
-    rms_section,
-)
+from identification.report.model_sections import feasibility_section, parameter_section, provenance_section, rms_section
 from identification.report.motion_sections import excitation_section, residual_section
 from identification.report.page import render
 from identification.report.recording_section import recording_section

@@ -148,12 +148,7 @@ def _limits(text: str, joint_names: tuple[str, ...]) -> FloatArray:
         columns = (
             ("lower", "upper", "velocity", "effort")
             if element.get("type") != "continuous"
-            else (
-                None,
-                None,
-                "velocity",
-                "effort",
-            )
+            else (None, None, "velocity", "effort")
         )
         for column, attribute in enumerate(columns):
             value = limit.get(attribute) if attribute else None

@@ -73,9 +73,7 @@ def with_level(mean_columns: FloatArray) -> FloatArray:
 
 
 def find_between_periods(
-    evidences: Sequence[Evidence],
-    effects: Sequence[Effect],
-    banned: frozenset[tuple[str, Place]] = frozenset(),
+    evidences: Sequence[Evidence], effects: Sequence[Effect], banned: frozenset[tuple[str, Place]] = frozenset()
 ) -> tuple[Change, ...]:
     """All changes in all recordings, strongest first; recordings with fewer than three periods have none.
 
@@ -117,10 +115,7 @@ class _Closed:
 
 
 def _search(
-    number: int,
-    evidence: Evidence,
-    effects: Sequence[Effect],
-    banned: frozenset[tuple[str, Place]],
+    number: int, evidence: Evidence, effects: Sequence[Effect], banned: frozenset[tuple[str, Place]]
 ) -> list[Change]:
     contrasts = Contrasts(evidence)
     contrasts.z = whole = without_outliers(contrasts)

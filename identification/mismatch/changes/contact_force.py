@@ -171,10 +171,7 @@ def _simplex(
         "fatol": 1e-2,
     }
     result = minimize(  # type: ignore[call-overload]  # the stubs lose the array type of the lambda
-        lambda x: -gain_of(unpack(x)),
-        np.zeros(4),
-        method="Nelder-Mead",
-        options=options,
+        lambda x: -gain_of(unpack(x)), np.zeros(4), method="Nelder-Mead", options=options
     )
     return -float(result.fun), unpack(result.x)
 
@@ -271,10 +268,7 @@ def _lack_of_fit(ground: Ground, link: int, shape: Mapping[str, float]) -> float
     left = target - rows @ solve(rows.T @ rows, rows.T @ target)[0]
     knots = shape["start_s"] + shape["duration_s"] * np.linspace(-0.1, 1.1, LACK_KNOTS)
     width = knots[1] - knots[0]
-    hats = np.stack(
-        [ground.course(partial(_hat, knot, width)) for knot in knots],
-        axis=-1,
-    )
+    hats = np.stack([ground.course(partial(_hat, knot, width)) for knot in knots], axis=-1)
     squares = 0.0
     for place in range(len(upstream)):
         values = np.zeros((*hats.shape[:2], len(upstream), LACK_KNOTS))

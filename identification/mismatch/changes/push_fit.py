@@ -101,13 +101,7 @@ def fit_push(ground: Ground, link: int, shape: Mapping[str, float]) -> Push:
         return np.concatenate([rows_at(x)[:, :size], np.diag(known_to)])
 
     result = least_squares(
-        residual,
-        first,
-        jac=jacobian,
-        bounds=(low, high),
-        x_scale="jac",
-        max_nfev=MOST_STEPS,
-        ftol=1e-6,
+        residual, first, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=MOST_STEPS, ftol=1e-6
     )
     x = np.asarray(result.x, dtype=np.float64)
     slopes, left = rows_at(x)[:, :size], rows_at(x)[:, size] - target

@@ -99,10 +99,7 @@ class ExternalContact(EnvelopedEffect):
         return f"S{what} at " + ", ".join(f"{start:.4g}" for start in starts) + " s."
 
 
-PROFILE = (
-    ShapeParameter("sharpness", "", (1.0,), 0.05, 4.0),
-    ShapeParameter("skew", "", (1.0,), 0.3, 3.0),
-)
+PROFILE = (ShapeParameter("sharpness", "", (1.0,), 0.05, 4.0), ShapeParameter("skew", "", (1.0,), 0.3, 3.0))
 
 
 BENDS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98, 1.0)

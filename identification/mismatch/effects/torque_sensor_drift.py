@@ -69,10 +69,7 @@ class TorqueSensorDrift(EnvelopedEffect):
         if course == LINEAR:
             return (Parameter("rate", size, std, "Nm/h"),)
         if course == EXPONENTIAL:
-            return (
-                Parameter("initial_torque", size, std, "Nm"),
-                Parameter("time_constant", when, when_std, "s"),
-            )
+            return (Parameter("initial_torque", size, std, "Nm"), Parameter("time_constant", when, when_std, "s"))
         return (Parameter("step", size, std, "Nm"), Parameter("time", when, when_std, "s"))
 
     def sentence(self, estimate: Estimate) -> str:

@@ -76,12 +76,7 @@ def _near(trial: Trial, rest: Trial, best: float, screen: Screen, settings: Diag
 
 
 def own_score(
-    nominal: Problem,
-    trial: Trial,
-    rest: Trial,
-    others: Sequence[Member],
-    member: Member,
-    settings: DiagnosisSettings,
+    nominal: Problem, trial: Trial, rest: Trial, others: Sequence[Member], member: Member, settings: DiagnosisSettings
 ) -> float:
     """What a member gains beside the others, less what its coefficients and shape cost.
 
