@@ -28,17 +28,15 @@ class LeastSquaresResult:
     """Base parameters with their uncertainty.
 
     names, values, std: p entries, units as in `BaseRegressor.units`. covariance: (p, p), eq. (15); it holds for white
-    residuals only. rms_nm: (n,) Nm, root mean square of each joint's residual. cost: weighted sum of squared residuals
-    (pure number with per-joint weights, Nm² without). condition_number: cond(Y_b), unweighted, as in (13).
-    weights: (n,) 1/Nm² applied to the joints' squares (1 without weighting). reduced: the problem as the programs with
-    constraints take it.
+    residuals only. cost: weighted sum of squared residuals (pure number with per-joint weights, Nm² without).
+    condition_number: cond(Y_b), unweighted, as in (13). weights: (n,) 1/Nm² applied to the joints' squares (1 without
+    weighting). reduced: the problem as the programs with constraints take it.
     """
 
     names: tuple[str, ...]
     values: FloatArray
     std: FloatArray
     covariance: FloatArray
-    rms_nm: FloatArray
     cost: float
     condition_number: float
     weights: FloatArray
@@ -77,7 +75,6 @@ def solve_least_squares(
         values=values,
         std=np.sqrt(np.diag(covariance)),
         covariance=covariance,
-        rms_nm=np.sqrt(compressed.residual_squares(values) / np.maximum(compressed.counts, 1)),
         cost=reduced.residual_square,
         condition_number=float(singular[0] / singular[-1]),
         weights=weights,

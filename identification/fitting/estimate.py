@@ -19,7 +19,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
-from identification.fitting.blocks import Block, observation, rms_over, whiten
+from identification.fitting.blocks import Block, observation, whiten
 from identification.fitting.covariance import coloured_covariance
 from identification.signals.outliers import HUBER_BOUND, unclipped_share
 from identification.signals.processed import ProcessedSignals
@@ -67,12 +67,7 @@ def estimate_parameters(blocks: list[Block], names: tuple[str, ...], estimator: 
         covariance = coloured_covariance(blocks, solution.values, solution.reduced, solution.weights)
     covariance = inflation * covariance
     solution = replace(
-        solution,
-        covariance=covariance,
-        std=np.sqrt(np.diag(covariance)),
-        # Of the rows as they were measured, not as they were weighted.
-        rms_nm=rms_over([block.evaluation for block in blocks if block.fitted.any()], solution.values),
-        condition_number=ordinary.condition_number,
+        solution, covariance=covariance, std=np.sqrt(np.diag(covariance)), condition_number=ordinary.condition_number
     )
     return Estimate(solution, ordinary, blocks)
 

@@ -18,7 +18,7 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.estimators.observation import ReducedProblem
-from identification.fitting.blocks import Block, rms_over
+from identification.fitting.blocks import Block
 from identification.fitting.covariance import coloured_covariance
 from identification.fitting.estimate import Estimate, estimate_parameters
 from identification.recordings.recording import Recording
@@ -97,7 +97,6 @@ def estimate_with_instruments(blocks: list[Block], pairs: list[InstrumentPair], 
     triangle = first.least_squares.reduced.triangular
     turn = np.linalg.solve(system / doubled, triangle.T @ triangle)
     covariance = np.asarray(turn @ spread @ turn.T, dtype=np.float64)
-    evaluation = [block.evaluation for block in blocks if block.fitted.any()]
     cost = first.least_squares.reduced.cost(values)
     root = scipy.linalg.cholesky(np.linalg.inv(0.5 * (covariance + covariance.T)))
     solution = replace(
@@ -105,7 +104,6 @@ def estimate_with_instruments(blocks: list[Block], pairs: list[InstrumentPair], 
         values=values,
         covariance=covariance,
         std=np.sqrt(np.diag(covariance)),
-        rms_nm=rms_over(evaluation, values),
         cost=cost,
         reduced=ReducedProblem(root, root @ values, cost, rows),
     )

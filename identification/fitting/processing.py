@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -36,28 +35,27 @@ class Processed:
 
 def check_recording(recording: Recording, robot: RobotModel) -> None:
     """Raises RecordingError if the torque is in another unit, nothing moves, or what moves has no measured torque."""
-    name = Path(recording.source.path).name
     if recording.torque_unit != "Nm":
-        raise RecordingError(
-            f"{name}: its torque is in {recording.torque_unit}; multiply each joint's current by its torque constant "
+        raise RecordingError.named(
+            recording.source.path,
+            f"its torque is in {recording.torque_unit}; multiply each joint's current by its torque constant "
             "and gear ratio and import it in Nm",
-            file=recording.source.path,
             field="tau_unit",
         )
     travel = np.ptp(recording.position, axis=0)
     if float(travel.max()) < SMALLEST_MOTION:
-        raise RecordingError(
-            f"{name}: no joint moves by more than {SMALLEST_MOTION} rad; parameters need a motion",
-            file=recording.source.path,
+        raise RecordingError.named(
+            recording.source.path,
+            f"no joint moves by more than {SMALLEST_MOTION} rad; parameters need a motion",
             field="q",
         )
     dead = [j for j in robot.driven if travel[j] >= SMALLEST_MOTION and np.ptp(recording.torque[:, j]) == 0.0]
     if dead:
         joints = ", ".join(str(joint + 1) for joint in dead)
-        raise RecordingError(
-            f"{name}: the torque of joint {joints} never changes although the joint moves: it was not measured, or "
+        raise RecordingError.named(
+            recording.source.path,
+            f"the torque of joint {joints} never changes although the joint moves: it was not measured, or "
             "too coarsely, and the parameters of all joints would be bent to it",
-            file=recording.source.path,
             field="tau",
             joint=dead[0] + 1,
         )

@@ -66,15 +66,3 @@ class RmsTable:
     def to_json(self) -> list[dict[str, Any]]:
         """The table as plain JSON types."""
         return [row.to_json() for row in self.rows]
-
-    def text(self, *, percent: bool = False) -> str:
-        """The table for a terminal, in Nm (N for prismatic joints) or in percent of the RMS torque."""
-        joints = len(self.rows[0].rms_nm) if self.rows else 0
-        width = max([len(row.label) for row in self.rows], default=0)
-        heading = " " * width + "".join(f"{joint:>8d}" for joint in range(1, joints + 1))
-        lines = [heading if percent else heading + f"{'sum':>8s}"]
-        for row in self.rows:
-            values = row.percent if percent else row.rms_nm
-            cells = "".join(f"{value:8.1f}" if percent else f"{value:8.3f}" for value in values)
-            lines.append(f"{row.label:<{width}s}{cells}" + ("" if percent else f"{row.total_nm:8.3f}"))
-        return "\n".join(lines)

@@ -116,17 +116,15 @@ def choose_joints(
     if recorded is not None:
         repeated = [item for item, times in Counter(recorded).items() if times > 1]
         if repeated:
-            raise RecordingError(f"{name}: names joint '{repeated[0]}' twice", file=file, field="joint_names")
+            raise RecordingError.named(file, f"names joint '{repeated[0]}' twice", field="joint_names")
         if len(recorded) != count:
-            raise RecordingError(
-                f"{name}: names {len(recorded)} joints for {count} columns", file=file, field="joint_names"
-            )
+            raise RecordingError.named(file, f"names {len(recorded)} joints for {count} columns", field="joint_names")
     if wanted is not None:
         columns = _wanted(file, recorded, count, wanted)
         if robot is not None and len(columns) != len(robot.driven):
-            raise RecordingError(
-                f"{name}: {len(columns)} joints are chosen ({', '.join(wanted)}), but {_described(robot)}",
-                file=file,
+            raise RecordingError.named(
+                file,
+                f"{len(columns)} joints are chosen ({', '.join(wanted)}), but {_described(robot)}",
                 field="joint_names",
             )
     elif recorded is None or robot is None:

@@ -293,15 +293,15 @@ def robot_of(recordings: Iterable[Recording]) -> str:
     for recording in recordings:
         name = Path(recording.source.path).name
         if recording.robot is None:
-            raise RecordingError(
-                f"{name}: does not say which robot it is of; give --robot NAME or --robot FILE.urdf",
-                file=recording.source.path,
+            raise RecordingError.named(
+                recording.source.path,
+                "does not say which robot it is of; give --robot NAME or --robot FILE.urdf",
                 field="robot",
             )
         if named is not None and recording.robot != named:
-            raise RecordingError(
-                f"{name}: is of robot {recording.robot}, but {first} is of {named}; give --robot to use one for both",
-                file=recording.source.path,
+            raise RecordingError.named(
+                recording.source.path,
+                f"is of robot {recording.robot}, but {first} is of {named}; give --robot to use one for both",
                 field="robot",
             )
         named, first = recording.robot, name

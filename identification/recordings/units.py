@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -111,13 +110,12 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
     if not suspicions and math.isfinite(typical):
         suspicions += _by_ratio(typical, stated)
     if suspicions:
-        name = Path(recording.source.path).name
         said = "; ".join(sentence for _, _, sentence in suspicions if sentence)
         options = " ".join(f"--unit {quantity}={unit}" for quantity, unit, _ in suspicions)
         right = " ".join(f"--unit {quantity}={next(iter(UNITS[quantity]))}" for quantity, _, _ in suspicions)
-        raise RecordingError(
-            f"{name}: {said}. Import it with {options}, or with {right} if that is right",
-            file=recording.source.path,
+        raise RecordingError.named(
+            recording.source.path,
+            f"{said}. Import it with {options}, or with {right} if that is right",
             field=suspicions[0][0],
         )
     notes = _outside_limits(recording, robot)

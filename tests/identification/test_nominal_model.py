@@ -75,7 +75,7 @@ def test_the_interval_of_a_choice_is_the_mean_over_the_models_considered() -> No
     """By hand: weights 1 : 3, variances 1 and 4, estimates 2 apart: (1 + 3 (4 + 2²)) / 4 = 6.25."""
     chosen, larger = (
         LeastSquaresResult(
-            names, values, np.ones(0), covariance, np.ones(0), 0.0, 1.0, np.ones(0), ReducedProblem(
+            names, values, np.ones(0), covariance, 0.0, 1.0, np.ones(0), ReducedProblem(
                 covariance, values, 0.0, 1
             ),
         )
