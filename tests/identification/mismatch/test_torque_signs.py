@@ -153,6 +153,6 @@ def test_the_held_out_recording_is_examined_and_turned_by_itself(
     diagnosis = diagnose([fitted], iiwa14, heldout=[unseen])
     (fault,) = diagnosis.data_faults
     assert (fault.fault, fault.joints, fault.recording) == ("inverted_torque_sign", (6,), "unseen.mcap")
-    assert fault.to_json()["recording"] == "unseen.mcap"
+    assert diagnosis.to_json()["data_faults"][0]["recording"] == "unseen.mcap"
     assert diagnosis.verdict == "explained"
     assert all(finding.confirmed for finding in diagnosis.findings)
