@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
-from identification.recordings.recording import Finding, FloatArray, IntArray, Recording
+from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
-
-__all__ = ["refuse_leaps", "with_whole_turns"]
 
 TURN = 2.0 * math.pi
 NEAR_A_TURN = 1.0
