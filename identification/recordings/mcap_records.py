@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import struct
+import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
@@ -61,7 +62,13 @@ def records_of(file: Path, allowance: Allowance, topics: Mapping[int, MessageSin
 def _unpacked(records: Iterator[McapRecord], allowance: Allowance) -> Iterator[McapRecord | bytes]:
     for record in records:
         if isinstance(record, Chunk):
-            yield allowance.unpack(record.data, record.compression, record.uncompressed_size)
+            data = allowance.unpack(record.data, record.compression, record.uncompressed_size)
+            # Damaged bytes may unpack all the same, and would pass for positions and torques.
+            if record.uncompressed_crc and zlib.crc32(data) != record.uncompressed_crc:
+                raise McapError(
+                    "a chunk is damaged, its checksum does not fit; `iiwa-ident recover` saves what follows"
+                )
+            yield data
         else:
             yield record
 

@@ -76,12 +76,17 @@ def _states(rows: int = ROWS) -> list[dict[str, Any]]:
     return states
 
 
-def _write_log(path: Path, states: list[dict[str, Any]], metadata: dict[str, str] | None = None) -> Path:
+def _write_log(
+    path: Path,
+    states: list[dict[str, Any]],
+    metadata: dict[str, str] | None = None,
+    compression: CompressionType = CompressionType.ZSTD,
+) -> Path:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(FRI_STATE, STATE_NAME))
     message = store.types[STATE_NAME]
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=16 * 1024, compression=CompressionType.ZSTD)
+        writer = Writer(file, chunk_size=16 * 1024, compression=compression)
         writer.start("ros2", "test")
         if metadata is not None:
             writer.add_metadata("iiwa_ident", metadata)
@@ -217,6 +222,19 @@ def test_any_cut_gives_rows_of_the_log_or_a_clear_error(tmp_path: Path) -> None:
         except RecordingError:
             continue
         np.testing.assert_array_equal(recording.position, reference.position[: recording.samples])
+
+
+def test_a_damaged_byte_is_no_torque(tmp_path: Path) -> None:
+    """In chunks that are not compressed any byte can be read; only their checksum tells that it is another one."""
+    whole = _write_log(tmp_path / "run.mcap", _states(), METADATA, CompressionType.NONE)
+    data, reference = whole.read_bytes(), read_recording(whole)
+    damaged = tmp_path / "damaged.mcap"
+    for place in np.random.default_rng(5).integers(6 * len(data) // 10, 8 * len(data) // 10, 25).tolist():
+        damaged.write_bytes(data[:place] + bytes([data[place] ^ 0x40]) + data[place + 1 :])
+        recording = read_recording(damaged)
+        np.testing.assert_array_equal(recording.position, reference.position[: recording.samples])
+        np.testing.assert_array_equal(recording.torque, reference.torque[: recording.samples])
+        assert "a chunk is damaged" in recording.report.of_kind("truncated_file")[0].sentence
 
 
 def _write_bag(path: Path, *, names: list[list[str]], effort: bool = True, stamped: bool = True) -> Path:
