@@ -153,6 +153,20 @@ def settle_open_directions(
     return SettledParameters(physical, full, values, program.share_of_data(x), misfit, moved, chosen.name)
 
 
+def _lower_root(correlation: FloatArray) -> FloatArray:
+    """Cholesky's root of a correlation (p, p); of a motion that leaves directions open round-off makes it indefinite,
+    and the floor is raised until it is not.
+    """
+    floor = _COVARIANCE_FLOOR
+    while True:
+        try:
+            return np.asarray(np.linalg.cholesky(correlation + floor * np.eye(len(correlation))), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            floor *= 10.0
+            if not floor <= 1.0:  # also where a number is not finite
+                raise
+
+
 class _Program:
     """The program in x (n, 10 + effects), the dynamic parameters per link, and its curvature."""
 
@@ -172,8 +186,8 @@ class _Program:
         finest = _FINEST**2 * np.square(in_units).sum(axis=(1, 2))
         covariance = covariance + np.diag(np.maximum(finest - np.diag(covariance), 0.0))
         std = np.sqrt(np.diag(covariance))
-        correlation = covariance / np.outer(std, std) + _COVARIANCE_FLOOR * np.eye(len(std))
-        whiten = scipy.linalg.solve_triangular(np.linalg.cholesky(correlation), np.diag(1.0 / std), lower=True)
+        root = _lower_root(covariance / np.outer(std, std))
+        whiten = scipy.linalg.solve_triangular(root, np.diag(1.0 / std), lower=True)
         self._image = whiten @ base.regrouping
         self._target = whiten @ values
 

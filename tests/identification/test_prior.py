@@ -70,6 +70,20 @@ def test_what_the_data_determine_stays_and_open_directions_are_bodies_of_a_links
     assert settled.physical.mass.sum() < 40.0  # KUKA states 30 kg
 
 
+def test_a_covariance_that_round_off_made_indefinite_is_no_end(
+    iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """As of a motion in which two joints go alike: one direction has next to no information, and its square is lost."""
+    values = iiwa14_base.base_from_physical(table3)
+    direction = np.ones(len(values)) / np.sqrt(len(values))
+    correlation = np.eye(len(values)) - (1.0 + 1e-9) * np.outer(direction, direction)
+    assert np.linalg.eigvalsh(correlation)[0] < 0.0
+    std = 0.1 * np.abs(values) + 0.01
+    settled = settle_open_directions(values, correlation * np.outer(std, std), iiwa14_base)
+    assert np.isfinite(settled.base_values).all()
+    assert settled.misfit < 1.0
+
+
 def test_an_offset_is_as_large_as_the_friction_of_its_joint(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
     """An arm of a tonne has offsets of tens of Nm, like its Coulomb friction: what is known of one stays."""
     base = BaseRegressor(iiwa14, RegressorOptions(offset=True))
