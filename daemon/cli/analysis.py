@@ -23,7 +23,7 @@ from daemon.cli.inputs import (
 )
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
-from daemon.cli.protection import not_a_recording
+from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.cli.rms_view import show_rms
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
 
@@ -112,7 +112,7 @@ def fit(
     if left_out is not None:
         model["left_out"] = left_out.to_json()
     target = out or recording_file(logs[0]).with_name("model.json")
-    target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    in_its_folder(target).write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if report is not None:
         from identification.report import write_report
 

@@ -14,7 +14,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.cli.protection import not_a_recording
+from daemon.cli.protection import in_its_folder, not_a_recording
 
 if TYPE_CHECKING:
     import numpy as np
@@ -338,7 +338,7 @@ def read_numbers(option: str, parts: list[str], count: int) -> list[float]:
 
 def _write(trajectory: Trajectory, target: Path, table: bool) -> dict[str, Any]:
     document = trajectory.to_json(table_rate_hz=1000.0 if table else None)
-    target.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    in_its_folder(target).write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return document
 
 

@@ -20,7 +20,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
-from daemon.cli.protection import not_a_recording
+from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.errors import LogIOError
 
 JsonOption = Annotated[
@@ -191,7 +191,7 @@ def write_json(destination: Path, result: Any) -> None:
         # Numbers and names have to come back as they were: JSON has its own escapes for what a stream cannot show.
         _write(sys.stdout, (text if _holds(sys.stdout, text) else json.dumps(result, indent=1, allow_nan=False)) + "\n")
     else:
-        destination.write_text(text + "\n", encoding="utf-8")
+        in_its_folder(destination).write_text(text + "\n", encoding="utf-8")
 
 
 def _holds(stream: TextIO, text: str) -> bool:

@@ -1,11 +1,14 @@
-"""No command writes over a recording: measurements cannot be made again.
+"""No command writes over a recording: measurements cannot be made again. Nor does one work for a file it cannot write.
 
-Here: what a recording looks like from outside, by its first bytes. Options that name a file to write ask here before
-the command begins. Standard library only, because every command's options come through here.
+Here: what a recording looks like from outside, by its first bytes, and whether a file can be written. Options that name
+a file to write ask here before the command begins. Standard library only, because every command's options come through
+here.
 """
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import sqlite3
 import zipfile
@@ -14,7 +17,7 @@ from pathlib import Path
 
 import typer
 
-__all__ = ["is_recording", "not_a_recording"]
+__all__ = ["in_its_folder", "is_recording", "not_a_recording"]
 
 _MCAP = b"\x89MCAP0\r\n"
 _SQLITE = b"SQLite format 3\x00"
@@ -56,7 +59,24 @@ def _is_bag(file: Path) -> bool:
 
 
 def not_a_recording(file: Path | None) -> Path | None:
-    """The file as it is, for an option that names one to write. Raises a usage error where it is a recording."""
-    if file is not None and str(file) != "-" and is_recording(file):
+    """The file as it is, for an option that names one to write. Raises a usage error where it is a recording, OSError
+    where it cannot be written: better now than after an hour, or after a motion.
+    """
+    if file is None or str(file) == "-":
+        return file
+    if is_recording(file):
         raise typer.BadParameter(f"{file} is a recording, and no command writes over one; give another name.")
+    if file.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+    there = file if file.exists() else next(parent for parent in file.absolute().parents if parent.exists())
+    if there != file and not there.is_dir():
+        raise OSError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(file))
+    if not os.access(there, os.W_OK):
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES), str(file))
+    return file
+
+
+def in_its_folder(file: Path) -> Path:
+    """The file, once the folder that it is to stand in is there. Raises OSError."""
+    file.parent.mkdir(parents=True, exist_ok=True)
     return file

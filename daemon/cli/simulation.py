@@ -11,7 +11,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.inputs import load_inputs
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
-from daemon.cli.protection import is_recording, not_a_recording
+from daemon.cli.protection import in_its_folder, is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
 if TYPE_CHECKING:
@@ -221,6 +221,7 @@ def _is_recording(file: Path) -> bool:
 
 def _write_series(series: dict[str, np.ndarray], file: Path) -> None:
     """All series in an .npz; a .csv holds the torques' rows, motion interpolated onto them."""
+    in_its_folder(file)
     if file.suffix.lower() == ".npz":
         np.savez_compressed(file, **series)  # type: ignore[arg-type]  # the names are ours, none is allow_pickle
         return

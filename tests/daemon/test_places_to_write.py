@@ -1,0 +1,49 @@
+"""Claims about files that a command is told to write: what cannot be written is said before the work and the motion."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from daemon.cli.app import main
+from tests.ports import free_udp_port
+
+
+def run(*words: str) -> int:
+    try:
+        main(list(words))
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["design", "--budget", "3600"], "--out"),
+        (["design", "--budget", "3600"], "--json"),
+        (["run", "--no-confirm", "--start-timeout", "3600"], "--json"),
+        (["check"], "--json"),
+    ],
+)
+@pytest.mark.parametrize("place", ["file/in-the-way.json", "folder"])
+def test_what_cannot_be_written_is_said_before_anything_begins(
+    words: list[str], option: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "folder").mkdir()
+    if words[0] == "run":
+        words = [*words, "--out", "out", "--bind", f"127.0.0.1:{free_udp_port()}"]
+    assert run(*words, option, place) == 74
+    assert place in capsys.readouterr().err
+    assert {file.name for file in tmp_path.iterdir()} == {"file", "folder"}
+
+
+def test_a_folder_that_is_not_there_yet_is_made_for_the_result(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "folder" / "found.json"
+    assert run("check", "--amplitude", "0.1", "--json", str(file)) == 0
+    assert json.loads(file.read_text())["safe"] is True
