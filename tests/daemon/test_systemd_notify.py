@@ -110,3 +110,18 @@ def test_systemd_itself_finds_no_fault_in_the_unit(tmp_path: Path) -> None:
         [tool, "verify", "--man=no", str(tmp_path / "iiwa-ident.service")], capture_output=True, text=True, check=False
     )
     assert "iiwa-ident.service" not in result.stderr, result.stderr
+
+
+def test_what_a_full_disk_sends_to_the_temporary_folder_outlives_the_service() -> None:
+    """A private /tmp is deleted when the unit stops; without one, a strictly protected system leaves /tmp open."""
+    service = unit()
+    assert (service["ProtectSystem"], service["PrivateTmp"]) == ("strict", "no")
+    assert "/tmp" in service["ReadWritePaths"].split()
+
+
+def test_the_record_of_the_ladder_stands_where_the_unit_may_write() -> None:
+    """Else an amplitude that was completed counts as not done, for ever."""
+    service = unit()
+    lines = UNIT.read_text().splitlines()
+    assert service["ProtectHome"] == "read-only"
+    assert f"Environment=XDG_STATE_HOME=/var/lib/{service['StateDirectory']}/state" in lines
