@@ -15,7 +15,7 @@ from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 from daemon.cli.progress import bar_put_away, progress_shown
-from daemon.cli.run import confirm_motion
+from daemon.cli.run import RobotHostOption, address_of, confirm_motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +40,7 @@ def investigate(
         "investigation"
     ),
     bind: Annotated[str, typer.Option("--bind", help="Address and port the robot sends to.")] = "127.0.0.1:30200",
+    robot_host: RobotHostOption = None,
     fri_version: Annotated[str, typer.Option("--fri-version", help="As of `run`.")] = "1.15",
     robot: RobotOption = None,
     workspace: WorkspaceOption = None,
@@ -94,7 +95,7 @@ def investigate(
     if mass is not None:
         acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
-    driver = _driver(account, host, port, simulation,
+    driver = _driver(account, host, port, simulation, robot_host=address_of(robot_host),
                      fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
     def ask(motion: Motion) -> bool | None:

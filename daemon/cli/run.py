@@ -37,7 +37,13 @@ if TYPE_CHECKING:
     from identification.robots import Installation
 
 
-def _address(host: str | None) -> str | None:
+RobotHostOption = Annotated[
+    str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
+]
+
+
+def address_of(host: str | None) -> str | None:
+    """The address of `--robot-host`; raises a usage error for one that is none."""
     from daemon.endpoints import is_ipv4
 
     if host is not None and not is_ipv4(host):
@@ -99,9 +105,7 @@ def run(
         typer.Option("--config", metavar="FILE", help="Settings as of `daemon`; options given here stand before them."),
     ] = None,
     arm: ArmOption = None,
-    robot_host: Annotated[
-        str | None, typer.Option("--robot-host", help="The robot's address; datagrams of others are ignored.")
-    ] = None,
+    robot_host: RobotHostOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     diagnose: Annotated[
@@ -170,7 +174,7 @@ def run(
         periods=periods,
         bind_host=host,
         bind_port=port,
-        robot_host=_address(robot_host),
+        robot_host=address_of(robot_host),
         fri_version=_version(fri_version),
         start_timeout_s=start_timeout,
         serial=serial,

@@ -99,11 +99,11 @@ class FriLoop:
         self.session = Session()
         self.statistics = LinkStatistics()
         self._gate = CommandGate(channel, self.session.clock, clock_ns)
-        self._pilot = Pilot(make_motion, version, self.session, self._gate, ring.gate, settings)
+        self._peer = Peer(settings.robot_host)
+        self._pilot = Pilot(make_motion, version, self.session, self._gate, ring.gate, self._peer, settings)
         self._buffer = bytearray(2048)
         self._view = memoryview(self._buffer)
         self._ahead = AnswerAhead(self._codec)
-        self._peer = Peer(settings.robot_host)
         self._rehearsal = Rehearsal(channel, self.session, self._gate, self._ahead, self._stop_watch, clock_ns)
         self._restarts = 0
         self._unanswered = 0

@@ -6,23 +6,42 @@ from fri_client.loop.channel import Address
 
 __all__ = ["Peer"]
 
+RIVAL_DATAGRAMS = 10
+"""So many of another machine are no stray packet: something sends there as a robot does."""
+_MOST_RIVALS = 16
+
 
 class Peer:
     """host: whose datagrams may count at all, None: anybody's. address: the robot's, None while none is known.
 
-    foreign: datagrams of others.
+    foreign: datagrams of others. doubt: why it is not certain whose arm would move, as a clause; empty where a host was
+    named, or one alone sends.
     """
 
-    __slots__ = ("_host", "address", "foreign")
+    __slots__ = ("_host", "_rivals", "address", "doubt", "foreign")
 
     def __init__(self, host: str | None) -> None:
         self._host = host
         self.address: Address | None = None
         self.foreign = 0
+        self.doubt = ""
+        self._rivals: dict[str, int] = {}
 
     def may_be(self, address: Address) -> bool:
         """Whether a datagram from there may be the robot's; one that cannot be is counted."""
         if address == self.address or (self.address is None and self._host in (None, address[0])):
             return True
         self.foreign += 1
+        if self._host is None and self.address is not None and address[0] != self.address[0] and not self.doubt:
+            self._note_rival(address[0], self.address[0])
         return False
+
+    def _note_rival(self, host: str, robot: str) -> None:
+        if host not in self._rivals and len(self._rivals) >= _MOST_RIVALS:
+            return
+        self._rivals[host] = self._rivals.get(host, 0) + 1
+        if self._rivals[host] >= RIVAL_DATAGRAMS:
+            self.doubt = (
+                f"{host} sends to this port as well as {robot}, and nobody said which robot is meant: name its address "
+                "(--robot-host)"
+            )

@@ -28,6 +28,7 @@ from fri_client.errors import FriError, RealRobot
 from fri_client.handover.start_gate import StartGate
 from fri_client.loop.gate import CommandGate, Pace
 from fri_client.loop.ipo_watch import STILL_RAD, IpoWatch
+from fri_client.loop.peer import Peer
 from fri_client.loop.result import LoopSettings
 from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState, name_of
 from fri_client.motion.program import Foreseen, MotionProgram
@@ -82,6 +83,7 @@ class Pilot:
         session: Session,
         gate: CommandGate,
         start_gate: StartGate,
+        peer: Peer,
         settings: LoopSettings,
     ) -> None:
         self._make_motion = make_motion
@@ -89,6 +91,7 @@ class Pilot:
         self._session = session
         self._gate = gate
         self._start_gate = start_gate
+        self._peer = peer
         self._settings = settings
         self._prepared_for = (settings.expected_period_s, 1)
         self.motion = make_motion(*self._prepared_for)
@@ -200,8 +203,8 @@ class Pilot:
             if session.state != _ACTIVE or not may_move:
                 return False
             self.hindrance = (
-                session.obstacle(message) or self._wrong_mode(message) or self._ipo.clause()
-                or self._far_from_ipo(measured, ipo)
+                session.obstacle(message) or self._wrong_mode(message) or self._peer.doubt
+                or self._ipo.clause() or self._far_from_ipo(measured, ipo)
             )  # fmt: skip
             if not self.hindrance and not (guard.anchored and guard.repeats(ipo, STILL_RAD)):
                 self.hindrance = "the robot's own position (IPO) was not mirrored yet"

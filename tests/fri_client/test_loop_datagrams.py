@@ -154,6 +154,30 @@ def test_only_the_configured_robot_is_listened_to() -> None:
     assert (result.outcome, result.foreign) == ("no_robot", 1)
 
 
+@pytest.mark.parametrize(
+    ("host", "datagrams", "named"),
+    [("127.0.0.2", 20, False), ("127.0.0.2", 5, False), ("127.0.0.2", 20, True), ("127.0.0.1", 20, False)],
+)
+def test_where_two_machines_send_no_arm_moves_before_one_is_named(host: str, datagrams: int, named: bool) -> None:
+    """Two cabinets with the same address for their client: the first to be heard would be moved, whichever it is."""
+    settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.4, robot_host="127.0.0.1" if named else None)
+    with running(settings=settings) as (client, robot), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind((host, 0))
+        robot.exchange(READY, 3)
+        for _ in range(datagrams):
+            other.sendto(robot.codec.encode_monitoring(robot.message(READY)), robot.client)
+        robot.to_active()
+        robot.until_done(client)
+        result = client.finish()
+        assert result.foreign == datagrams
+        if host == "127.0.0.2" and datagrams > 10 and not named:
+            assert result.outcome == "not_started"
+            assert "127.0.0.2 sends to this port as well as 127.0.0.1" in result.sentence
+            assert "--robot-host" in result.sentence
+        else:
+            assert result.outcome == "completed"
+
+
 @pytest.mark.parametrize("extra", ["nothing", "stray", "garbage", "duplicate"])
 @pytest.mark.parametrize("waiting", [9, 20])
 def test_of_a_backlog_after_a_stall_the_newest_message_alone_is_answered_by_one_step(waiting: int, extra: str) -> None:
