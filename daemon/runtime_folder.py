@@ -119,7 +119,7 @@ def _clear_left_behind(except_port: int) -> None:
     """Remove locks that nobody holds, and the sockets of their ports: a watcher would ask each of them in vain."""
     for path in runtime_folder().glob("*.lock"):
         kind, _, port = path.stem.partition("-")
-        if kind == "port" and (not port.isdigit() or int(port) == except_port):
+        if kind != "folder" and (kind != "port" or not port.isdigit() or int(port) == except_port):
             continue
         sockets = (f"watch-{port}", f"daemon-{port}") if kind == "port" else ()
         with contextlib.suppress(OSError), _opened(path) as descriptor:
