@@ -28,7 +28,12 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     loop = outcome.loop
     if outcome.outcome == "version_mismatch":
         return "Next: the same command with the --fri-version that the first sentence names, or with `auto`."
-    if outcome.outcome in ("no_robot", "not_started", "port_in_use"):
+    if outcome.outcome == "not_started":
+        return (
+            "Next: see to what the first sentence names, then give the same command again; `iiwa-ident doctor` with "
+            "the same address looks at the link."
+        )
+    if outcome.outcome in ("no_robot", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
     if outcome.outcome == "stopped" and nothing_moved(outcome):
         return "Next: nothing moved; the same command can be given again."

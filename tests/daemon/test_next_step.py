@@ -24,6 +24,7 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
     ("ended", "request_changes", "fit", "words"),
     [
         ({"outcome": "no_robot", "exit_code": 69}, {}, None, "iiwa-ident doctor"),
+        ({"outcome": "not_started", "exit_code": 69}, {}, None, "what the first sentence names"),
         ({"outcome": "version_mismatch", "exit_code": 76}, {}, None, "--fri-version"),
         ({"outcome": "stopped", "exit_code": 1}, {}, None, "last_samples.json"),
         ({"outcome": "stopped", "exit_code": 130, "standstill": False, "phases": ()}, {}, None, "can be given again"),
