@@ -128,12 +128,6 @@ class MotionStop:
         self.overruled += self._objected
         self._is_over = self._steps * self._command_period_s >= ramp.duration_s
 
-    def commands(self) -> list[Sequence[float]]:
-        """All commands of the stop so far, rebuilt from the plan, not stored."""
-        if self._ramp is None:
-            return []
-        return [self._ramp.position_at((step + 1) * self._command_period_s) for step in range(self._steps)]
-
     def _on_path(self, plan: Callable[[], PathStop | None]) -> PathStop | None:
         """The stop that keeps to the path, or None; tried once: a fault in it costs a tick and not the stop."""
         if self._path_tried or (self.asked is not None and not self.asked.path_is_good):

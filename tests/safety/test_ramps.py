@@ -13,6 +13,7 @@ from safety.braking import stopping_travel
 from safety.guard import CommandGuard
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits
 from safety.ramps import Ramp, RampError, plan_start_ramp, plan_stop_ramp
+from tests.safety.motions import judged
 
 LIMITS = IIWA14_R820
 
@@ -235,7 +236,7 @@ def test_a_stop_from_the_guards_state_goes_on_without_a_step() -> None:
     positions = amplitude * (1 - np.cos(omega * np.arange(0, 900) * 0.001))[:, None] * np.ones(7)
     guard.anchor(positions[0])
     for row in positions[1:]:
-        assert guard.judge(row, row) is None
+        assert judged(guard, row, row) is None
     ramp = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, LIMITS)
     joined = np.vstack([positions[-3:], [ramp.at(k * 0.001)[0] for k in range(1, 4)]])
     jumps = np.abs(np.diff(joined, 3, axis=0)) / 0.001**3
