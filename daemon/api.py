@@ -166,7 +166,6 @@ class WorkerJob(Message, frozen=True, kw_only=True):
     pipeline: FitPipeline = "auto"
     diagnosis_folder: str | None = None
     heldout: tuple[str, ...] = ()
-    progress_endpoint: str | None = None
 
 
 # ---- what happened ---------------------------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ __all__ = [
     "TimeStamp",
     "Transformation",
     "name_of",
+    "name_or_number",
 ]
 
 MONITORING_IDENTIFIER = 0x245142
@@ -103,6 +104,14 @@ def name_of(kind: type[IntEnum], value: float | None) -> str:
         return kind(int(value)).name
     except ValueError:
         return f"{kind.__name__} {int(value)}"
+
+
+def name_or_number(kind: type[IntEnum], value: float) -> str:
+    """The name of an enumeration's value; the number alone where it has none."""
+    try:
+        return kind(int(value)).name
+    except (ValueError, OverflowError):
+        return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 class SessionState(IntEnum):

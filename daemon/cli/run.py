@@ -146,11 +146,12 @@ def run(
     """
     from daemon.cli.worker_view import wait_for_worker
     from daemon.config import DaemonConfig, load_config
-    from daemon.motion.preparation import new_run_id, write_monitor_request, write_run_request
+    from daemon.motion.preparation import write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import make_room
     from daemon.run.service import run_acquisition
+    from daemon.times import new_job_id
     from identification.recordings.reader import recording_file
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
@@ -183,7 +184,7 @@ def run(
     stand = installation_of(gravity, mount, None) or (None if noted_gravity is None else Installation(noted_gravity))
     named_by = config if robot is None else None
     robot = robot or (None if config is None else named)
-    run_id = new_run_id()
+    run_id = new_job_id(())
     settings.update(
         run_id=run_id,
         diagnose=diagnose,

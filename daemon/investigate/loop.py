@@ -103,13 +103,11 @@ class Investigation:
         ask: Ask,
         tell: Tell,
         progress: Progress,
-        room: Room | None = None,
     ) -> None:
         self._folder = folder
         self.account = account
         self._driver = driver
         self._ask, self._tell, self._progress = ask, tell, progress
-        self._room = room
         self._study: Study | None = None
         self._choices: Sequence[tuple[Motion, Trajectory]] = ()
 
@@ -249,7 +247,7 @@ class Investigation:
             return Event.CHOSEN
         found = self._studied()
         random = np.random.default_rng([self.account.seed, given])
-        room = self._room or Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
+        room = Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
         # Where no time is left, what one motion more would tell is still worth knowing.
         left_s = self.account.left_s - PERIOD_S * SECOND_PERIODS * len(self._wanted)
         left = max(left_s, PERIODS[0] * PERIOD_S)

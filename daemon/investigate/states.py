@@ -93,19 +93,7 @@ TABLE: dict[tuple[State, Event], State] = {
 }
 """What comes next. A pair that does not stand here does not happen."""
 
-RESTING = frozenset(
-    {
-        State.SETTLED,
-        State.NEEDS_ACTION,
-        State.UNDECIDED,
-        State.OUT_OF_BUDGET,
-        State.BLOCKED,
-        State.DECLINED,
-        State.PLANNED,
-        State.INTERRUPTED,
-        State.DROPPED,
-    }
-)
+RESTING = frozenset(State) - {_S.DIAGNOSING, _S.CHOOSING, _S.CHECKING, _S.ASKING, _S.RECORDING}
 """States in which the program ends. Nothing moves until somebody calls it again."""
 
 

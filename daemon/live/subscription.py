@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -60,7 +59,5 @@ class LiveSubscription:
     def __enter__(self) -> LiveSubscription:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

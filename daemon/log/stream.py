@@ -65,11 +65,6 @@ class PatientFile:
         self._pending = bytearray()
 
     @property
-    def committed(self) -> int:
-        """Bytes the operating system has."""
-        return self._committed
-
-    @property
     def pending(self) -> int:
         """Bytes still in memory."""
         return len(self._pending)

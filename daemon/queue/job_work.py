@@ -18,7 +18,7 @@ import psutil
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
 from daemon.errors import exit_code_of, sentence_of
-from daemon.jobs.worker_start import JOB_NAME, launch, note_end
+from daemon.jobs.worker_start import JOB_NAME, fit_of, launch, note_end
 from daemon.json_files import read_json
 from daemon.queue.investigation_step import StepEnded
 from daemon.queue.job_preparation import Preparation, PreparationJob, Verdict
@@ -187,19 +187,7 @@ def start_fit(job: Job, post: Post) -> None:
 def _launch(job: Job) -> int:
     folder = Path(job.folder)
     outcome = read_json(folder / "run.json", RunOutcome)
-    request = outcome.request
-    assert request is not None
-    work = WorkerJob(
-        job_id=job.job_id,
-        recordings=outcome.recordings,
-        robot=request.urdf_file or request.robot,
-        model_file=str(folder / "model.json"),
-        status_file=str(folder / "worker_status.json"),
-        pipeline=request.fit_pipeline,
-        diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
-        heldout=request.heldout,
-    )
-    pid = launch(work, folder / JOB_NAME)
+    pid = launch(fit_of(outcome, job.job_id, folder), folder / JOB_NAME)
     # Another motion may be under way: the loop comes first.
     psutil.Process(pid).nice(_FIT_NICENESS)
     return pid

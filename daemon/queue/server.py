@@ -23,7 +23,7 @@ from types import FrameType
 
 from daemon.api import RunEvent
 from daemon.config import DaemonConfig
-from daemon.host import software_versions
+from daemon.host import own_version
 from daemon.queue.control_api import (
     CancelJob,
     Cancelled,
@@ -66,7 +66,7 @@ from daemon.queue.service_log import ServiceLog
 from daemon.queue.service_states import Action, Event, State, transition
 from daemon.queue.systemd_notify import SystemdNotifier
 from daemon.runtime_folder import default_endpoint, lock_port
-from daemon.stop_handle import StopHandle
+from daemon.stop_handle import StopHandle, handled
 from daemon.times import now_text
 from fri_client.handover.ring import EventCode
 
@@ -99,7 +99,7 @@ class Service:
         self._step_id: str | None = None
         self._signals = 0
         self._started_at = now_text()
-        self._version = software_versions().get("iiwa-ident", "unknown")
+        self._version = own_version()
         self._notifier = SystemdNotifier()
 
     def run(self) -> None:
@@ -369,12 +369,8 @@ class Service:
             del number, frame
             self._signals += 1
 
-        before = {n: signal.signal(n, end) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-        try:
+        with handled((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), end):
             yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     def _end_motion(self) -> None:
         """However this thread leaves its loop: no motion without it."""
