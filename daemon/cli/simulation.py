@@ -9,8 +9,8 @@ import numpy as np
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import load_inputs
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.inputs import RecordedArm
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
@@ -59,20 +59,16 @@ def export(
     model = read_model(model_file)
     added = motor_prior(model, parameters) if motor_inertia else None
     result = export_model(model, out, form, parameter_set=parameters, prior=prior, motor_inertia=added)
-    if json_file is not None:
-        write_json(
-            json_file,
-            {
-                "file": str(result.path),
-                "format": form,
-                "parameters": parameters,
-                "read_back": read_back(result),
-                "notes": list(result.notes),
-                "origins": None if result.origins is None else result.origins.to_json(),
-                "effects_file": None if result.effects_path is None else str(result.effects_path),
-            },
-        )
-    if wants_json_on_stdout(json_file):
+    written = {
+        "file": str(result.path),
+        "format": form,
+        "parameters": parameters,
+        "read_back": read_back(result),
+        "notes": list(result.notes),
+        "origins": None if result.origins is None else result.origins.to_json(),
+        "effects_file": None if result.effects_path is None else str(result.effects_path),
+    }
+    if not told_in_words(written, json_file):
         return
     data(f"Written to {result.path}")
     for agreement in result.agreements:
@@ -166,9 +162,8 @@ def simulate(
         _write_series(comparison.series(), out)
     if figure is not None:
         _write_figure(comparison, figure, robot)
-    if json_file is not None:
-        write_json(json_file, {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence})
-    if wants_json_on_stdout(json_file):
+    result = {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence}
+    if not told_in_words(result, json_file):
         return
     for line in (*comparison.sentences, sentence):
         data(line)
@@ -199,7 +194,7 @@ def _compare(
     regressor = BaseRegressor(robot, model.options) if effects or terms else None
     extra = None
     if motion is not None and _is_recording(motion):
-        (recording,) = load_inputs([motion], None, model_robot=robot).recordings
+        (recording,) = RecordedArm().load([motion], model_robot=robot).recordings
         if regressor is not None:
             extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording, terms)
         return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)
