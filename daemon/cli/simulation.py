@@ -23,6 +23,9 @@ ParametersOption = Annotated[
     str,
     typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
 ]
+MotorInertiaOption = Annotated[
+    bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
+]
 _BADLY_FOLLOWED = 0.02
 """rad (m) RMS between simulated and commanded position."""
 _EFFECT_STEP_S = 0.001
@@ -41,9 +44,7 @@ def export(
             "--prior", metavar="FILE.urdf", help="Where the data leave directions open: its bodies, not uniform ones."
         ),
     ] = None,
-    motor_inertia: Annotated[
-        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
-    ] = False,
+    motor_inertia: MotorInertiaOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Write a simulator model of the identified arm and check it by reading it back.

@@ -9,7 +9,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, told_in_words
-from daemon.cli.simulation import motor_prior, read_back
+from daemon.cli.simulation import MotorInertiaOption, motor_prior, read_back
 
 NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
 
@@ -21,9 +21,7 @@ def twin(
         Path | None,
         typer.Option("--model", metavar="MODEL.json", help="An arm of yours instead of the paper's Table 3."),
     ] = None,
-    motor_inertia: Annotated[
-        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
-    ] = False,
+    motor_inertia: MotorInertiaOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """The iiwa 14 as URDF, MJCF and SDF: bodies that can exist, friction, rotor inertia where the format has a place.

@@ -58,7 +58,7 @@ class RunNarrator:
         self._last_period = -1
         self._next_progress = 0.0
 
-    def tell(self, kind: str, sentence: str, *, period: int = -1, rate: float = 0.0) -> None:
+    def tell(self, kind: str, sentence: str, *, period: int = -1) -> None:
         """One event."""
         status = self._ring.status
         self._observe(
@@ -69,7 +69,6 @@ class RunNarrator:
                 period=period,
                 periods=self._periods,
                 samples=status.received,
-                rate=rate,
                 missing=status.missing,
                 lost_in_handover=self._ring.lost,
                 port=self._port,
@@ -122,5 +121,4 @@ class RunNarrator:
                 "progress",
                 f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
                 period=status.period,
-                rate=rate,
             )
