@@ -15,8 +15,6 @@ import psutil
 from daemon.errors import ChildProcessFailedError
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["Child", "child_environment", "start_python"]
-
 
 class Child:
     """A process of ours with its last words in a file; it is told the hand-over ring and who started it."""

@@ -8,18 +8,6 @@ import msgspec
 
 from daemon.api import Message
 
-__all__ = [
-    "MAXIMUM_CONTROL_BYTES",
-    "ControlMessage",
-    "RecorderFailed",
-    "RecorderFinished",
-    "RecorderProgress",
-    "RecorderReady",
-    "RecorderTrouble",
-    "decode_control",
-    "encode_control",
-]
-
 
 class RecorderReady(Message, frozen=True, kw_only=True, tag="recorder_ready"):
     """The recorder has opened its file and drains the ring."""

@@ -14,8 +14,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["host_report", "own_version", "software_versions"]
-
 _PACKAGES = ("iiwa-ident", "numpy", "scipy", "pin", "ruckig", "mcap", "msgspec", "pyzmq", "zstandard", "clarabel")
 
 

@@ -16,8 +16,6 @@ from types import FrameType
 
 from fri_client.handover.ring import EventCode, HandoverRing
 
-__all__ = ["StopHandle", "handled"]
-
 SIGNALS = {
     int(signal.SIGINT): EventCode.OPERATOR_STOP,
     int(signal.SIGTERM): EventCode.SIGNAL_STOP,

@@ -33,30 +33,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-__all__ = [
-    "BadFrame",
-    "CodecError",
-    "DecodeError",
-    "EncodeError",
-    "FieldNotInVersion",
-    "FriError",
-    "InvalidFieldNumber",
-    "InvalidFieldValue",
-    "JsonFormError",
-    "MalformedVarint",
-    "MessageTooLong",
-    "MissingRequiredField",
-    "RealRobot",
-    "TextTooLong",
-    "TruncatedMessage",
-    "UnknownFriVersion",
-    "WrongChecksum",
-    "WrongFrameLength",
-    "WrongMessageIdentifier",
-    "WrongValueCount",
-    "WrongWireType",
-]
-
 
 class FriError(Exception):
     """Root of every error of this package; `exit_code` is the process exit code of the contract."""

@@ -21,41 +21,6 @@ import msgspec
 
 from fri_client.errors import UnknownFriVersion
 
-__all__ = [
-    "COMMAND_IDENTIFIER",
-    "JOINT_COUNT",
-    "MONITORING_IDENTIFIER",
-    "Checksum",
-    "ClientCommandMode",
-    "CommandData",
-    "CommandMessage",
-    "ConnectionInfo",
-    "ConnectionQuality",
-    "ControlMode",
-    "DriveState",
-    "EndOfMessageData",
-    "FriVersion",
-    "IoDirection",
-    "IoType",
-    "IoValue",
-    "IpoData",
-    "MessageHeader",
-    "MonitorData",
-    "MonitoringMessage",
-    "OperationMode",
-    "OverlayType",
-    "QuaternionTransformation",
-    "RedundancyInformation",
-    "RedundancyStrategy",
-    "RobotInfo",
-    "SafetyState",
-    "SessionState",
-    "TimeStamp",
-    "Transformation",
-    "name_of",
-    "name_or_number",
-]
-
 MONITORING_IDENTIFIER = 0x245142
 """`messageIdentifier` of every monitoring message, robot to client (PROTOCOL section 4)."""
 

@@ -27,14 +27,6 @@ if TYPE_CHECKING:
 
     from daemon.live.watcher import Watcher
 
-__all__ = [
-    "REFRESH_S",
-    "LiveOptions",
-    "LiveScreen",
-    "live_served",
-    "live_thread",
-]
-
 REFRESH_S = 0.1
 
 

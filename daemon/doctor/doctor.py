@@ -33,8 +33,6 @@ from daemon.doctor.link_observation import LinkObservation, Mirror, observe_link
 from daemon.doctor.wake_ups import measured_wake_ups
 from daemon.host import host_report
 
-__all__ = ["DoctorCheck", "DoctorReport", "check_address", "check_interfaces", "examine", "port_holder"]
-
 ELSEWHERE_S = 1.0
 """How long every other address is listened to where the one asked for stayed silent."""
 

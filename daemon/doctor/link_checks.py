@@ -21,8 +21,6 @@ from daemon.doctor.link_observation import LinkObservation, Mirror
 from daemon.doctor.load_check import check_load_at_rest
 from fri_client.messages import ConnectionQuality, SessionState, name_or_number
 
-__all__ = ["check_link", "grade_link"]
-
 STALE_S = 0.5
 """No send period is longer than 0.1 s; a last message older than this means that the sender stopped."""
 FEWEST_TO_GRADE = 10

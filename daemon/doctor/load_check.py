@@ -29,8 +29,6 @@ from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import Installation
 from safety.geometry import FLANGE_M
 
-__all__ = ["check_load_at_rest", "load_before_motion", "load_remark", "load_sentence", "with_load_check"]
-
 FloatArray = NDArray[np.float64]
 
 SPACING_S = 0.01

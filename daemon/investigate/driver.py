@@ -21,8 +21,6 @@ from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
 from identification.robots import Installation
 
-__all__ = ["FriDriver", "ended_in"]
-
 
 @dataclass(frozen=True, slots=True)
 class FriDriver:

@@ -45,8 +45,6 @@ from identification.recordings import Recording
 from identification.recordings.reader import inputs_of, read_recording
 from identification.robots import RobotModel
 
-__all__ = ["Drive", "Driver", "Investigation", "smallest_budget_s"]
-
 Tell = Callable[[str], None]
 Progress = Callable[[str, float], None]
 Ask = Callable[[Motion], bool | None]

@@ -29,8 +29,6 @@ from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
 from identification.robots import Installation
 
-__all__ = ["main", "step"]
-
 
 class _QueueDriver:
     """Drives nothing: says how the queue's run ended that drove the pending motion."""

@@ -10,8 +10,6 @@ from enum import StrEnum
 
 from daemon.errors import DaemonError
 
-__all__ = ["RESTING", "TABLE", "Event", "State", "TransitionError", "after"]
-
 
 class State(StrEnum):
     """Where an investigation stands. choosing: the next motion. checking: its preflight. asking: the operator."""

@@ -31,8 +31,6 @@ from identification.report.document import (
 )
 from identification.report.page import render
 
-__all__ = ["story_of", "write_story"]
-
 NAME = "story.html"
 TITLES: dict[State, str] = {
     State.SETTLED: "Settled",

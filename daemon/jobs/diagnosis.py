@@ -25,8 +25,6 @@ from identification.recordings import Recording
 from identification.report import write_report
 from identification.robots import RobotModel
 
-__all__ = ["DiagnosisFiles", "ModelFiles", "diagnose_recordings", "write_model_back"]
-
 Progress = Callable[[str, float], None]
 _SHARE_OF_DIAGNOSIS = 0.6
 

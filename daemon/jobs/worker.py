@@ -30,8 +30,6 @@ from daemon.times import now_text
 if TYPE_CHECKING:
     from identification.recordings.reader import Inputs
 
-__all__ = ["main", "run_job"]
-
 REPORT_NAME = "report.html"
 _SHARE_OF_FIT = 0.3
 """Of the time of a fit and the diagnosis after it."""

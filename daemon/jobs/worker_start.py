@@ -14,8 +14,6 @@ from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.times import now_text
 
-__all__ = ["JOB_NAME", "fit_of", "launch", "note_end", "start_worker"]
-
 JOB_NAME = "worker_job.json"
 """The WorkerJob in the folder of its run."""
 

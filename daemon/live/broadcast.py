@@ -22,8 +22,6 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, ConnectionQuality, MonitoringMessage, SessionState, name_or_number
 
-__all__ = ["LiveBroadcast"]
-
 QUIET_S = 0.5
 """Without samples a frame goes out this often, so that a watcher tells a silent robot from a recorder that is gone."""
 _FRAMES_KEPT = 200

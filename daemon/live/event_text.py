@@ -7,8 +7,6 @@ from fri_client.handover.ring import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState, name_or_number
 from fri_client.session.refusal import refusal_sentence
 
-__all__ = ["event_name", "event_sentence"]
-
 
 def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
     """One sentence for the record's event; `loop_reason` is the loop's own sentence, used for stops and drops."""

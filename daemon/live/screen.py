@@ -17,8 +17,6 @@ from daemon.live.frame import LiveFrame
 from daemon.live.residual import REMARKABLE
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, JointLimits
 
-__all__ = ["Screen", "bar", "drawn", "remaining_s"]
-
 FloatArray = NDArray[np.float64]
 
 _NEAR, _TOO_NEAR = 0.75, 0.9

@@ -12,8 +12,6 @@ import zmq
 from daemon.live.frame import LiveFrame, decode_frame
 from daemon.runtime_folder import live_endpoint, runtime_folder
 
-__all__ = ["LiveSubscription", "served_ports"]
-
 _FRAMES_KEPT = 200
 _MAXIMUM_BYTES = 65536
 

@@ -20,8 +20,6 @@ from daemon.motion.torque_foresight import foresight_of_run
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
-__all__ = ["Watcher"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -22,22 +22,6 @@ from fri_client.messages import (
     Transformation,
 )
 
-__all__ = [
-    "JOINT_NAMES",
-    "DiagnosticStatus",
-    "SampleLabels",
-    "command_index",
-    "event_index",
-    "is_out_of_order",
-    "pack_diagnostics",
-    "pack_event",
-    "pack_fri_command",
-    "pack_fri_state",
-    "pack_joint_state",
-    "pack_string",
-    "state_counters",
-]
-
 JOINT_NAMES = tuple(f"iiwa_joint_{joint}" for joint in range(1, 8))
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"

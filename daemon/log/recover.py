@@ -27,8 +27,6 @@ from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
 from fri_client.session.replayed_counter import ReplayedCounter
 
-__all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
-
 
 @dataclass(frozen=True, slots=True)
 class RecoverReport:

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from daemon.errors import LogIOError
 
-__all__ = ["DiskReserve", "PatientFile", "is_being_written", "is_full"]
-
 
 class PatientFile:
     """A file that is only appended to, whole flushes at a time.

@@ -42,16 +42,6 @@ from daemon.log.chunk_index import pack_chunk_indexes_of
 from daemon.log.stream import PatientFile
 from fri_client.messages import CommandMessage, MonitoringMessage
 
-__all__ = [
-    "CHUNK_BYTES",
-    "CHUNK_SECONDS",
-    "SCHEMA_VERSION",
-    "Attachment",
-    "LogWriter",
-    "count_messages",
-    "has_non_finite",
-]
-
 CHUNK_BYTES = 512 * 1024
 CHUNK_SECONDS = 0.25
 """At 1 kHz a chunk ends by its time, with some 350 kB in it; by its size only when a backlog is written."""

@@ -23,8 +23,6 @@ from identification.robots.installation import ON_THE_FLOOR
 from safety.collision import ForbiddenBox, Workspace, self_collision_pairs
 from safety.geometry import RobotGeometry
 
-__all__ = ["Room", "room_of", "safe_in"]
-
 FloatArray = NDArray[np.float64]
 
 _STOPPING_ROOM_M = 0.18

@@ -26,8 +26,6 @@ from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M
 
-__all__ = ["TorqueForesight", "foresight_of_run", "stand_of_model", "torque_foresight"]
-
 FloatArray = NDArray[np.float64]
 
 SAME_GRAVITY = 0.02

@@ -25,8 +25,6 @@ from safety.geometry import RobotGeometry, load_geometry
 from safety.limits import JointLimits
 from safety.preflight_distance import Distances
 
-__all__ = ["FARTHEST_M", "Surroundings", "load_surroundings"]
-
 FARTHEST_M = 10.0
 """No arm of the family with any tool reaches so far: a floor, wall or box that is farther away is meant in mm."""
 

@@ -36,8 +36,6 @@ from identification.investigation.actions import Action
 from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import PERIOD_S, Room, experiment
 
-__all__ = ["ARMS", "Answer", "LoopCase", "answer_of", "forecasts_of", "prove_closed_loop", "reliability"]
-
 ROBOT = "iiwa14"
 Arm = Literal["chosen", "random", "repeated"]
 ARMS: tuple[Arm, ...] = ("chosen", "random", "repeated")

@@ -28,8 +28,6 @@ from typing import Any
 from daemon.errors import ProofProcessError, SealBrokenError
 from daemon.proof.score import CaseScore, score_case
 
-__all__ = ["GENERATOR", "WORKER", "LineProcess", "ProvenCase", "Source", "opened", "page_name", "prove", "select_cases"]
-
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.proof.worker")
 _KEPT_OF_DIAGNOSIS = (

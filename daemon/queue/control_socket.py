@@ -30,8 +30,6 @@ from daemon.queue.control_api import (
 )
 from daemon.queue.keys import read_public_key, read_secret_key
 
-__all__ = ["ControlSocket", "ServerKeys", "ServiceUnreachableError", "ask", "check_endpoint"]
-
 ASK_TIMEOUT_S = 10.0
 _MAXIMUM_REPLY_BYTES = 16 * 1024 * 1024
 _QUEUED_REQUESTS = 16

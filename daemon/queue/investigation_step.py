@@ -19,8 +19,6 @@ from daemon.children import start_python
 from daemon.errors import exit_code_of, sentence_of
 from daemon.json_files import read_json, write_json
 
-__all__ = ["ANSWER_NAME", "Order", "StepAnswer", "StepEnded", "start_step"]
-
 ORDER_NAME, ANSWER_NAME = "step-order.json", "step-answer.json"
 _NICENESS = 10
 

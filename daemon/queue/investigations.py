@@ -22,8 +22,6 @@ from daemon.queue.job_store import ENDED, MAXIMUM_WAITING, Job, JobStore
 from daemon.run.ladder import RUNGS
 from daemon.times import new_job_id, now_text
 
-__all__ = ["Investigations"]
-
 _NOT_DRIVEN: frozenset[JobPhase] = frozenset({"checking", "queued", "held", "preparing"})
 
 

@@ -21,8 +21,6 @@ from daemon.children import start_python
 from daemon.errors import DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
 
-__all__ = ["Preparation", "PreparationJob", "Verdict", "main"]
-
 REQUEST_NAME = "request.json"
 VERDICT_NAME = "verdict.json"
 LONGEST_S = 300.0

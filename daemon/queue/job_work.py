@@ -26,20 +26,6 @@ from daemon.queue.job_store import Job, JobStore
 from daemon.run.service import run_acquisition
 from daemon.stop_handle import StopHandle
 
-__all__ = [
-    "Checked",
-    "Checker",
-    "FitEnded",
-    "FitStarted",
-    "Posted",
-    "Prepared",
-    "RunEnded",
-    "Stored",
-    "fit_is_alive",
-    "start_fit",
-    "start_run",
-]
-
 _FIT_POLL_S = 0.5
 _FIT_NICENESS = 10
 

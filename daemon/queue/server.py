@@ -50,8 +50,6 @@ from daemon.stop_handle import StopHandle, handled
 from daemon.times import now_text
 from fri_client.handover.ring import EventCode
 
-__all__ = ["Service"]
-
 POLL_S = 0.05
 UNHEARD_S = 2.0
 """Without a turn of the control thread for so long, the run's heartbeat ceases."""

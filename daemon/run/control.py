@@ -21,8 +21,6 @@ import zmq
 
 from daemon.control_messages import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
 
-__all__ = ["ControlInbox"]
-
 _LONGEST_IPC_PATH = 107
 _PREFIX = "iiwa-run-"
 """Followed by the number of the process, whose end makes the folder useless."""

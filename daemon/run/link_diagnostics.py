@@ -7,8 +7,6 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import name_or_number
 
-__all__ = ["diagnostics_of"]
-
 _COUNTS = ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
 
 

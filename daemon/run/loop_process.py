@@ -52,8 +52,6 @@ from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for
 
-__all__ = ["bind", "load_table", "main", "motion_of", "run_loop"]
-
 STANDING = np.zeros((16, 7))
 """In place of a motion where none is driven, rad: a row for each command period, whatever that is."""
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

@@ -17,8 +17,6 @@ from fri_client.handover.ring import Disposition, HandoverRing
 from fri_client.loop.version_evidence import version_doubt
 from fri_client.messages import FriVersion, SessionState, name_or_number
 
-__all__ = ["Observer", "RunNarrator", "unfailing"]
-
 PROGRESS_S = 10.0
 Observer = Callable[[RunEvent], None]
 

@@ -56,8 +56,6 @@ from fri_client.session.refusal import UNREADABLE, Refusal
 from fri_client.session.replayed_counter import ReplayedCounter
 from fri_client.wire.codec import Codec
 
-__all__ = ["Recorder", "main"]
-
 BATCH = 512
 IDLE_SLEEP_S = 0.002
 PROGRESS_S = 0.5

@@ -29,8 +29,6 @@ from daemon.run.spare_folder import spare_folder
 from daemon.stop_handle import handled
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["close_books_alone", "rescue_if_abandoned"]
-
 RECORDER_PATIENCE_S = 10.0
 """A recorder that takes nothing out of a ring that holds something for so long does not come back."""
 CLOSING_PATIENCE_S = 60.0

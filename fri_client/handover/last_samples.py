@@ -16,8 +16,6 @@ from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, Han
 from fri_client.messages import ConnectionInfo, IpoData, MonitorData, name_or_number
 from fri_client.wire.codec import Codec
 
-__all__ = ["AFTERWARDS_S", "LAST_SAMPLES_S", "LastSamples", "read_last_samples"]
-
 LAST_SAMPLES_S = 2.0
 
 AFTERWARDS_S = 2.0

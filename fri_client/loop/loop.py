@@ -46,8 +46,6 @@ from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
 from safety.guard import Judged
 
-__all__ = ["FriLoop"]
-
 _MOST_AT_ONCE = 256
 """Datagrams taken out of the channel before something is decided; its buffer holds fewer unless somebody floods it."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from fri_client.loop.channel import Address
 
-__all__ = ["Peer"]
-
 
 class Peer:
     """host: whose datagrams may count at all, None: anybody's. address: the robot's, None while none is known.

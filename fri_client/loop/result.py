@@ -14,8 +14,6 @@ from fri_client.messages import SessionState
 from fri_client.motion.program import MotionProgram, StopKind
 from fri_client.session.session import Session
 
-__all__ = ["LoopResult", "LoopSettings", "Outcome", "PhaseTicks", "explain"]
-
 Outcome = Literal[
     "completed",
     "stopped",

@@ -22,8 +22,6 @@ from safety.limits import JointLimits
 from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
-__all__ = ["Course"]
-
 FloatArray = NDArray[np.float64]
 
 _ROWS_BEFORE_PATH_STOP = 3

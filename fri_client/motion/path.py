@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from safety.path_stop import PathStops
 from safety.ramps import Ramp
 
-__all__ = ["MotionPath"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -24,8 +24,6 @@ from fri_client.messages import JOINT_COUNT, FriVersion
 from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, read_length, read_tag, read_varint, skip_field
 from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
 
-__all__ = ["GroupReader"]
-
 Slots = list[Any]
 Action = Callable[[bytes, int, int, Slots], int]
 """(data, position after the tag, end of the message, slots to fill) -> position after the value."""

@@ -16,8 +16,6 @@ from typing import Any
 from fri_client import messages
 from fri_client.messages import JOINT_COUNT, FriVersion
 
-__all__ = ["MAXIMUM_NAME_BYTES", "Field", "Kind", "Rule", "group_name", "rows_of"]
-
 MAXIMUM_NAME_BYTES = 63
 """A name lies in a 64-byte buffer with a closing zero byte."""
 

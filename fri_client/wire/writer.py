@@ -25,8 +25,6 @@ from fri_client.messages import FriVersion
 from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, varint
 from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
 
-__all__ = ["GroupWriter", "joint_values"]
-
 Emit = Callable[[Any], bytes]
 """The bytes of one present field, tag included."""
 

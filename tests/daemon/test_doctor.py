@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 
 from daemon.cli import main
-from daemon.doctor.doctor import DoctorCheck, DoctorReport, check_address, check_interfaces, examine, port_holder
+from daemon.doctor.doctor import DoctorReport, check_address, check_interfaces, examine, port_holder
 from daemon.doctor.fri_guess import guess_version
+from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation
 from fri_client.messages import FriVersion
