@@ -144,11 +144,7 @@ def self_collision_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]
 
 
 def self_clearances(
-    positions: FloatArray,
-    geometry: RobotGeometry,
-    *,
-    turn_rad: FloatArray | float = 0.0,
-    resolution_m: float = 0.001,
+    positions: FloatArray, geometry: RobotGeometry, *, turn_rad: FloatArray | float = 0.0, resolution_m: float = 0.001
 ) -> tuple[Clearance, ...]:
     """Smallest distance of each pair of links along a path, (N, n) rad, N >= 1; closest pair first.
 

@@ -53,12 +53,10 @@ def fit(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording),
+        Path | None, typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording)
     ] = None,
     report: Annotated[
-        Path | None,
-        typer.Option("--report", help="Page to write: figures and tables, HTML.", callback=not_a_recording),
+        Path | None, typer.Option("--report", help="Page to write: figures and tables, HTML.", callback=not_a_recording)
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

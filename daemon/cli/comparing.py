@@ -101,8 +101,7 @@ def _changes(
 
     known = read_model(first) if first.suffix == ".json" else None
     inputs = arm.load(
-        others if known is not None else [first, *others],
-        model_robot=None if known is None else known.load_robot(),
+        others if known is not None else [first, *others], model_robot=None if known is None else known.load_robot()
     )
     refuse_repeated(inputs.recordings)
     for name in () if known is None else known.fitted_among(inputs.recordings):

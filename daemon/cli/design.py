@@ -61,8 +61,7 @@ def design(
         typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,… Weighs d and a."),
     ] = None,
     noise_colour: Annotated[
-        str,
-        typer.Option("--noise-colour", help="SHARE:HZ = share of the noise's variance that lies below a corner."),
+        str, typer.Option("--noise-colour", help="SHARE:HZ = share of the noise's variance that lies below a corner.")
     ] = "0.3:5",
     prior: Annotated[
         Path | None,

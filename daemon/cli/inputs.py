@@ -36,8 +36,7 @@ ArmOption = Annotated[
 ]
 WALL = "wall: its +x (iiwa14, iiwa7: −x of base_link) points down"
 MountOption = Annotated[
-    str | None,
-    typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}."),
+    str | None, typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}.")
 ]
 FoundMountOption = Annotated[
     str | None,

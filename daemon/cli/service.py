@@ -273,12 +273,7 @@ def stop(service: Connection, json_file: JsonOption = None) -> None:
 
 @app.command()
 @grouped
-def resume(
-    *,
-    confirm: ConfirmOption = False,
-    service: Connection,
-    json_file: JsonOption = None,
-) -> None:
+def resume(*, confirm: ConfirmOption = False, service: Connection, json_file: JsonOption = None) -> None:
     """Let the runs that are held after a stop, a failed run or a restart take their turn again.
 
     Example: iiwa-ident resume

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
-    str,
-    typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
+    str, typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10).")
 ]
 MotorInertiaOption = Annotated[
     bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
@@ -106,8 +105,7 @@ def read_back(result: ExportResult) -> list[dict[str, Any]]:
 def simulate(
     model_file: ModelArgument,
     motion: Annotated[
-        Path | None,
-        typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation."),
+        Path | None, typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation.")
     ] = None,
     controller: Annotated[
         str, typer.Option("--controller", help="computed_torque (the paper's), position or impedance.")
@@ -118,12 +116,10 @@ def simulate(
     stiffness: Annotated[float | None, typer.Option("--stiffness", help="Of impedance, Nm/rad; default 300.")] = None,
     parameters: ParametersOption = "physical",
     figure: Annotated[
-        Path | None,
-        typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.", callback=not_a_recording),
+        Path | None, typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.", callback=not_a_recording)
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Series of motion and torque: .npz or .csv.", callback=not_a_recording),
+        Path | None, typer.Option("--out", help="Series of motion and torque: .npz or .csv.", callback=not_a_recording)
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -154,9 +150,7 @@ def simulate(
 
         message(range_sentence(model.data["class_terms"]))
     settings = SimulationSettings(
-        motor_inertia=motors,
-        motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
-        offset=chosen.offset,
+        motor_inertia=motors, motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)), offset=chosen.offset
     )
     comparison = _compare(model, motion, robot, chosen, law, settings, effects)
     if out is not None:

@@ -181,10 +181,7 @@ def _port_refused(host: str, port: int, error: OSError) -> DoctorCheck:
             f"stop {holder or 'the program that holds it'} or choose another port.",
         )
     return DoctorCheck(
-        "port",
-        "failed",
-        f"UDP {host}:{port} cannot be bound: {error.strerror}.",
-        "choose an address of this machine.",
+        "port", "failed", f"UDP {host}:{port} cannot be bound: {error.strerror}.", "choose an address of this machine."
     )
 
 

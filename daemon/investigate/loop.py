@@ -29,11 +29,7 @@ from daemon.investigate.motions import (
 )
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
-from identification.excitation import (
-    Trajectory,
-    default_trajectory,
-    iiwa_limits,
-)
+from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.choice import PERIODS
@@ -93,14 +89,7 @@ class Investigation:
     """One investigation in its folder; `run` goes on until it rests, and returns the account."""
 
     def __init__(
-        self,
-        folder: Path,
-        account: Account,
-        driver: Driver,
-        *,
-        ask: Ask,
-        tell: Tell,
-        progress: Progress,
+        self, folder: Path, account: Account, driver: Driver, *, ask: Ask, tell: Tell, progress: Progress
     ) -> None:
         self._folder = folder
         self.account = account

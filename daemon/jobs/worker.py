@@ -136,13 +136,7 @@ def _diagnose(job: WorkerJob, inputs: Inputs, status: StatusFile) -> str:
     assert job.diagnosis_folder is not None
     recordings, robot = inputs.recordings, inputs.robot
     heldout = read_inputs(job.heldout, robot=job.robot, installation=robot.installation).recordings
-    found = diagnose_recordings(
-        recordings,
-        heldout,
-        robot,
-        Path(job.diagnosis_folder),
-        progress=progress,
-    )
+    found = diagnose_recordings(recordings, heldout, robot, Path(job.diagnosis_folder), progress=progress)
     return str(found.diagnosis.verdict)
 
 

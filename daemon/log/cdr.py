@@ -14,13 +14,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from fri_client.messages import (
-    CommandMessage,
-    IoValue,
-    MonitoringMessage,
-    QuaternionTransformation,
-    Transformation,
-)
+from fri_client.messages import CommandMessage, IoValue, MonitoringMessage, QuaternionTransformation, Transformation
 
 JOINT_NAMES = tuple(f"iiwa_joint_{joint}" for joint in range(1, 8))
 

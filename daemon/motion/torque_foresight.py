@@ -69,10 +69,7 @@ class TorqueForesight:
 
 
 def torque_foresight(
-    robot: str,
-    model_file: Path | None = None,
-    tool: Tool | None = None,
-    installation: Installation = ON_THE_FLOOR,
+    robot: str, model_file: Path | None = None, tool: Tool | None = None, installation: Installation = ON_THE_FLOOR
 ) -> TorqueForesight | None:
     """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
 

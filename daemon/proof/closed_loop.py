@@ -113,12 +113,7 @@ class _RequestDriver:
 
 
 def prove_closed_loop(
-    seed: int,
-    indices: Sequence[int],
-    scratch: Path,
-    *,
-    tell: Tell,
-    pages: Path | None = None,
+    seed: int, indices: Sequence[int], scratch: Path, *, tell: Tell, pages: Path | None = None
 ) -> list[LoopCase]:
     """Investigate cases of a seed. scratch: folder for what is recorded. pages: folder that keeps each case's story.
 

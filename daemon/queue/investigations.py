@@ -189,11 +189,7 @@ def _run_of(job_id: str, motions: int) -> str:
 def _asked(order: Order, request: SubmitInvestigation) -> Order:
     """With what an operator says on beginning or going on."""
     return msgspec.structs.replace(
-        order,
-        settle=request.settle,
-        done=request.done,
-        added_mass=request.added_mass,
-        after_drop=request.after_drop,
+        order, settle=request.settle, done=request.done, added_mass=request.added_mass, after_drop=request.after_drop
     )
 
 

@@ -130,13 +130,7 @@ class Checker:
             self._post(Checked(job.job_id, verdict))
 
 
-def start_run(
-    job_id: str,
-    request: RunRequest,
-    stop: StopHandle,
-    store: JobStore,
-    post: Post,
-) -> threading.Thread:
+def start_run(job_id: str, request: RunRequest, stop: StopHandle, store: JobStore, post: Post) -> threading.Thread:
     """Begin the acquisition in a thread of its own; its events are posted, and its end, whatever it is."""
 
     def work() -> None:

@@ -97,10 +97,7 @@ class Recorder:
         self._reserve = DiskReserve(path.parent, f".{path.name}.reserve", RESERVE_BYTES)
         try:
             self._writer = LogWriter(
-                path,
-                metadata=metadata_of(job),
-                attachments=attachments_of(job),
-                robot_description=description_of(job),
+                path, metadata=metadata_of(job), attachments=attachments_of(job), robot_description=description_of(job)
             )
         except LogIOError:
             self._reserve.give_back()
@@ -319,10 +316,7 @@ class Recorder:
     def _give_up(self, error: LogIOError) -> int:
         self._report(
             RecorderFailed(
-                part=self._job.part,
-                sentence=str(error),
-                errno=error.errno,
-                first_unwritten_index=self._safe_index + 1,
+                part=self._job.part, sentence=str(error), errno=error.errno, first_unwritten_index=self._safe_index + 1
             )
         )
         return error.exit_code

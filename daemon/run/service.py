@@ -38,13 +38,7 @@ from daemon.api import (
 from daemon.children import Child
 from daemon.control_messages import RecorderFailed, RecorderFinished, RecorderReady, RecorderTrouble
 from daemon.doctor.load_check import with_load_check
-from daemon.errors import (
-    BadLogError,
-    ChildProcessFailedError,
-    DaemonError,
-    LogIOError,
-    MissingInputError,
-)
+from daemon.errors import BadLogError, ChildProcessFailedError, DaemonError, LogIOError, MissingInputError
 from daemon.host import software_versions
 from daemon.jobs.worker_start import start_worker
 from daemon.json_files import read_json, write_json

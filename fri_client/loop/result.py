@@ -14,16 +14,7 @@ from fri_client.messages import SessionState
 from fri_client.motion.program import MotionProgram, StopKind
 from fri_client.session.session import Session
 
-Outcome = Literal[
-    "completed",
-    "stopped",
-    "dropped",
-    "no_robot",
-    "not_started",
-    "version_mismatch",
-    "refused",
-    "fault",
-]
+Outcome = Literal["completed", "stopped", "dropped", "no_robot", "not_started", "version_mismatch", "refused", "fault"]
 """How a run of the loop ended."""
 
 
@@ -164,12 +155,7 @@ def _explain(
         if settings.monitor_only:
             after = "No motion was commanded."
         return LoopResult(
-            outcome,
-            reason.code.name,
-            f"{reason.sentence} {after}",
-            reason.joint or None,
-            reason.value,
-            reason.limit,
+            outcome, reason.code.name, f"{reason.sentence} {after}", reason.joint or None, reason.value, reason.limit
         )
     if outcome == "version_mismatch":
         return LoopResult(outcome, outcome, version)

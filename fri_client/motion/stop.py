@@ -28,13 +28,7 @@ class MotionStop:
     follow. is_refused: the guard does not let the next command of the stop go out.
     """
 
-    def __init__(
-        self,
-        limits: JointLimits,
-        guard: CommandGuard,
-        end_ramp: Ramp,
-        command_period_s: float,
-    ) -> None:
+    def __init__(self, limits: JointLimits, guard: CommandGuard, end_ramp: Ramp, command_period_s: float) -> None:
         """end_ramp: the stop from the last row of the last period, planned ahead."""
         self._limits = limits
         self._guard = guard

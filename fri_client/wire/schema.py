@@ -207,10 +207,7 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _part(7, "redundancyInformation", messages.RedundancyInformation, _TWO),
         ),
     ),
-    messages.TimeStamp: (
-        "TimeStamp",
-        (_number(1, "sec", Kind.UINT32, _REQ), _number(2, "nanosec", Kind.UINT32, _REQ)),
-    ),
+    messages.TimeStamp: ("TimeStamp", (_number(1, "sec", Kind.UINT32, _REQ), _number(2, "nanosec", Kind.UINT32, _REQ))),
     messages.IoValue: (
         "FriIOValue",
         (
@@ -225,10 +222,7 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
     messages.QuaternionTransformation: ("QuaternionTransformation", _frame("element", 7, _TWO)),
     messages.RedundancyInformation: (
         "RedundancyInformation",
-        (
-            _number(1, "strategy", Kind.INT32, _REQ, _TWO),
-            _number(2, "value", Kind.DOUBLE, _REQ, _TWO),
-        ),
+        (_number(1, "strategy", Kind.INT32, _REQ, _TWO), _number(2, "value", Kind.DOUBLE, _REQ, _TWO)),
     ),
     messages.EndOfMessageData: (
         "MessageEndOf",
