@@ -27,9 +27,7 @@ from daemon.motion.preparation import PreparedMotion, write_run_request
 from daemon.run.service import run_acquisition
 from identification.base_parameters import BaseRegressor
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import load_robot
 
-ROBOT = "iiwa14"
 _END_ALLOWANCE_S = 20.0
 _START_ALLOWANCE_S = 60.0
 _SEALED = "sealed effect"
@@ -145,8 +143,3 @@ def true_base_parameters(summary: Path, regressor: BaseRegressor) -> NDArray[np.
         coulomb=np.array([link["coulomb"] for link in links]),
     )
     return regressor.base_from_physical(physical)
-
-
-def demo_regressor() -> BaseRegressor:
-    """The 57 base parameters of the demo's robot."""
-    return BaseRegressor(load_robot(ROBOT))
