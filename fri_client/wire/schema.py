@@ -14,6 +14,7 @@ from enum import Enum, auto
 from typing import Any
 
 from fri_client import messages
+from fri_client.errors import WrongValueCount
 from fri_client.messages import JOINT_COUNT, FriVersion
 
 MAXIMUM_NAME_BYTES = 63
@@ -243,6 +244,12 @@ def group_name(group: type[Any]) -> str:
 def rows_of(group: type[Any], version: FriVersion) -> tuple[Field, ...]:
     """The rows of `group` that `version` has, in ascending field number: the order in which they are written."""
     return _ROWS[group, version]
+
+
+def check_count(row: Field, message: str, count: int) -> None:
+    """Raises WrongValueCount for more values than the row allows."""
+    if count > row.limit:
+        raise WrongValueCount(message=message, field=row.name, count=count, limit=row.limit, exact=False)
 
 
 def _rows(group: type[Any], version: FriVersion) -> tuple[Field, ...]:

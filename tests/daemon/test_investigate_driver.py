@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from daemon.cli.app import main
 from daemon.investigate import driver as driver_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
 from daemon.investigate.states import State
 from daemon.motion.preparation import PreparedMotion, prepare_motion
+from tests.daemon.command_line import run
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,7 @@ def _nothing_is_driven(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def investigate(folder: Path, *words: str) -> int:
-    with pytest.raises(SystemExit) as end:
-        main(["investigate", "--out", str(folder), *words])
-    return int(end.value.code or 0)
+    return run("investigate", "--out", folder, *words)
 
 
 def test_a_post_that_is_named_after_the_planning_is_not_driven_into(
