@@ -12,17 +12,23 @@ from typing import IO
 
 import psutil
 
-from daemon.errors import ChildProcessFailedError
+from daemon.errors import ChildProcessFailedError, LogIOError
 from fri_client.handover.ring import HandoverRing
 
 
 class Child:
-    """A process of ours with its last words in a file; it is told the hand-over ring and who started it."""
+    """A process of ours with its last words in a file; it is told the hand-over ring and who started it.
+
+    Raises LogIOError where that file cannot be written.
+    """
 
     def __init__(self, role: str, module: str, arguments: list[str], ring: HandoverRing, folder: Path) -> None:
         self.role = role
         self._words_file = folder / f"{role}.log"
-        self._stream: IO[bytes] = self._words_file.open("ab")
+        try:
+            self._stream: IO[bytes] = self._words_file.open("ab")
+        except OSError as error:
+            raise LogIOError(str(self._words_file), error) from error
         told = ["--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())]
         self.process = start_python(module, [*arguments, *told], self._stream, pass_fds=(ring.fd,))
 

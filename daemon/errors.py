@@ -5,6 +5,7 @@
     ├── MissingInputError           66  a file that should be there is not
     ├── BadLogError                 65  a log (MCAP) that cannot be used
     ├── LogIOError                  74  the disk refused: full, read-only, gone
+    ├── FolderGoneError             74  the folder of a run was moved or removed before its loop could begin
     ├── LadderError                  1  an amplitude whose turn on this arm has not come
     ├── PortInUseError              69  another program holds the UDP port
     ├── RobotUnreachableError       69  no monitoring message arrived in time
@@ -92,6 +93,19 @@ class LogIOError(DaemonError):
         self.file = file
         self.errno = error.errno
         super().__init__(f"{file}: {error.strerror or error}.")
+
+
+class FolderGoneError(DaemonError):
+    """The folder of a run is not there any more, and nothing has moved yet. Carries its path."""
+
+    exit_code = 74
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+        super().__init__(
+            f"{folder} was moved or removed before the robot was listened to; nothing was moved by this run. Give the "
+            "same command again."
+        )
 
 
 class LadderError(DaemonError):

@@ -1,14 +1,15 @@
 """The private folder for sockets and locks, one per user: where it is, what may stand in it, and the locks themselves.
 
-Here: `runtime_folder`, the endpoints in it, the lock that keeps one UDP port for one supervisor, and what is cleared of
-those that were killed. Used by the
-service, by its clients, by the foreground run and by its watchers.
+Here: `runtime_folder`, the endpoints in it, the locks that keep one UDP port for one supervisor and one folder for one
+command, and what is cleared of those that were killed. Used by the service, by its clients, by the foreground run and
+by its watchers.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import os
 import stat
 import tempfile
@@ -66,8 +67,42 @@ def lock_port(host: str, port: int) -> Iterator[None]:
         yield
         return
     _clear_left_behind(except_port=port)
-    path = runtime_folder() / f"port-{port}.lock"
-    descriptor = _locked(path, host, port)
+    try:
+        with _held(runtime_folder() / f"port-{port}.lock"):
+            yield
+    except _HeldError as error:
+        raise PortInUseError(host, port, holder_pid=error.pid) from error
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Hold the folder that a command writes to, which need not exist yet, for the block.
+
+    Two commands of this user with one folder would each write the other's motion into it. The kernel gives the lock
+    back as that of a port. Raises ConfigurationError naming the holder.
+    """
+    digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:32]
+    try:
+        with _held(runtime_folder() / f"folder-{digest}.lock"):
+            yield
+    except _HeldError as error:
+        holder = "another iiwa-ident" if error.pid is None else f"another iiwa-ident (process {error.pid})"
+        raise ConfigurationError(
+            f"{folder} is being written to by {holder}; wait for its end or choose another folder."
+        ) from error
+
+
+class _HeldError(Exception):
+    """A lock is held by another process. Carries its number, where it wrote it."""
+
+    def __init__(self, pid: int | None) -> None:
+        self.pid = pid
+        super().__init__(f"held by process {pid}")
+
+
+@contextlib.contextmanager
+def _held(path: Path) -> Iterator[None]:
+    descriptor = _locked(path)
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
@@ -80,15 +115,16 @@ def lock_port(host: str, port: int) -> Iterator[None]:
 
 def _clear_left_behind(except_port: int) -> None:
     """Remove locks that nobody holds, and the sockets of their ports: a watcher would ask each of them in vain."""
-    for path in runtime_folder().glob("port-*.lock"):
-        port = path.stem.removeprefix("port-")
-        if not port.isdigit() or int(port) == except_port:
+    for path in runtime_folder().glob("*.lock"):
+        kind, _, port = path.stem.partition("-")
+        if kind == "port" and (not port.isdigit() or int(port) == except_port):
             continue
+        sockets = (f"watch-{port}", f"daemon-{port}") if kind == "port" else ()
         with contextlib.suppress(OSError), _opened(path) as descriptor:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # One that was taken and removed meanwhile is not this one: its sockets are those of a new holder.
             if os.path.samestat(os.fstat(descriptor), path.stat()):
-                for left in (f"watch-{port}", f"daemon-{port}", path.name):
+                for left in (*sockets, path.name):
                     path.with_name(left).unlink(missing_ok=True)
 
 
@@ -101,8 +137,8 @@ def _opened(path: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
-def _locked(path: Path, host: str, port: int) -> int:
-    """Descriptor of the locked file that stands at `path` now."""
+def _locked(path: Path) -> int:
+    """Descriptor of the locked file that stands at `path` now. Raises _HeldError."""
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         try:
@@ -110,7 +146,7 @@ def _locked(path: Path, host: str, port: int) -> int:
         except BlockingIOError as error:
             holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
             os.close(descriptor)
-            raise PortInUseError(host, port, holder_pid=int(holder) if holder.isdigit() else None) from error
+            raise _HeldError(int(holder) if holder.isdigit() else None) from error
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(descriptor), path.stat()):
                 return descriptor

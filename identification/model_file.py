@@ -18,7 +18,7 @@ import numpy.typing as npt
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
 from identification.physical_parameters import PhysicalParameters
-from identification.recordings.independence import recording_names
+from identification.recordings.independence import holds_samples, recording_names
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 
@@ -62,11 +62,19 @@ class Model:
         return load_robot(Path(self.path).parent / self.robot, installation)
 
     def fitted_among(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
-        """Names of those recordings that it was fitted to, as far as the file says: they are no check of it."""
+        """Names of those recordings that it was fitted to, as far as the file says: they are no check of it.
+
+        Told by the digest of the file and by samples: a copy, an import or a cut has the same ones.
+        """
         inputs = self.data.get("provenance", {}).get("inputs", [])
         fitted = {str(item.get("sha256")) for item in inputs}
+        prints = [item["samples_kept"] for item in inputs if item.get("samples_kept")]
         named = zip(recordings, recording_names(recordings), strict=True)
-        return tuple(name for recording, name in named if recording.source.sha256 in fitted)
+        return tuple(
+            name
+            for recording, name in named
+            if recording.source.sha256 in fitted or any(holds_samples(recording, kept) for kept in prints)
+        )
 
     def torque_shift(self, joints: int) -> FloatArray:
         """(n,) s by which its fit took the torque earlier. Raises ModelFileError for another number of joints."""
@@ -134,7 +142,10 @@ class Model:
 
 def no_check(name: str) -> str:
     """What is said of a recording that a model is compared with and was fitted to."""
-    return f"NO CHECK: the model was fitted to {name} itself, and its RMS there is the fit's own. Give another run."
+    return (
+        f"NO CHECK: the model was fitted to {name} itself, a copy or a part of it, and its RMS there is the fit's own. "
+        "Give another run."
+    )
 
 
 def write_model(data: dict[str, Any], path: str | Path) -> Path:
@@ -197,7 +208,7 @@ def read_model(path: str | Path) -> Model:
         if _finite(_part(provenance, "torque_shift_s", list)).ndim != 1:
             raise ValueError("no list of numbers")
         where = "provenance.inputs"
-        _ = [item.get("sha256") for item in _part(provenance, "inputs", list)]
+        _ = [int(item.get("samples_kept") or "0", 16) for item in _part(provenance, "inputs", list)]
         where = "provenance.regressor"
         options = RegressorOptions.from_json(_part(provenance, "regressor", dict))
         where = "robot"

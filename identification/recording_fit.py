@@ -41,7 +41,7 @@ from identification.fitting.provenance import provenance
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
-from identification.fitting.torque_sign import TorqueSign, judge_torque_sign
+from identification.fitting.torque_sign import TorqueSign, judge_torque_sign, notes_on_signs
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
@@ -120,7 +120,7 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=(*_notes_on_data(rms, processed, band), *notes_on_model(regressor, settings)),
+        notes=(*notes_on_signs(sign), *_notes_on_data(rms, processed, band), *notes_on_model(regressor, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)

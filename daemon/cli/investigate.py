@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 @app.command()
 def investigate(
+    context: typer.Context,
     given: Annotated[
         list[Path] | None,
         typer.Option("--from", help="Recording or run folder at hand; may be given repeatedly. Without: from nothing."),
@@ -73,6 +74,7 @@ def investigate(
     from daemon.investigate.loop import Investigation
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
+    from daemon.runtime_folder import lock_folder
     from identification.investigation.actions import Action
     from identification.investigation.equivalences import unasked
 
@@ -82,6 +84,7 @@ def investigate(
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
     mass = mass_of(added_mass)
     stand = installation_of(gravity, mount, None)
+    context.with_resource(lock_folder(out))
     account, resumed = _account_in(out, given or [], robot, None if budget is None else 60.0 * budget, seed)
     account = _in_its_cell(out, account, workspace, tool, stand)
     if settle:
@@ -132,7 +135,14 @@ def _account_in(
     from daemon.errors import ConfigurationError
     from daemon.investigate.account import read_account
     from daemon.investigate.begin import begun
+    from daemon.queue.investigation_step import ORDER_NAME
 
+    if (out / ORDER_NAME).is_file():
+        raise ConfigurationError(
+            "it is an investigation of the service, which knows the workspace and the tool of its arm; "
+            f"`iiwa-ident submit-investigation --go-on {out.resolve().name}` goes on with it.",
+            file=str(out),
+        )
     account = read_account(out)
     if account is None:
         if budget_s is None:

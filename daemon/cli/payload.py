@@ -16,6 +16,7 @@ from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, told_in_words
 
 if TYPE_CHECKING:
+    from identification.audit.difference import Number
     from identification.audit.payload import Body
 
 SET = ("tool_mass_kg", "tool_center_of_mass_m", "tool_inertia_kg_m2")
@@ -62,9 +63,14 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[st
     from identification.audit.difference import with_interval
     from identification.audit.payload import cabinet_load_data
 
-    x, y, z = (with_interval(item, 1e3, "") for item in body.center)
-    inertia = ", ".join(f"{item.name.removeprefix('inertia_')} {with_interval(item)}" for item in body.inertia)
-    typed = ", ".join(f"{name} {value:.4g}" for name, value in cabinet_load_data(body).items())
+    def shown(item: Number, factor: float, unit: str | None) -> str:
+        return "not determined" if item.name in body.undetermined else with_interval(item, factor, unit)
+
+    x, y, z = (shown(item, 1e3, "") for item in body.center)
+    inertia = ", ".join(f"{item.name.removeprefix('inertia_')} {shown(item, 1.0, None)}" for item in body.inertia)
+    load = cabinet_load_data(body)
+    typed = ", ".join(f"{name} {value:.4g}" for name, value in load.items() if value is not None)
+    missing = ", ".join(name for name, value in load.items() if value is None)
     before, after = (sum(value**2 for value in values) ** 0.5 for values in (body.rms_before, body.rms_after))
     longer = _how_much_longer(body)
     return [
@@ -72,6 +78,7 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[st
         f"Centre of mass X, Y, Z: {x}, {y}, {z} mm from {body.frame}",
         f"Inertia about it: {inertia}",
         f"As load data (kg, mm, degrees, kg m²): {typed}",
+        *([f"Not determined by these motions: {missing}. Take them from a drawing of the tool."] if missing else []),
         f"With this load {after:.3g} {unit} RMS stay (all joints together), without it {before:.3g} {unit}.",
         *([] if longer is None else [longer]),
         compared(body, stated),
@@ -83,7 +90,7 @@ def _how_much_longer(body: Body) -> str | None:
     needed = body.seconds_for(CENTER_KNOWN_M)
     if needed <= body.seconds:
         return None
-    worst = max(1.96 * item.std for item in body.center)
+    worst = CENTER_KNOWN_M * math.sqrt(needed / body.seconds)
     return (
         f"The centre is known within ± {1e3 * worst:.1f} mm: the load is too light for ± {1e3 * CENTER_KNOWN_M:g} mm "
         f"from {body.seconds:.0f} s of motion. About {_rounded(needed):.0f} s without and as much with it would do."
@@ -137,6 +144,7 @@ def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
         "center_of_mass": {item.name[-1]: item.to_json() for item in body.center},
         "inertia": {item.name.removeprefix("inertia_"): item.to_json() for item in body.inertia},
         "load_data": cabinet_load_data(body),
+        "undetermined": list(body.undetermined),
         "set": {name: stated[1][name] for name in SET if name in stated[1]},
         "seconds": body.seconds,
         "seconds_for_2_mm": body.seconds_for(CENTER_KNOWN_M),

@@ -71,6 +71,7 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
 @app.command()
 @grouped
 def run(
+    context: typer.Context,
     trajectory: TrajectoryArgument = None,
     *,
     periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record; default: 16.")] = None,
@@ -152,6 +153,7 @@ def run(
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import make_room
     from daemon.run.service import run_acquisition
+    from daemon.runtime_folder import lock_folder
     from daemon.times import new_job_id
     from identification.recordings.reader import recording_file
     from identification.robots import Installation
@@ -198,6 +200,7 @@ def run(
     )
     viewers = live.server()
     out = Path(lab.output) / run_id if out is None else out
+    context.with_resource(lock_folder(out))
     if monitor_only:
         make_room(out)
         surroundings = load_surroundings(robot or "iiwa14", cell, carried)

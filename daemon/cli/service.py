@@ -190,12 +190,10 @@ def _printable(name: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in name)[:200]
 
 
-def _confirm_motion(status: api.StatusReply) -> None:
+def _confirm_motion(status: api.StatusReply, what: str = "this run") -> None:
     if not sys.stdin.isatty():
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --confirm if that is meant.")
-    message(
-        f"The arm behind {status.bind} WILL MOVE as soon as the queue comes to this run, without being asked again."
-    )
+    message(f"The arm behind {status.bind} WILL MOVE as soon as the queue comes to {what} without being asked again.")
     message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
     typer.confirm("Queue it", abort=True, err=True)
 
@@ -273,15 +271,31 @@ def stop(service: Connection, json_file: JsonOption = None) -> None:
 
 @app.command()
 @grouped
-def resume(*, confirm: ConfirmOption = False, service: Connection, json_file: JsonOption = None) -> None:
-    """Let the runs that are held after a stop, a failed run or a restart take their turn again.
+def resume(
+    job: Annotated[list[str] | None, typer.Argument(help="Numbers of held runs; default: all that are held.")] = None,
+    *,
+    confirm: ConfirmOption = False,
+    service: Connection,
+    json_file: JsonOption = None,
+) -> None:
+    """Let the runs that are held after a stop, a failed run or a restart take their turn again: those it names first.
 
     Example: iiwa-ident resume
     """
     state = service.ask(api.GetStatus(), api.StatusReply)
-    if state.needs_confirmation and not confirm:
-        _confirm_motion(state)
-    reply = service.ask(api.ResumeQueue(confirmed=state.needs_confirmation), api.Resumed)
+    listed = reversed(service.ask(api.GetJobs(limit=500), api.JobsReply).jobs)
+    waiting = {each.job_id: each for each in listed if each.kind == "run" and each.phase in ("held", "checking")}
+    for number in job or ():
+        if number not in waiting:
+            raise typer.BadParameter(f"no run {number} is held here; `iiwa-ident jobs` lists those that are.")
+    meant = [each for each in waiting.values() if not job or each.job_id in job]
+    for each in meant:
+        message(f"{each.job_id}: {each.name}, amplitude {each.amplitude:g}, {each.periods} periods.")
+    if meant and state.needs_confirmation and not confirm:
+        _confirm_motion(state, f"these {len(meant)} runs, one after the other," if len(meant) > 1 else "this run")
+    # What was shown, and nothing that was held in the meantime.
+    numbers = tuple(each.job_id for each in meant)
+    reply = service.ask(api.ResumeQueue(confirmed=state.needs_confirmation, jobs=numbers), api.Resumed)
     show(reply, json_file, reply.sentence)
 
 

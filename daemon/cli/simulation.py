@@ -127,7 +127,7 @@ def simulate(
 
     Example: iiwa-ident simulate model.json runs/first/recording.mcap --figure torques.svg --json -
     """
-    from identification.export.parameters import parameters_of
+    from identification.export.parameters import parameters_of, refuse_unmovable
     from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
     from identification.simulation import SimulationSettings, controller_named, motor_inertia_of
@@ -136,6 +136,7 @@ def simulate(
     _check_suffix(out, "--out", (".npz", ".csv"))
     model = read_model(model_file)
     robot, chosen = model.load_robot(), parameters_of(model, parameters)
+    refuse_unmovable(chosen, file=str(model_file))
     law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
     motors, sentence = motor_inertia_of(robot, chosen)
     message(sentence)

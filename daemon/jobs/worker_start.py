@@ -19,10 +19,20 @@ JOB_NAME = "worker_job.json"
 
 
 def start_worker(outcome: RunOutcome) -> RunOutcome:
-    """Start the fit of a finished run; the outcome with the worker's pid and status file. Raises LogIOError."""
+    """Start the fit of a finished run; the outcome with the worker's pid and status file.
+
+    Where the disk refuses its files, the outcome with a sentence and exit code 74: the run itself is over and recorded.
+    """
     folder = Path(outcome.out_dir)
     job = fit_of(outcome, outcome.run_id, folder)
-    pid = launch(job, folder / JOB_NAME)
+    try:
+        pid = launch(job, folder / JOB_NAME)
+    except LogIOError as error:
+        repeat = f"iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}"
+        sentence = f"The fit was not started: {error} The recording is whole; `{repeat}` fits it."
+        return msgspec.structs.replace(
+            outcome, sentences=(*outcome.sentences, sentence), exit_code=outcome.exit_code or error.exit_code
+        )
     return msgspec.structs.replace(outcome, worker_pid=pid, worker_status_file=job.status_file)
 
 

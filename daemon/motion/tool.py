@@ -89,7 +89,8 @@ class Tool(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
     """A tool from what an operator writes: "none", MASS@X,Y,Z in kg and m, or the name of a YAML file.
 
-    is_name: any other text is taken as the tool's name, which the log then carries. Raises MissingInputError for a file
+    is_name: any other text is taken as the tool's name, which the log then carries, unless it looks like a load or a
+    file. Raises MissingInputError for a file
     that is not there, ConfigurationError for everything that describes no tool.
     """
     if text.strip().lower() in ("", NO_TOOL):
@@ -103,13 +104,18 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
         numbers = []
     if len(numbers) == 4:
         return check_tool(Tool(mass_kg=numbers[0], center_of_mass_m=(numbers[1], numbers[2], numbers[3])), None)
-    if is_name:
+    if is_name and not _is_meant_as_more(text):
         return Tool(name=text.strip())
     raise ConfigurationError(
         f"'{text}' is no tool: give MASS@X,Y,Z in kg and m from the flange, such as 2.5@0,0,0.06, a file tool.yaml, or "
         "none.",
         field="tool",
     )
+
+
+def _is_meant_as_more(text: str) -> bool:
+    """Whether a text that is no load and no file of ours was meant as one: as a name it would weigh nothing."""
+    return "@" in text or "/" in text or Path(text).suffix.lower() in (".json", ".toml", ".txt", ".urdf", ".xml")
 
 
 def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:
@@ -142,6 +148,12 @@ def check_tool(tool: Tool, file: str | None, place: str = "") -> Tool:
                 "inertia_kg_m2",
                 f"No body has the principal moments {least:.4g}, {middle:.4g}, {largest:.4g} kg m²: none is negative, "
                 "and the largest is at most the sum of the others.",
+            )
+        if least + middle + largest > 2.0 * mass * FARTHEST_M**2:
+            raise refuse(
+                "inertia_kg_m2",
+                f"A body of {mass:g} kg with the moment {largest:.4g} kg m² would reach beyond {FARTHEST_M:g} m; are "
+                "these kg m², about the centre of mass?",
             )
     if (tool.length_m is None) != (tool.radius_m is None):
         raise refuse("length_m", "A shape needs both length_m and radius_m.")

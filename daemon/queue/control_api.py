@@ -100,9 +100,10 @@ class StopMotion(_Request, frozen=True, kw_only=True, tag="stop"):
 
 
 class ResumeQueue(_Request, frozen=True, kw_only=True, tag="resume"):
-    """Let held runs take their turn again. confirmed: as for SubmitRun."""
+    """Let held runs take their turn again. confirmed: as for SubmitRun. jobs: these alone; None: all that are held."""
 
     confirmed: bool = False
+    jobs: tuple[_JobId, ...] | None = None
 
 
 class CancelJob(_Request, frozen=True, kw_only=True, tag="cancel"):

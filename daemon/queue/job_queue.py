@@ -191,13 +191,14 @@ class JobQueue:
             if job.unasked:
                 self.store.change(job.job_id, job.phase, job.sentence, unasked=False)
 
-    def release(self) -> int:
-        """Held runs take their turn again; how many."""
-        held = self.store.all("run", "held")
+    def release(self, only: Sequence[str] | None = None) -> int:
+        """Held runs take their turn again, all or these alone; how many."""
+        held = [job for job in self.store.all("run", "held") if only is None or job.job_id in only]
         for job in held:
             self.store.change(job.job_id, "queued", "Waits for its turn.", confirmed=True)
-        released = len(held) + len(self._hold_when_checked)
-        self._hold_when_checked.clear()
+        checked = self._hold_when_checked if only is None else self._hold_when_checked.intersection(only)
+        released = len(held) + len(checked)
+        self._hold_when_checked -= checked
         return released
 
     def cancel(self, job_id: str) -> str:

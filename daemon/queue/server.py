@@ -166,7 +166,7 @@ class Service:
                 return None
             case api.ResumeQueue():
                 self._require_confirmation(request.confirmed)
-                released = self._jobs.release()
+                released = self._jobs.release(request.jobs)
                 return api.Resumed(released=released, sentence=f"{released} held run(s) take their turn again.")
             case api.CancelJob():
                 return api.Cancelled(job_id=request.job_id, sentence=self._jobs.cancel(request.job_id))

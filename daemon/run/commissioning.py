@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from daemon.api import RunOutcome, RunRequest
-from daemon.errors import ConfigurationError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
+from daemon.errors import ConfigurationError, DaemonError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
 from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.motion.workspace import load_surroundings
 from daemon.run.ladder import highest_allowed, needs_ladder
@@ -58,9 +58,16 @@ def rung_of(request: RunRequest) -> Rung:
     return Rung(
         arm=f"{request.robot} {request.serial or _address(request)}",
         trajectory_sha256=hashlib.sha256(content).hexdigest(),
-        workspace_sha256=load_surroundings(request.robot, request.workspace_file).digest,
+        workspace_sha256=_workspace_digest(request),
         amplitude=request.amplitude,
     )
+
+
+def _workspace_digest(request: RunRequest) -> str:
+    """Of the surroundings; an arm on a wall or ceiling stands in others, whatever their file."""
+    digest = load_surroundings(request.robot, request.workspace_file).digest
+    gravity = request.gravity_m_s2
+    return digest if gravity is None else hashlib.sha256(f"{digest} {gravity!r}".encode()).hexdigest()
 
 
 def is_first_rung(request: RunRequest) -> bool:
@@ -109,7 +116,10 @@ def remember(request: RunRequest, outcome: RunOutcome) -> str:
     """Write down an amplitude that was completed; the sentence for the operator, empty where nothing was to be done."""
     if not needs_ladder(request) or outcome.outcome != "completed" or outcome.exit_code:
         return ""
-    rung = msgspec.structs.replace(rung_of(request), run_id=request.run_id, finished_at=now_text())
+    try:
+        rung = msgspec.structs.replace(rung_of(request), run_id=request.run_id, finished_at=now_text())
+    except DaemonError as error:
+        return f"Commissioning: {error} So this amplitude counts as not done."
     file = ladder_file(request)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -76,7 +76,7 @@ def make_room(folder: Path) -> None:
         raise ConfigurationError(
             f"{folder} holds a run that is being recorded; choose another folder.", field="out_dir"
         )
-    if nothing_moved(folder):
+    if _nothing_moved_in(folder):
         _set_aside(folder)
         return
     if state == "broken":
@@ -90,18 +90,21 @@ def make_room(folder: Path) -> None:
             raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
 
 
-def nothing_moved(folder: Path) -> bool:
-    """True where the run.json of a folder says that no command of a motion was sent, and nothing was to be watched."""
-    try:
-        outcome = read_json(folder / RUN_NAME, RunOutcome)
-    except DaemonError:
-        return False
+def nothing_moved(outcome: RunOutcome) -> bool:
+    """True where a run's account says that no command of a motion was sent, and nothing was to be watched."""
     loop, request = outcome.loop, outcome.request
     if request is not None and request.monitor_only and outcome.samples:
         return False  # whatever led the arm: it is in the recording
     return outcome.outcome in _BEFORE_MOTION or (
         loop is not None and (not loop.answered or (outcome.outcome == "stopped" and _only_waited(loop)))
     )
+
+
+def _nothing_moved_in(folder: Path) -> bool:
+    try:
+        return nothing_moved(read_json(folder / RUN_NAME, RunOutcome))
+    except DaemonError:
+        return False
 
 
 def _only_waited(loop: LoopReport) -> bool:

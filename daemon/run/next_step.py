@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
+from daemon.errors import LogIOError
+from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.run.spare_folder import find_run_file
 
@@ -26,6 +28,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
         return "Next: the same command with the --fri-version that the first sentence names, or with `auto`."
     if outcome.outcome in ("no_robot", "not_started", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
+    if outcome.outcome == "stopped" and nothing_moved(outcome):
+        return "Next: nothing moved; the same command can be given again."
     recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
     if request is not None and request.monitor_only and outcome.samples:
         return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
@@ -43,6 +47,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
             f"Next: `iiwa-ident judge {recording}` lists the commands beyond a limit; nothing should move before "
             "you know why."
         )
+    if outcome.exit_code == LogIOError.exit_code and not outcome.handover_gaps:
+        return f"Next: give the disk room, then `iiwa-ident fit {recording}`."
     if outcome.exit_code:
         return f"Next: `iiwa-ident recover {folder}` says what of the recording is missing."
     if request is not None and needs_ladder(request) and request.amplitude < 1.0:

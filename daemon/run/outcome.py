@@ -10,9 +10,11 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
-from daemon.errors import LogIOError
-from daemon.run.spare_folder import write_run_file
+from daemon.api import EXIT_CODES, LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
+from daemon.children import Child
+from daemon.errors import DaemonError, FolderGoneError, LogIOError
+from daemon.json_files import read_json
+from daemon.run.spare_folder import find_run_file, write_run_file
 from fri_client.handover.last_samples import read_last_samples
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import FriVersion
@@ -95,6 +97,21 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
         lost_in_handover=ring.lost,
         periods_completed=max(status.period, 0),
     )
+
+
+def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tuple[LoopReport, int]:
+    """The report that the loop's process left, or one made for it; and its return code, or the exit code instead."""
+    code, folder = loop.process.returncode, Path(request.out_dir)
+    with contextlib.suppress(DaemonError):
+        return read_json(find_run_file(request, REPORT_NAME), LoopReport), code
+    if code <= 0 or ring.status.received or folder.is_dir():
+        report = loop_report_without_loop(ring, code, loop.last_words)
+        return report, EXIT_CODES[report.outcome]
+    gone = FolderGoneError(str(folder))
+    report = LoopReport(outcome="refused", reason=type(gone).__name__, sentence=str(gone))
+    with contextlib.suppress(LogIOError):  # for `recover`, wherever the folder is now
+        write_run_file(request, REPORT_NAME, report)
+    return report, gone.exit_code
 
 
 def outcome_sentences(

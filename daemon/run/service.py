@@ -27,7 +27,6 @@ import msgspec
 from daemon.api import (
     AUTO_VERSION,
     EXIT_CODES,
-    REPORT_NAME,
     RUN_NAME,
     LoopReport,
     RecorderJob,
@@ -38,7 +37,14 @@ from daemon.api import (
 from daemon.children import Child
 from daemon.control_messages import RecorderFailed, RecorderFinished, RecorderReady, RecorderTrouble
 from daemon.doctor.load_check import with_load_check
-from daemon.errors import BadLogError, ChildProcessFailedError, DaemonError, LogIOError, MissingInputError
+from daemon.errors import (
+    BadLogError,
+    ChildProcessFailedError,
+    DaemonError,
+    FolderGoneError,
+    LogIOError,
+    MissingInputError,
+)
 from daemon.host import software_versions
 from daemon.jobs.worker_start import start_worker
 from daemon.json_files import read_json, write_json
@@ -52,9 +58,9 @@ from daemon.run.narrator import Observer, RunNarrator, unfailing
 from daemon.run.outcome import (
     digests_of,
     keep_last_samples,
-    loop_report_without_loop,
     lost_between,
     outcome_sentences,
+    report_of_loop,
     tidy,
 )
 from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
@@ -81,8 +87,8 @@ def run_acquisition(
     SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
     thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
     moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
-    LogIOError, ChildProcessFailedError, LadderError, and where the version is "auto" those of `hear_version`. A run
-    that was stopped, dropped or never began is an outcome, not an error.
+    LogIOError, FolderGoneError, ChildProcessFailedError, LadderError, and where the version is "auto" those of
+    `hear_version`. A run that was stopped, dropped or never began is an outcome, not an error.
     """
     observe = unfailing(observe)
     _tell_if(observe, admit(request))
@@ -138,9 +144,7 @@ class _Acquisition:
             stack.enter_context(self._stop.attached(self._ring))
             stack.enter_context(self._stop.on_signals())
             self._narrator.tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
-            self._start_recorder()
-            self._wait_ready()
-            report = self._run_loop()
+            report = self._run_loop(self._start_children())
             outcome = self._closed_by_loop()
             if outcome is None:
                 self._finish_recording()
@@ -149,6 +153,19 @@ class _Acquisition:
             return outcome
 
     # ---- children
+
+    def _start_children(self) -> Child:
+        """The loop's process, after the recorder's. Raises LogIOError, FolderGoneError, ChildProcessFailedError."""
+        try:
+            self._start_recorder()
+            self._wait_ready()
+            arguments = ["--request", str(self._folder / "request.json")]
+            return Child("loop", "daemon.run.loop_process", arguments, self._ring, self._folder)
+        except (DaemonError, OSError) as error:
+            self._ring.finish()  # no loop will: a recorder that was started is to close its file and go
+            if not self._folder.is_dir():
+                raise FolderGoneError(str(self._folder)) from error
+            raise
 
     def _start_recorder(self) -> None:
         part = len(self._parts)
@@ -188,15 +205,8 @@ class _Acquisition:
                 recorder.process.wait()
                 raise ChildProcessFailedError("recorder", None, f"it was not ready within {RECORDER_START_S:g} s")
 
-    def _run_loop(self) -> LoopReport:
-        """Start the loop, watch it and the recorder until it has ended; its report, or one made for it."""
-        loop = Child(
-            "loop",
-            "daemon.run.loop_process",
-            ["--request", str(self._folder / "request.json")],
-            self._ring,
-            self._folder,
-        )
+    def _run_loop(self, loop: Child) -> LoopReport:
+        """Watch the loop and the recorder until it has ended; its report, or one made for it."""
         began_s = time.monotonic()
         host, port = self._request.bind_host, self._request.bind_port
         self._narrator.tell("waiting", f"Waiting for the robot on {host}:{port} (FRI {self._request.fri_version}).")
@@ -233,13 +243,7 @@ class _Acquisition:
             # A killed loop can neither keep what it saw last nor say that no record will follow.
             keep_last_samples(self._ring, self._request, loop.process.returncode)
             self._ring.finish()
-        file = find_run_file(self._request, REPORT_NAME)
-        with contextlib.suppress(DaemonError):
-            report = read_json(file, LoopReport)
-            self._loop_exit_code = loop.process.returncode
-            return report
-        report = loop_report_without_loop(self._ring, loop.process.returncode, loop.last_words)
-        self._loop_exit_code = EXIT_CODES[report.outcome]
+        report, self._loop_exit_code = report_of_loop(self._request, self._ring, loop)
         return report
 
     def _watch_recorder(self) -> None:
@@ -353,7 +357,9 @@ class _Acquisition:
         )
         if self._request.fit and report.outcome == "completed" and not exit_code:
             outcome = start_worker(outcome)
-            self._narrator.tell("worker", f"The fit runs in a process of its own (pid {outcome.worker_pid}).")
+            pid = outcome.worker_pid
+            words = outcome.sentences[-1] if pid is None else f"The fit runs in a process of its own (pid {pid})."
+            self._narrator.tell("worker", words)
         write_run_file(self._request, RUN_NAME, outcome)
         said = len(outcome.sentences)
         outcome = with_load_check(judged(outcome))

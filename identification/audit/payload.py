@@ -44,6 +44,8 @@ class Body:
 
     frame: which one it is in, in words: the flange's where the robot has one, else the last link's. rms_before,
     rms_after: (n,) Nm of the recordings with it, without and with the body. seconds: of motion, the shorter side's.
+    reach: m, the longest link. What these motions leave open has no value: an arm whose joints are all parallel never
+    shows where along them a load sits.
     """
 
     frame: str
@@ -53,14 +55,22 @@ class Body:
     rms_before: tuple[float, ...]
     rms_after: tuple[float, ...]
     seconds: float
+    reach: float = np.inf
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of numbers whose interval says nothing: a centre further than a link is long, as much of an inertia."""
+        largest = [*3 * [self.reach], *6 * [abs(self.mass.value) * self.reach**2]]
+        numbers = (*self.center, *self.inertia)
+        return tuple(item.name for item, limit in zip(numbers, largest, strict=True) if half_interval(item) > limit)
 
     def seconds_for(self, center_m: float) -> float:
-        """How long either motion has to be for every coordinate of the centre to be known within ± center_m, 95 %.
+        """How long either motion has to be for the coordinates of the centre to be known within ± center_m, 95 %.
 
-        By noise that averages out: σ goes with one over the root of the time.
+        By noise that averages out: σ goes with one over the root of the time. Of those that the motion determines.
         """
-        worst = max(1.96 * item.std for item in self.center)
-        return self.seconds * (worst / center_m) ** 2
+        known = [half_interval(item) for item in self.center if item.name not in self.undetermined]
+        return self.seconds * (max(known, default=0.0) / center_m) ** 2
 
 
 def weigh(
@@ -101,17 +111,24 @@ def weigh(
             "that turns the wrist through its range, without and with the tool."
         )
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, min(map(_seconds, (without, with_load))))
+    seconds, reach = min(map(_seconds, (without, with_load))), float(sizes.length.max())
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds, reach)
 
 
 def _seconds(recordings: Sequence[Recording]) -> float:
     return sum(recording.duration_s for recording in recordings)
 
 
-def cabinet_load_data(body: Body) -> dict[str, float]:
+def half_interval(item: Number) -> float:
+    """Half of a number's 95 % interval, in its unit."""
+    return 1.96 * item.std
+
+
+def cabinet_load_data(body: Body) -> dict[str, float | None]:
     """M kg; X, Y, Z mm; A, B, C degrees of the principal axes (about z, y', x''); JX, JY, JZ kg m², as KUKA asks.
 
-    Axes are turned only where a product of inertia shows, and an inertia that does not show is that of a point.
+    Axes are turned only where a product of inertia shows, and an inertia that does not show is that of a point. None
+    for what the motions do not determine.
     """
     mass, place = body.mass.value, [1e3 * item.value for item in body.center]
     moments, angles = np.zeros(3), np.zeros(3)
@@ -128,7 +145,16 @@ def cabinet_load_data(body: Body) -> dict[str, float]:
     # A body that was taken off has these with the other sign; none has moments of both signs.
     moments = np.sign(mass) * np.maximum(np.sign(mass) * moments, 0.0)
     values = (mass, *place, *angles, *moments)
-    return {name: float(v) for name, v in zip(_LOAD_DATA, values, strict=True)}
+    open_ones = _open_load_data(body.undetermined)
+    return {name: None if name in open_ones else float(v) for name, v in zip(_LOAD_DATA, values, strict=True)}
+
+
+def _open_load_data(undetermined: Sequence[str]) -> set[str]:
+    """Of the load data, those that numbers rest on which are undetermined; axes rest on the products of inertia."""
+    rests = {f"com_{axis}": axis.upper() for axis in "xyz"}
+    rests |= {f"inertia_{axis}{axis}": f"J{axis.upper()}" for axis in "xyz"}
+    products = {f"inertia_{entry}" for entry in _INERTIA[3:]}
+    return {rests[name] for name in undetermined if name in rests} | set("ABC" if products & set(undetermined) else "")
 
 
 def _shows(item: Number) -> bool:

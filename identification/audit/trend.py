@@ -1,8 +1,8 @@
 """Friction over a series of recordings of one arm: its numbers by date, and whether and when it changed at once.
 
 Each recording is fitted alone. A joint's friction at its usual speed, FS + FV |q̇|, is one number that both parts of it
-make, so that they cannot trade. A change point is one step against none: both by their evidence, with the scatter
-between runs unknown. Pure.
+make, so that they cannot trade. A change point is one step against none and against a steady drift: all by their
+evidence, with the scatter between runs unknown. Pure.
 """
 
 from __future__ import annotations
@@ -47,12 +47,17 @@ SCATTERS = np.geomspace(0.005, 0.3, 25)
 
 @dataclass(frozen=True, slots=True)
 class ChangePoint:
-    """A step before the recording `at` (from 0). odds: of a step against none. size: Nm with its deviation."""
+    """A step before the recording `at` (from 0). odds: of a step against none or a steady drift, whichever is likelier.
+    size: Nm with its deviation. drift: Nm from the first recording to the last, alike, were it one.
+    """
 
     at: int
     odds: float
     size: float
     std: float
+    drift: float
+    drift_std: float
+    drift_odds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +75,12 @@ class JointTrend:
         """What an operator reads."""
         change = self.change
         mean = float(self.friction.mean())
+        if change.drift_odds >= ODDS_SAID:
+            return (
+                f"Joint {self.joint}: friction drifts from recording to recording, by {change.drift:+.3g} ± "
+                f"{1.96 * change.drift_std:.2g} Nm in all at {self.speed:.2g} rad/s, rather than at once "
+                f"(odds {min(change.drift_odds, 1e6):.0f} : 1)."
+            )
         if change.odds < ODDS_SAID:
             return (
                 f"Joint {self.joint}: friction {mean:.3g} Nm at {self.speed:.2g} rad/s, no change at once (odds of one "
@@ -84,18 +95,23 @@ class JointTrend:
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
     """names: of the recordings by date. dates: where known, else None for all. hours: of operation of the arm, alike.
-    joints: their friction.
+    joints: their friction. arms: serial numbers, as far as the logs say.
     """
 
     names: tuple[str, ...]
     dates: tuple[datetime, ...] | None
     hours: tuple[float, ...] | None
     joints: tuple[JointTrend, ...]
+    arms: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One a joint."""
-        return tuple(item.sentence(self.names) for item in self.joints)
+        """One a joint, after a warning where they are of several arms."""
+        several = (
+            f"These are recordings of {len(self.arms)} arms (serial numbers {', '.join(self.arms)}): a difference "
+            "between two of them is no change of one.",
+        )
+        return (*several[: len(self.arms) > 1], *(item.sentence(self.names) for item in self.joints))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -103,6 +119,7 @@ class Trend:
             "recordings": list(self.names),
             "dates": None if self.dates is None else [date.isoformat() for date in self.dates],
             "operating_hours": None if self.hours is None else list(self.hours),
+            "arms": list(self.arms),
             "joints": [
                 {
                     "joint": item.joint,
@@ -112,6 +129,8 @@ class Trend:
                     "temperature_c": [float(v) if np.isfinite(v) else None for v in item.temperature],
                     "change": {"before": self.names[item.change.at], "odds": item.change.odds,
                                "size_nm": item.change.size, "std_nm": item.change.std},
+                    "drift": {"odds": item.change.drift_odds, "size_nm": item.change.drift,
+                              "std_nm": item.change.drift_std},
                     "sentence": item.sentence(self.names),
                 }
                 for item in self.joints
@@ -120,14 +139,17 @@ class Trend:
 
 
 def date_of(recording: Recording) -> datetime | None:
-    """When a run was made: by its identifier (20261121T103000123Z), or metadata `date` (ISO 8601); else None."""
+    """When a run was made: by its identifier (20261121T103000123Z), or metadata `date` (ISO 8601); else None.
+
+    A date without a zone is taken as UTC.
+    """
     tags = recording.source.metadata
-    for text, form in ((tags.get("run_id", "")[:15], "%Y%m%dT%H%M%S"), (tags.get("date", "")[:19], "")):
+    for text, form in ((tags.get("run_id", "")[:15], "%Y%m%dT%H%M%S"), (tags.get("date", ""), "")):
         try:
             date = datetime.strptime(text, form) if form else datetime.fromisoformat(text)
         except ValueError:
             continue
-        return date.replace(tzinfo=UTC)
+        return date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)
     return None
 
 
@@ -174,8 +196,9 @@ def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
         friction, std = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
         heat = np.array([_temperature(item, joint) for item in recordings])
         joints.append(JointTrend(joint, speed, friction, std, heat, change_point(friction, std)))
-    names = _names(recordings)
-    return Trend(names, tuple(known) if len(known) == len(recordings) else None, hours, tuple(joints))
+    names, arms = _names(recordings), {item.source.metadata.get("serial", "") for item in recordings} - {""}
+    dated = tuple(known) if len(known) == len(recordings) else None
+    return Trend(names, dated, hours, tuple(joints), tuple(sorted(arms)))
 
 
 def _hours(recordings: Sequence[Recording]) -> tuple[float, ...] | None:
@@ -185,36 +208,39 @@ def _hours(recordings: Sequence[Recording]) -> tuple[float, ...] | None:
 
 
 def change_point(values: FloatArray, std: FloatArray) -> ChangePoint:
-    """One step in a series (r,) with deviations (r,), and the odds of it against none, all places alike likely.
+    """One step in a series (r,) with deviations (r,), its odds against none, all places alike likely, and a drift's.
 
-    values = mean + step · [from `at` on] + scatter between runs + error; mean and step Gaussian, scatter summed over.
+    values = mean + change · shape + scatter between runs + error; mean and change Gaussian, scatter summed over. shape:
+    nothing, a line from the first recording to the last, or 1 from `at` on. What has worn in is no step of its middle.
     """
     size = max(float(np.abs(values).mean()), 1e-12)
     count = len(values)
-    evidence = np.empty((count, len(SCATTERS)))
-    estimates = np.empty((count, len(SCATTERS), 2))
-    for at in range(count):  # 0: no step
-        step = (np.arange(count) >= at).astype(float) if at else np.zeros(count)
+    steps = [(np.arange(count) >= at).astype(np.float64) for at in range(1, count)]
+    shapes: list[FloatArray] = [np.zeros(count), np.linspace(0.0, 1.0, count, dtype=np.float64), *steps]
+    evidence = np.empty((len(shapes), len(SCATTERS)))
+    estimates = np.empty((len(shapes), len(SCATTERS), 2))
+    for row, shape in enumerate(shapes):
+        gain = (STEP_WIDTH * size) ** 2 * shape
         for place, scatter in enumerate(SCATTERS * size):
-            noise = np.diag(std**2 + scatter**2)
-            shape = (STEP_WIDTH * size) ** 2 * np.outer(step, step)
-            whole = noise + (3.0 * size) ** 2 + shape
+            whole = np.diag(std**2 + scatter**2) + (3.0 * size) ** 2 + np.outer(gain, shape)
             solved = np.linalg.solve(whole, values)
-            evidence[at, place] = -0.5 * values @ solved - 0.5 * np.linalg.slogdet(whole)[1]
-            gain = (STEP_WIDTH * size) ** 2 * step
-            estimates[at, place] = (
-                gain @ solved,
-                (STEP_WIDTH * size) ** 2 - gain @ np.linalg.solve(whole, gain),
-            )
-    top = float(evidence.max())
-    likely = np.exp(evidence - top).mean(axis=1)
-    at = 1 + int(np.argmax(likely[1:]))
-    odds = float(likely[1:].mean() / max(float(likely[0]), 1e-300))
-    weight = np.exp(evidence[at] - evidence[at].max())
+            evidence[row, place] = -0.5 * values @ solved - 0.5 * np.linalg.slogdet(whole)[1]
+            estimates[row, place] = gain @ solved, (STEP_WIDTH * size) ** 2 - gain @ np.linalg.solve(whole, gain)
+    likely = np.exp(evidence - float(evidence.max())).mean(axis=1)
+    none, drifting, stepping = float(likely[0]), float(likely[1]), float(likely[2:].mean())
+    at = 1 + int(np.argmax(likely[2:]))
+    step, line = (_mean_over_scatters(evidence[row], estimates[row]) for row in (1 + at, 1))
+    odds, drift_odds = stepping / max(none, drifting, 1e-300), drifting / max(none, stepping, 1e-300)
+    return ChangePoint(at, odds, *step, *line, drift_odds)
+
+
+def _mean_over_scatters(evidence: FloatArray, estimates: FloatArray) -> tuple[float, float]:
+    """A change's value and deviation, of its estimates (scatters, 2) under each scatter: value and variance."""
+    weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    mean = float(weight @ estimates[at, :, 0])
-    variance = float(weight @ (estimates[at, :, 1] + (estimates[at, :, 0] - mean) ** 2))
-    return ChangePoint(at, odds, mean, float(np.sqrt(max(variance, 0.0))))
+    mean = float(weight @ estimates[:, 0])
+    variance = float(weight @ (estimates[:, 1] + (estimates[:, 0] - mean) ** 2))
+    return mean, float(np.sqrt(max(variance, 0.0)))
 
 
 def _friction_at(fit: FitResult, joint: int, speed: float) -> tuple[float, float]:

@@ -33,7 +33,7 @@ def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
     """Bodies stated by a URDF for a robot: joints matched in order, or by name where the file has more.
 
     Further joints of the file stand at zero, their bodies belong to the link that carries them. Raises RobotError where
-    the file states no masses, lacks joints, or has one of them in another place.
+    the file states no masses or one below zero, lacks joints, or has one of them in another place.
     """
     given = load_robot(file)
     # The table of a built-in arm measures from the shoulder, a file from the floor: so does the arm's own file.
@@ -52,6 +52,15 @@ def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
         link = matched[carrier]
         moved = pinocchio.SE3(np.linalg.solve(here[link], there[joint])).act(inertia)
         inertial[link] += moved.toDynamicParameters()[list(_ORDER)]
+    if inertial[:, 0].min() < 0.0:
+        joint = int(np.argmin(inertial[:, 0]))
+        raise RobotError(
+            f"{file}: what joint {joint + 1} moves has a mass of {inertial[joint, 0]:.4g} kg; a prior needs bodies "
+            "that exist.",
+            file=file,
+            field="inertial",
+            joint=joint + 1,
+        )
     if not inertial[:, 0].any():
         raise RobotError(f"{file} states no masses; a prior needs them.", file=file, field="inertial")
     return prior_of_bodies(inertial, robot.kinematics, f"bodies of {Path(file).name}")

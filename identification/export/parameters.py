@@ -169,6 +169,33 @@ def principal_slack(physical: PhysicalParameters) -> FloatArray:
     return np.asarray(np.where(moments[:, 0] <= 0.0, np.minimum(moments[:, 0], slack), slack), dtype=np.float64)
 
 
+def refuse_unmovable(parameters: ModelParameters, *, file: str = "") -> None:
+    """Raise InconsistentParametersError where no simulation of an arm means anything: it would gain energy by moving.
+
+    That is a mass, a principal moment, friction or a rotor inertia below zero, or a link without mass. A moment larger
+    than the sum of the other two passes here: no body has it, but its motion can be computed.
+    """
+    physical, name = parameters.physical, file or "The model"
+    moments = np.linalg.eigvalsh(physical.inertia)
+    least = np.where(moments[:, 0] < -_SMALLEST_RELATIVE_SLACK * moments[:, 2], moments[:, 0], 0.0)
+    checked = (
+        ("the mass of link", "kg", physical.mass, physical.mass <= 0.0),
+        ("the smallest principal moment of inertia of link", "kg m²", least, least < 0.0),
+        ("the viscous friction of joint", "Nm s/rad", physical.viscous, physical.viscous < 0.0),
+        ("the Coulomb friction of joint", "Nm", physical.coulomb, physical.coulomb < 0.0),
+        ("the rotor inertia of joint", "kg m²", parameters.rotor_inertia, parameters.rotor_inertia < 0.0),
+    )
+    for what, unit, values, bad in checked:
+        if bad.any():
+            place = int(np.argmax(bad))
+            raise InconsistentParametersError(
+                f"{name}: {what} {place + 1} is {values[place]:.3g} {unit}; no arm that moves has such a one.",
+                link=place + 1,
+                slack=float(values[place]),
+                file=file or None,
+            )
+
+
 def refuse_inconsistent(physical: PhysicalParameters, *, file: str = "", advice: str = "") -> None:
     """Raise InconsistentParametersError, naming each link and its slack, if a link's parameters belong to no body."""
     name = file or "The model"

@@ -12,6 +12,7 @@ from typing import Any
 from identification.base_parameters import BaseRegressor
 from identification.fitting.processing import Processed
 from identification.fitting.settings import FitSettings
+from identification.recordings.independence import prints_to_keep
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import FILE_BASE, PAPER_BASE
 
@@ -35,6 +36,7 @@ def provenance(
                 "sha256": item.recording.source.sha256,
                 "kind": item.recording.source.kind,
                 "samples": item.recording.samples,
+                "samples_kept": prints_to_keep(item.recording),
                 "pipeline": item.pipeline,
                 "import_report": item.recording.report.to_json(),
                 "stretches": [

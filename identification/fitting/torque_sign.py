@@ -58,6 +58,19 @@ class TorqueSign:
         }
 
 
+def notes_on_signs(sign: TorqueSign) -> tuple[str, ...]:
+    """A warning where single joints break physics: turning all torques would mend nothing, so the fit goes on."""
+    joints = sign.inverted_joints
+    if sign.inverted or not joints:
+        return ()
+    listed = ", ".join(map(str, joints))
+    return (
+        f"WARNING, inertia or friction of joint{'s' * (len(joints) > 1)} {listed} came out below zero by more than "
+        f"{SIGNIFICANT:g} σ, which no arm has: a torque has the wrong sign or is another joint's, or much is left "
+        "out; `iiwa-ident doctor --log` asks the recording",
+    )
+
+
 def judge_torque_sign(
     regressor: BaseRegressor,
     values: FloatArray,

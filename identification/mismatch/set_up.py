@@ -52,6 +52,10 @@ NOT_ITS_OWN, ITS_OWN, CHEAPER = 0.5, 0.2, 0.3
 it goes with; and how much less stays in all. The columns of a joint near the base take much of any torque.
 """
 ORDER_ROWS, ORDER_NOISE = 600, 0.1
+SHORTEST_M = 0.3
+"""Between the first axis and the last: what is smaller is a device of its own kind, whose torques nobody foretells."""
+LIGHTEST, HEAVIEST = 0.1, 2000.0
+"""kg/m³, see `_wrong_torque_unit`: 35 times below and 9 times above what arms have; a wrong prefix is 1000."""
 _LOAD_HZ = 8.0
 _LOAD_ROWS = 4000
 
@@ -84,7 +88,7 @@ def set_up_checks(
     return (
         _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
-        _units(recordings, robot),
+        _units(recordings, robot, gravity_acts=stand is not None),
         _order(rows, robot, gravity),
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
@@ -121,7 +125,7 @@ def _clock_in_doubt(recordings: Sequence[Recording], regressor: BaseRegressor) -
     return None
 
 
-def _units(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
+def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: bool) -> SetUpCheck:
     degrees = [item for item in recordings if in_degrees(item, robot.kinematics.revolute) is not None]
     if degrees:
         return SetUpCheck("units", "failed", f"{degrees[0].source.path}: the positions are in degrees.")
@@ -130,7 +134,24 @@ def _units(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
         return SetUpCheck("units", "warning", f"The torque is in {', '.join(sorted(units))}: masses will be scaled.")
     span = max(float(np.ptp(item.position, axis=0).max()) for item in recordings)
     torque = max(float(np.abs(item.torque).max()) for item in recordings)
+    if wrong := _wrong_torque_unit(torque, robot, gravity_acts=gravity_acts):
+        return SetUpCheck("units", "failed", wrong)
     return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
+
+
+def _wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) -> str:
+    """Why the largest torque of a motion cannot be in Nm, with the unit they may be in; empty where they can.
+
+    Arms of one build are alike in torque / (9.81 m/s² · length⁴), 3.5 to 230 kg/m³ for five arms of 0.45 to 3.1 m.
+    """
+    kinematics = robot.kinematics
+    length = float(np.linalg.norm(kinematics.translation[kinematics.parent >= 0], axis=1).sum())
+    if length < SHORTEST_M or not kinematics.revolute.all():
+        return ""
+    said = f"The torques reach {torque:.3g} Nm, which would hold {torque / (9.81 * length):.2g} kg at {length:.2g} m"
+    if gravity_acts and torque < LIGHTEST * 9.81 * length**4:
+        return f"{said}: too little for an arm of that size. Are they in kNm?"
+    return f"{said}: too much for an arm of that size. Are they in mNm?" * (torque > HEAVIEST * 9.81 * length**4)
 
 
 def _order(rows: Rows, robot: RobotModel, gravity: FloatArray) -> SetUpCheck:

@@ -18,6 +18,8 @@ from identification.robots.installation import Installation
 __all__ = ["installation_in", "number_in", "read_fri_log"]
 
 EXCITATION_PHASE = 3
+FARTHEST_STEP = 1000
+"""A sequence counter that leaps farther is believed only where the robot's clock leaps with it."""
 JOINTS = 7
 _VECTORS = (
     "measured_joint_position",
@@ -42,35 +44,17 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
 
     Raises RecordingError where no message can be used.
     """
-    states = _states(path, bag)
-    usable = (
-        states["measured_joint_position_valid"]
-        & states["measured_torque_valid"]
-        & ~(states["duplicate"] | states["out_of_order"])
-    )
-    bad = np.flatnonzero(~usable) + 1
-    if bad.size:
-        states = {name: values[usable] for name, values in states.items()}
     findings: list[Finding] = []
-    if bad.size:
-        findings.append(
-            Finding(
-                "unusable_message",
-                int(bad[0]),
-                int(bad[-1]),
-                bad.size,
-                f"{bad.size} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
-                "late; they were left out",
-            )
-        )
+    states, left_out = _usable(_states(path, bag), findings)
     table = {name: states[name].astype(np.float64, copy=False) for name in _VECTORS}
     label = {name: states[name].astype(np.int64) for name in _NUMBERS}
     stated = states["send_period_ms"][states["send_period_ms"] > 0]
     send_period_ms = int(stated[0]) if stated.size else 0
     if not label["sequence_counter"].size:
         raise RecordingError(f"{path.name}: {FRI_STATE_TOPIC} holds no usable sample", file=path)
-    _note_lost(label["sequence_counter"], findings)
     clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if states["robot_time_valid"].all() else None
+    steps = _counted(label["sequence_counter"], clock, send_period_ms or 1, findings)
+    _note_lost(label["sequence_counter"], steps, left_out, findings)
     metadata = bag.metadata
     # KUKA measures the torque against the sign of the inverse dynamics; external torque is not turned.
     sign = 1.0 if metadata.get("torque_sign_convention", "vendor") == "inverse_dynamics" else -1.0
@@ -82,7 +66,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     result = RawTable(
         path=path,
         kind="log",
-        time=_robot_time(clock, label["sequence_counter"], send_period_ms or 1, findings),
+        time=_robot_time(clock, steps, send_period_ms or 1, findings),
         position=table["measured_joint_position"],
         torque=sign * table["measured_torque"],
         optional={name: values for name, values in optional.items() if not np.isnan(values).all()},
@@ -101,6 +85,29 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
         send_period_s = 1e-3 * (send_period_ms or 1)
         result.period_s = number_in(metadata, "period_s") or result.samples_per_period * send_period_s
     return result
+
+
+def _usable(states: dict[str, Any], findings: list[Finding]) -> tuple[dict[str, Any], IntArray]:
+    """The rows that can be used, and the sequence counters of the others."""
+    usable = (
+        states["measured_joint_position_valid"]
+        & states["measured_torque_valid"]
+        & ~(states["duplicate"] | states["out_of_order"])
+    )
+    bad = np.flatnonzero(~usable) + 1
+    if bad.size:
+        findings.append(
+            Finding(
+                "unusable_message",
+                int(bad[0]),
+                int(bad[-1]),
+                bad.size,
+                f"{bad.size} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
+                "late; they were left out",
+            )
+        )
+    left_out = states["sequence_counter"][~usable].astype(np.int64)
+    return {name: values[usable] for name, values in states.items()} if bad.size else states, left_out
 
 
 def _states(path: Path, bag: Bag) -> dict[str, Any]:
@@ -137,34 +144,67 @@ def installation_in(path: Path, metadata: dict[str, str]) -> Installation:
         raise RecordingError(f"{path.name}: its installation is no JSON ({error})", file=path) from error
 
 
-def _note_lost(counters: IntArray, findings: list[Finding]) -> None:
+def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: int, findings: list[Finding]) -> IntArray:
+    """(N - 1,) how many messages of the robot lie between one row and the next, by a counter that wraps at 2³².
+
+    One that goes back, or so far ahead that the robot's clock (ns) does not confirm it, was begun anew: nobody knows
+    what was lost there, and 1 is taken.
+    """
     steps = np.diff(counters) % 2**32
+    anew = (steps == 0) | (steps > FARTHEST_STEP)
+    if clock is not None:
+        expected = steps * send_period_ms * 1e6
+        anew &= (steps == 0) | (np.abs(np.diff(clock) - expected) > 0.1 * expected)
+    places = np.flatnonzero(anew)
+    if places.size:
+        further = f" and {places.size - 1} times more" if places.size > 1 else ""
+        findings.append(
+            Finding(
+                "counter_restart",
+                int(places[0]) + 1,
+                int(places[-1]) + 2,
+                places.size,
+                f"the robot's sequence counter was begun anew after row {places[0] + 1}{further}; what was lost there "
+                "is not known",
+            )
+        )
+    return np.where(anew, 1, steps)
+
+
+def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings: list[Finding]) -> None:
+    """left_out: counters of the messages that came, but cannot be used, or came too late; they are not lost."""
     lost = np.flatnonzero(steps > 1)
-    if lost.size:
-        missing = int((steps[lost] - 1).sum())
+    came = np.unique(left_out)
+    missing, places = 0, []
+    for place in lost.tolist():
+        gap = (counters[place] + np.arange(1, steps[place])) % 2**32
+        absent = int((~np.isin(gap, came)).sum())
+        missing += absent
+        places += [place] if absent else []
+    if missing:
         findings.append(
             Finding(
                 "lost_samples",
-                int(lost[0]) + 1,
-                int(lost[-1]) + 2,
+                places[0] + 1,
+                places[-1] + 2,
                 missing,
-                f"{missing} messages of the robot are missing at {lost.size} places, seen by its sequence counter",
+                f"{missing} messages of the robot are missing at {len(places)} places, seen by its sequence counter",
             )
         )
 
 
-def _robot_time(clock: IntArray | None, counters: IntArray, send_period_ms: int, findings: list[Finding]) -> FloatArray:
+def _robot_time(clock: IntArray | None, steps: IntArray, send_period_ms: int, findings: list[Finding]) -> FloatArray:
     """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period."""
     if clock is not None and np.all(np.diff(clock) > 0):
         return np.asarray((clock - clock[0]) * 1e-9, dtype=np.float64)
+    rows = len(steps) + 1
     findings.append(
         Finding(
             "no_robot_clock",
             1,
-            counters.size,
-            counters.size,
+            rows,
+            rows,
             "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period",
         )
     )
-    steps = np.concatenate([[0], np.cumsum(np.diff(counters) % 2**32)])
-    return np.asarray(steps * 1e-3 * send_period_ms, dtype=np.float64)
+    return np.asarray(np.concatenate([[0], np.cumsum(steps)]) * 1e-3 * send_period_ms, dtype=np.float64)

@@ -16,6 +16,8 @@ from identification.recordings.recording import CLOCK_START, Recording
 
 KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
+KEPT_DIGITS = 6
+"""Of them too: a file in single precision has seven."""
 FEWEST_SHARED = 10
 """Moving samples in common that are no accident, where each is of NUMBERS or more."""
 NUMBERS = 8
@@ -24,6 +26,11 @@ SAME_POSITION = 0.01
 """Of the spread of each joint's motion, RMS: nearer than two motions come, further than filters and clocks lead one."""
 EARLIEST_CLOCK_S = 1.0e9
 """Stamps before 2001 count from some start, not from 1970, so they do not tell when something was."""
+
+KEPT_PRINTS = 512
+"""Of a recording in the file of a model fitted to it: a cut of a twentieth still holds more than enough of them."""
+PRINT_DIGITS = 8
+"""Of each there, hexadecimal: two of 512 and of a million samples agree by accident once in eight recordings."""
 
 Prints = npt.NDArray[np.int64]
 
@@ -93,6 +100,23 @@ def seen_among(fitted: Sequence[Recording], recordings: Sequence[Recording]) -> 
     )
 
 
+def prints_to_keep(recording: Recording) -> str:
+    """Fingerprints of some moving samples as one text, by which `holds_samples` knows a copy without the recording.
+
+    The smallest are kept, so that a cut keeps those of its own samples that the whole does.
+    """
+    kept = np.sort(_fingerprints(recording).view(np.uint64))[:KEPT_PRINTS]
+    return "".join(f"{int(number):016x}"[-PRINT_DIGITS:] for number in kept)
+
+
+def holds_samples(recording: Recording, kept: str) -> bool:
+    """Whether a recording is, whole or in part, the one that `prints_to_keep` was asked about."""
+    places = range(0, len(kept), PRINT_DIGITS)
+    known = {int(kept[place : place + PRINT_DIGITS], 16) for place in places}
+    own = _fingerprints(recording).view(np.uint64) % np.uint64(16**PRINT_DIGITS)
+    return len(known.intersection(own.tolist())) >= FEWEST_SHARED
+
+
 def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, other_prints: Prints) -> str:
     """What two recordings have in common, said of the other one; empty where they are different measurements."""
     if own.source.sha256 and own.source.sha256 == other.source.sha256:
@@ -137,13 +161,21 @@ def _all_fingerprints(recordings: Sequence[Recording]) -> list[Prints]:
 
 def _fingerprints(recording: Recording) -> Prints:
     """One number for each sample that differs from the one before it; equal samples have equal numbers."""
-    rows = np.round(np.concatenate([recording.position, recording.torque], axis=1) * 10.0**KEPT_DECIMALS)
-    whole = rows.astype(np.int64)
-    moving = (np.diff(whole[:, : recording.n], axis=0) != 0).any(axis=1)
+    rows = np.concatenate([recording.position, recording.torque], axis=1)
+    moving = (np.diff(np.round(rows[:, : recording.n] * 10.0**KEPT_DECIMALS), axis=0) != 0).any(axis=1)
+    whole = _rounded(rows)
     behind = -(-NUMBERS // whole.shape[1])
     whole = np.concatenate([np.roll(whole, shift, axis=0) for shift in range(behind)], axis=1)
     moving[: behind - 1] = False
-    # Odd multipliers: sums wrap around at 2⁶⁴, and no number of a row is lost.
-    multipliers = np.random.default_rng(0).integers(2**62, size=whole.shape[1], dtype=np.int64) | 1
+    # Odd multipliers: sums wrap around at 2⁶⁴, and no number of a row is lost. Models keep the sums: raw bits of a
+    # generator are the same in every version of NumPy, what it draws from them need not be.
+    multipliers = (np.random.PCG64(0).random_raw(whole.shape[1]) | np.uint64(1)).view(np.int64)
     with np.errstate(over="ignore"):
         return np.asarray((whole[1:][moving] * multipliers).sum(axis=1), dtype=np.int64)
+
+
+def _rounded(rows: npt.NDArray[np.float64]) -> Prints:
+    """Numbers in steps of the last decimal kept, or of the last digit where that is coarser."""
+    digits = np.floor(np.log10(np.maximum(np.abs(rows), np.finfo(np.float64).tiny)))
+    step = 10.0 ** np.maximum(digits - (KEPT_DIGITS - 1) + KEPT_DECIMALS, 0.0)
+    return np.asarray(np.rint(np.rint(rows * 10.0**KEPT_DECIMALS / step) * step), dtype=np.int64)

@@ -14,6 +14,7 @@ from identification.recordings.bag import bag_files, entries_of
 from identification.recordings.cleaning import build_recording, check_shapes
 from identification.recordings.csv_reader import read_csv
 from identification.recordings.joint_choice import for_robot, select_joints
+from identification.recordings.leaps import refuse_leaps, with_whole_turns
 from identification.recordings.log_reader import read_bag_folder, read_log
 from identification.recordings.npz_reader import read_npz
 from identification.recordings.recording import Finding, ImportReport, Recording
@@ -125,6 +126,7 @@ def read_recording(
     else:
         table, arm, notes = _chosen(found, robot, installation, joints, model_robot, topic)
         table = in_si(table, arm, units)
+        table = table if arm is None else with_whole_turns(table, arm)
         stated = table.units
         recording = build_recording(table, sha256=digest.result())
         recording = recording if arm is None or not arm.mimics else for_robot(recording, arm)
@@ -135,7 +137,10 @@ def read_recording(
         recording = replace(recording, robot=arm.spec, installation=arm.installation)
     elif installation is not None:
         recording = replace(recording, installation=installation)
-    return _noted(check_units(recording, arm, stated), notes)
+    checked = check_units(recording, arm, stated)
+    if arm is not None:
+        refuse_leaps(checked, arm)
+    return _noted(checked, notes)
 
 
 def recording_file(path: Path) -> Path:

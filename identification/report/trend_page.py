@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.audit.trend import JointTrend, Trend
+from identification.audit.trend import ODDS_SAID, JointTrend, Trend
 from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
@@ -43,14 +43,17 @@ def trend_document(trend: Trend, robot: str) -> Document:
         for row, name in enumerate(trend.names)
     )
     blocks.append(Table("Friction at each joint's usual speed, Nm ± one deviation of the fit", head, rows))
-    changed = [item for item in trend.joints if item.change.odds >= 20.0]
+    changed = [item for item in trend.joints if item.change.odds >= ODDS_SAID]
     joints = ", ".join(str(item.joint) for item in changed)
     verdict = f"Friction changed at once on joint {joints}." if changed else "No joint's friction changed at once."
+    drifting = [item for item in trend.joints if item.change.drift_odds >= ODDS_SAID]
+    if drifting:
+        verdict += f" It drifts on joint {', '.join(str(item.joint) for item in drifting)}."
     return Document(
         title=f"{len(trend.names)} recordings of {robot}",
         verdict=verdict,
         sections=(Section("trend", "Friction over the series", tuple(blocks)),),
-        tone="attention" if changed else "good",
+        tone="attention" if changed or drifting else "good",
     )
 
 

@@ -99,9 +99,10 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
     if massless and len(massless) < robot.n:
+        mass = model.inertias[massless[0] + 1].mass
         raise RobotError(
-            f"{path}: what joint '{names[massless[0]]}' moves has no mass, so its torque is not that of an arm. "
-            "Give that link its <inertial>.",
+            f"{path}: what joint '{names[massless[0]]}' moves has {f'a mass of {mass:.4g} kg' if mass else 'no mass'}, "
+            "so its torque is not that of an arm. Give that link its <inertial>.",
             file=path,
             joint=_chosen(path, names, robot).index(massless[0]) + 1,
         )

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.errors import SimulationError
-from identification.export.parameters import ModelParameters
+from identification.export.parameters import ModelParameters, refuse_unmovable
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
@@ -87,14 +87,17 @@ def simulate(
 
     physical: of the arm; the controller knows the same, without friction. extra_torque: State → (n,) Nm, added to the
     right side of eq. (1); the arm feels it and the sensor shows it, the controller knows nothing of it. The motor
-    torque is held over each step. Raises SimulationError when a velocity exceeds 1000 rad/s or is not finite.
+    torque is held over each step. Raises SimulationError when a velocity exceeds 1000 rad/s or is not finite,
+    InconsistentParametersError for a mass, moment, friction or motor inertia below zero.
     """
     refuse_followers(robot, "simulate")
     chosen = settings if settings is not None else SimulationSettings()
     n = robot.n
     motor = np.zeros(n) if chosen.motor_inertia is None else np.asarray(chosen.motor_inertia, dtype=np.float64)
     offset = np.zeros(n) if chosen.offset is None else np.asarray(chosen.offset, dtype=np.float64)
-    model = ModelParameters(physical, motor, offset).pinocchio_model(robot)
+    parameters = ModelParameters(physical, motor, offset)
+    refuse_unmovable(parameters)
+    model = parameters.pinocchio_model(robot)
     arm = ArmDynamics(model, model.createData(), physical.viscous, physical.coulomb, _sum(extra_torque, offset))
     known, unseen = model.createData(), np.zeros(n) if chosen.motor_inertia_in_torque else motor
     duration = trajectory.period_s if chosen.duration_s is None else chosen.duration_s

@@ -63,6 +63,45 @@ def test_the_load_is_printed_as_the_cabinet_asks_for_it(
     assert "too light" not in text
 
 
+PLANAR = """<robot name="planar"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0.01 0"/><mass value="3"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.05"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0.15 0.01 0"/><mass value="2"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin rpy="1.5707963267948966 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="100" velocity="5"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="100" velocity="5"/></joint></robot>
+"""
+
+
+def test_what_a_motion_cannot_determine_is_said_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two parallel joints: where along them a load sits makes no torque, and of its inertia only the one about them."""
+    (tmp_path / "arm.urdf").write_text(PLANAR)
+    bare = pinocchio.buildModelFromXML(PLANAR)
+    loaded = pinocchio.buildModelFromXML(PLANAR)
+    loaded.appendBodyToJoint(
+        2, pinocchio.Inertia(1.2, np.array([0.35, 0.02, 0.03]), 0.003 * np.eye(3)), pinocchio.SE3.Identity()
+    )
+    states, generator = fourier_motion(2, period_s=20.0, samples=2000, seed=3), np.random.default_rng(5)
+    for name, model in (("bare", bare), ("tool", loaded)):
+        data = model.createData()
+        torque = np.array([pinocchio.rnea(model, data, *state) for state in zip(*states, strict=True)])
+        torque += 0.02 * generator.standard_normal(torque.shape)
+        np.savez(tmp_path / f"{name}.npz", t=np.arange(2000) * 0.01, q=states[0], tau=torque, robot="arm.urdf")
+    words = ["payload", str(tmp_path / "bare.npz"), "--", str(tmp_path / "tool.npz")]
+    assert run(*words, "--json", str(tmp_path / "load.json")) == 0
+    text = capsys.readouterr().out
+    assert max(float(number) for number in re.findall(r"± ([\d.]+)", text)) < 20.0
+    assert "not determined mm" in text
+    assert "Not determined by these motions: Z, A, B, C, JX, JY." in text
+    found = json.loads((tmp_path / "load.json").read_text())
+    assert found["undetermined"] == ["com_z", *(f"inertia_{entry}" for entry in ("xx", "yy", "xy", "xz", "yz"))]
+    assert [name for name, value in found["load_data"].items() if value is None] == ["Z", "A", "B", "C", "JX", "JY"]
+    assert found["load_data"]["X"] == pytest.approx(350.0, abs=2.0)
+    assert found["mass"]["value"] == pytest.approx(1.2, rel=0.01)
+
+
 def test_a_load_that_is_too_light_for_its_motion_is_said_with_the_time_that_would_do(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,7 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,38 @@ def test_what_was_put_in_fails_its_check(
     assert all(words in failed[name] for name, words in expected.items())
 
 
+def test_torques_that_are_a_thousand_times_too_small_fail_their_check(
+    sound: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    code, checks = examined({**sound, "tau": 1e-3 * sound["tau"], "tau_ext": 1e-3 * sound["tau_ext"]}, tmp_path)
+    assert code == 1
+    assert checks["units"]["status"] == "failed"
+    assert "Are they in kNm?" in checks["units"]["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("name", "robot"),
+    [
+        ("kr300_a", "kr300.urdf"),
+        ("tx40_excitation", "tx40.urdf"),
+        ("ur10", "ur10_mdh.csv"),
+        ("lbrmed7", "med7dock.urdf"),
+    ],
+)
+def test_only_newton_metres_pass_for_the_torques_of_real_arms(name: str, robot: str) -> None:
+    recording, arm = read_recording(recording_file(f"{name}.npz")), load_robot(recording_file(robot))
+    """A TX40 is so heavy for its length that a wrong prefix goes unseen: better than to refuse a right one."""
+    said = {}
+    for factor in (1e-3, 1.0, 1e3):
+        scaled = replace(recording, torque=factor * recording.torque)
+        (units,) = (each for each in set_up_checks([scaled], arm, ()) if each.name == "units")
+        said[factor] = units.status, units.sentence.rpartition(". ")[2]
+    assert said[1.0][0] == "ok"
+    if name != "tx40_excitation":
+        assert said[1e-3] == ("failed", "Are they in kNm?")
+        assert said[1e3] == ("failed", "Are they in mNm?")
+
+
 def test_a_recording_without_motion_is_refused_in_one_sentence(
     sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -194,6 +227,7 @@ def without(text: str, link: str, *, whole: bool) -> str:
     ("case", "expected"),
     [
         ("body", "what joint 'A4' moves has no mass"),
+        ("mass", "what joint 'A4' moves has a mass of -1 kg"),
         ("link", "cannot be read as a simulator model"),
         ("arm", "has 6 movable joints, iiwa14 has 7"),
         ("still", "no joint moves"),
@@ -208,6 +242,11 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
     match case:
         case "body" | "link":
             model.write_text(without(twin, "link_4", whole=case == "link"))
+        case "mass":
+            root = ElementTree.fromstring(twin)
+            (body,) = root.findall("link[@name='link_4']/inertial/mass")
+            body.set("value", "-1")
+            model.write_text(ElementTree.tostring(root, encoding="unicode"))
         case "arm":
             model.write_text(recording_file("tx40.urdf").read_text())
         case "still":

@@ -103,3 +103,35 @@ def test_simulate_says_what_it_cannot_use(good: Path, tmp_path: Path) -> None:
     assert run("simulate", good, "--controller", "psychic") == 65
     np.savez(tmp_path / "two.npz", q=np.zeros((10, 2)), rate_hz=100.0)
     assert run("simulate", good, tmp_path / "two.npz") == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "expected"),
+    [
+        ("mass", "the mass of link 2 is 0 kg"),
+        ("inertia", "the smallest principal moment of inertia of link 2 is -0.02 kg m²"),
+        ("viscous", "the viscous friction of joint 2 is -0.5 Nm s/rad"),
+        ("coulomb", "the Coulomb friction of joint 2 is -0.5 Nm"),
+        ("rotor_inertia", "the rotor inertia of joint 2 is -0.1 kg m²"),
+    ],
+)
+def test_what_no_moving_arm_has_is_not_simulated(
+    field: str, expected: str, good: Path, short_motion: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = json.loads(good.read_text())
+    body, friction = model["physical_parameters"][1], model["friction"][1]
+    model["drives"] = [{"joint": joint, "rotor_inertia": 1.0, "offset": 0.0} for joint in range(1, 8)]
+    match field:
+        case "mass":
+            body["mass"] = 0.0
+        case "inertia":
+            body["inertia"] = np.diag([0.01, -0.02, 0.01]).tolist()
+        case "viscous" | "coulomb":
+            friction[field] = -0.5
+        case "rotor_inertia":
+            model["drives"][1][field] = -0.1
+    good.write_text(json.dumps(model))
+    assert run("simulate", good, short_motion) == 65
+    said = capsys.readouterr()
+    assert expected in said.err
+    assert not said.out

@@ -68,6 +68,21 @@ def test_another_arm_trajectory_or_workspace_begins_at_the_bottom(tmp_path: Path
         admit(other)
 
 
+def test_an_arm_that_is_hung_otherwise_begins_at_the_bottom(tmp_path: Path) -> None:
+    remember(request(tmp_path, 0.1), outcome())
+    with pytest.raises(LadderError):
+        admit(request(tmp_path, 0.25, gravity_m_s2=(0.0, 0.0, 9.81)))
+    remember(request(tmp_path, 0.1, gravity_m_s2=(0.0, 0.0, 9.81)), outcome())
+    assert admit(request(tmp_path, 0.25, gravity_m_s2=(0.0, 0.0, 9.81)))
+    assert admit(request(tmp_path, 0.25))
+
+
+def test_a_completed_run_whose_folder_went_away_is_still_a_completed_run(tmp_path: Path) -> None:
+    done = request(tmp_path, 0.1)
+    Path(done.trajectory_file).unlink()
+    assert "counts as not done" in remember(done, outcome())
+
+
 def _written(file: Path, text: str) -> Path:
     file.write_text(text)
     return file

@@ -14,11 +14,14 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 
 from daemon.api import RUN_NAME, RunEvent, RunOutcome, RunRequest
+from daemon.children import Child
+from daemon.errors import FolderGoneError
 from daemon.json_files import read_json, write_json
 from daemon.run.next_step import moved_away
 from daemon.run.service import run_acquisition
@@ -204,6 +207,50 @@ def test_a_folder_that_is_moved_away_in_the_run_is_said_and_what_it_held_is_coun
     shown = moved_away(outcome)
     assert f"{spare}/run.json" in shown
     assert "iiwa-ident recover" in shown
+
+
+@pytest.mark.parametrize("moment", ["starting", "waiting"])
+def test_a_folder_that_is_moved_away_before_the_loop_begins_is_said_and_nothing_is_blamed_on_the_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    """At "starting" there is no child yet; at "waiting" the loop's process is begun and has not read its request."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    request = gentle_request(tmp_path, free_udp_port())
+    folder, away = Path(request.out_dir), tmp_path / "away"
+
+    def observe(event: RunEvent) -> None:
+        if event.kind == moment:
+            folder.rename(away)
+
+    try:
+        outcome = run_acquisition(request, observe=observe)
+        code, sentence = outcome.exit_code, outcome.sentences[0]
+    except FolderGoneError as error:
+        code, sentence = error.exit_code, str(error)
+    assert code == 74
+    assert f"{folder} was moved or removed before the robot was listened to; nothing was moved" in sentence
+
+
+def test_a_loop_that_cannot_be_started_leaves_no_recorder_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder goes between the two; in a service the recorder's parent lives on, so nothing else would end it."""
+    request = gentle_request(tmp_path, free_udp_port())
+    recorders: list[psutil.Process] = []
+
+    def start(role: str, *others: Any) -> Child:
+        if role == "loop":
+            recorders.append(child_of(psutil.Process(), "daemon.run.recorder"))
+            Path(request.out_dir).rename(tmp_path / "away")
+        return Child(role, *others)
+
+    monkeypatch.setattr("daemon.run.service.Child", start)
+    with pytest.raises(FolderGoneError):
+        run_acquisition(request, observe=lambda _: None)
+    recorders[0].wait(WATCHDOG_S)
 
 
 def invoke(*words: str) -> str:

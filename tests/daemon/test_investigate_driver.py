@@ -15,7 +15,9 @@ from daemon.investigate import driver as driver_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
 from daemon.investigate.states import State
+from daemon.json_files import write_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion
+from daemon.queue.investigation_step import ORDER_NAME, Order
 from tests.daemon.command_line import run
 
 
@@ -114,6 +116,19 @@ def test_a_workspace_that_changed_or_went_away_has_to_be_named_again(
     cell.write_text(left or "")
     assert investigate(folder, "--workspace", str(cell), "--plan-only") == 0
     assert investigate(folder, "--plan-only") == 0
+
+
+def test_an_investigation_of_the_service_is_left_to_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Only the service knows its workspace, tool and stand, and what of it waits in its queue."""
+    folder = tmp_path / "20261122T170400731Z"
+    assert investigate(folder, "--budget", "4", "--plan-only") == 0
+    before = read_account(folder)
+    write_json(folder / ORDER_NAME, Order(folder=str(folder), robot="iiwa14", workspace_file="cell.yaml"))
+    capsys.readouterr()
+    for words in (["--yes"], ["--plan-only"], ["--workspace", "other.yaml", "--yes"]):
+        assert investigate(folder, *words) == 78
+        assert f"--go-on {folder.name}" in " ".join(capsys.readouterr().err.split())
+    assert read_account(folder) == before
 
 
 def test_a_workspace_that_cannot_be_read_begins_nothing(tmp_path: Path) -> None:

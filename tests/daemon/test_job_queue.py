@@ -126,6 +126,17 @@ def test_a_stop_holds_what_waits_also_what_is_still_being_checked_and_new_runs_a
     assert phases(jobs) == {ready: "queued", unchecked: "queued", later: "queued"}
 
 
+def test_a_word_for_some_runs_leaves_the_others_held(tmp_path: Path) -> None:
+    jobs = queue_in(tmp_path)
+    first, second, unchecked = submitted(jobs), submitted(jobs), submitted(jobs, check=False)
+    jobs.hold_waiting()
+    assert jobs.release((second, unchecked)) == 2
+    jobs.checked(unchecked, SAFE)
+    assert phases(jobs) == {first: "held", second: "queued", unchecked: "queued"}
+    assert jobs.release(()) == 0
+    assert jobs.release((first, second)) == 1
+
+
 @pytest.mark.parametrize(
     ("outcome", "exit_code", "phase", "planned"),
     [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.api import LoopReport, RunOutcome, WorkerStatus
+from daemon.api import LoopReport, PhaseSpan, RunOutcome, WorkerStatus
 from daemon.motion.preparation import prepare_motion
 from daemon.motion.tip_speed import T1_SPEED_M_S
 from daemon.run.next_step import next_step
@@ -26,9 +26,12 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
         ({"outcome": "no_robot", "exit_code": 69}, {}, None, "iiwa-ident doctor"),
         ({"outcome": "version_mismatch", "exit_code": 76}, {}, None, "--fri-version"),
         ({"outcome": "stopped", "exit_code": 1}, {}, None, "last_samples.json"),
+        ({"outcome": "stopped", "exit_code": 130, "standstill": False, "phases": ()}, {}, None, "can be given again"),
+        ({"outcome": "stopped", "exit_code": 130, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "refused", "exit_code": 65}, {}, None, "mend"),
         ({"exit_code": 1}, {}, None, "iiwa-ident recover"),
+        ({"exit_code": 74}, {}, None, "then `iiwa-ident fit runs/one/recording.mcap`"),
         ({"exit_code": 1, "judgement": {"passed": False}}, {}, FIT, "iiwa-ident judge"),
         ({}, {"amplitude": 0.1, "simulation": False}, None, "--amplitude 0.25"),
         ({}, {"amplitude": 0.1, "simulation": True}, None, "iiwa-ident fit"),
@@ -40,10 +43,12 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
 def test_the_next_step_fits_the_end(
     tmp_path: Path, ended: dict[str, Any], request_changes: dict[str, Any], fit: WorkerStatus | None, words: str
 ) -> None:
-    values = {"outcome": "completed", "exit_code": 0, "standstill": True} | ended
+    values = {"outcome": "completed", "exit_code": 0, "standstill": True, "phases": ("START_RAMP",)} | ended
+    phases = tuple(PhaseSpan(phase=phase) for phase in ("WAITING", *values.pop("phases")))
     report = LoopReport(
-        outcome=values["outcome"], reason="", sentence="", standstill_confirmed=values.pop("standstill")
-    )
+        outcome=values["outcome"], reason="", sentence="", standstill_confirmed=values.pop("standstill"),
+        phases=phases, answered=9,
+    )  # fmt: skip
     outcome = RunOutcome(
         run_id="one", sentences=(), out_dir="runs/one", loop=report, request=make_request(tmp_path, **request_changes),
         recordings=("runs/one/recording.mcap",), **values,

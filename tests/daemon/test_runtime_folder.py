@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from daemon.cli.app import main
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
-from daemon.runtime_folder import default_endpoint, lock_port, runtime_folder
+from daemon.runtime_folder import default_endpoint, lock_folder, lock_port, runtime_folder
+from tests.ports import free_udp_port
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 HOLDER = (
@@ -108,3 +110,30 @@ def test_the_lock_goes_when_the_block_ends(private: Path) -> None:
         with lock_port("127.0.0.1", 31997):
             assert (private / "port-31997.lock").read_text() == f"{os.getpid()}\n"
     assert not (private / "port-31997.lock").exists()
+
+
+def test_a_folder_has_one_holder_whatever_it_is_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with lock_folder(Path("run")):
+        with (
+            pytest.raises(ConfigurationError, match=rf"iiwa-ident \(process {os.getpid()}\)"),
+            lock_folder(tmp_path / "other" / ".." / "run"),
+        ):
+            pass
+        with lock_folder(Path("run2")):
+            pass
+    with lock_folder(tmp_path / "run"):
+        pass
+
+
+@pytest.mark.parametrize("words", [["run", "--no-confirm", "--start-timeout", "0.1"], ["investigate", "--budget", "4"]])
+def test_two_commands_never_write_into_one_folder(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the table that one has checked could be that of the other by the time its loop reads it."""
+    folder = tmp_path / "out"
+    with lock_folder(folder), pytest.raises(SystemExit) as end:
+        main([*words, "--out", str(folder), "--bind", f"127.0.0.1:{free_udp_port()}"])
+    assert end.value.code == 78
+    assert "is being written to by another iiwa-ident" in " ".join(capsys.readouterr().err.split())
+    assert not folder.exists()

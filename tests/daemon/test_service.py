@@ -78,6 +78,18 @@ def test_a_run_records_every_message_with_its_period_and_leaves_a_complete_folde
     assert not [child for child in psutil.Process().children() if "daemon." in words_of(child)]
 
 
+def test_a_fit_that_the_disk_refuses_does_not_cost_the_account_of_the_run(
+    robot: tuple[int, Path], tmp_path: Path
+) -> None:
+    """A folder stands where the fit's job would be written; the arm has moved, and run.json has to say how."""
+    request = gentle_request(tmp_path, robot[0], periods=1, fit=True)
+    (Path(request.out_dir) / "worker_job.json" / "in the way").mkdir(parents=True)
+    outcome = run_acquisition(request, observe=lambda _: None)
+    assert (outcome.outcome, outcome.exit_code, outcome.worker_pid) == ("completed", 74, None)
+    assert any("The fit was not started: " in sentence for sentence in outcome.sentences)
+    assert read_json(Path(request.out_dir) / "run.json", RunOutcome).sentences == outcome.sentences
+
+
 def test_an_observer_that_fails_ends_no_run(robot: tuple[int, Path], tmp_path: Path) -> None:
     def observe(event: RunEvent) -> None:
         raise OSError("the terminal is gone")

@@ -60,6 +60,8 @@ def test_a_name_is_taken_where_names_are_noted_and_refused_where_a_tool_is_asked
         ("mass_kg: .nan\ncenter_of_mass_m: [0, 0, 0.06]\n", "mass_kg"),
         ("mass_kg: 2.5\ncenter_of_mass_m: [0, 0, 60]\n", "center_of_mass_m"),
         ("mass_kg: 1\ncenter_of_mass_m: [0, 0, 0]\ninertia_kg_m2: [1, 1, 3, 0, 0, 0]\n", "inertia_kg_m2"),
+        ("mass_kg: 2.5\ncenter_of_mass_m: [0, 0, 0.06]\ninertia_kg_m2: [4000, 4000, 2000, 0, 0, 0]\n", "inertia_kg_m2"),
+        ("mass_kg: 0\ncenter_of_mass_m: [0, 0, 0.06]\ninertia_kg_m2: [1, 1, 1, 0, 0, 0]\n", "inertia_kg_m2"),
         ("length_m: 0.2\n", "length_m"),
         ("length_m: 0.2\nradius_m: -1\n", "radius_m"),
         ("weight: 3\n", "weight"),
@@ -71,6 +73,15 @@ def test_what_no_tool_can_be_is_refused_with_its_field(text: str, field: str, tm
     with pytest.raises(ConfigurationError) as refusal:
         read_tool(str(file))
     assert (refusal.value.file, refusal.value.field) == (str(file), field)
+
+
+@pytest.mark.parametrize("text", ["2.5kg@0,0,0.06", "2.5@0;0;0.06", "2.5@0,0", "tools/gripper", "gripper.json"])
+def test_what_was_meant_as_a_load_or_a_file_is_not_taken_for_the_name_of_a_tool_that_weighs_nothing(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="is no tool: give MASS@X,Y,Z"):
+        read_tool(text, is_name=True)
+    named = read_tool("gripper v1.2", is_name=True)
+    assert named is not None
+    assert named.name == "gripper v1.2"
 
 
 def test_a_file_that_is_not_there_is_missing_input(tmp_path: Path) -> None:

@@ -150,6 +150,15 @@ def test_a_prior_with_a_gripper_adds_it_to_the_link_that_carries_it(tmp_path: Pa
     assert gripping[2, 3, 3] - plain[2, 3, 3] == pytest.approx(0.5)
 
 
+def test_a_prior_of_negative_mass_is_refused_with_the_joint(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(random_arm(3, 2))
+    robot = load_robot(file)
+    file.write_text(file.read_text().replace('<mass value="9"/>', '<mass value="-2"/>'))
+    with pytest.raises(RobotError, match=r"joint \d moves has a mass of -2 kg"):
+        given_bodies(file, robot)
+
+
 def test_a_covariance_in_the_file_is_read_in_the_order_of_the_regressor(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(random_arm(2, 1))

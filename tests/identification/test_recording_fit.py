@@ -132,6 +132,17 @@ def test_inverted_torque_is_refused_and_can_be_turned() -> None:
     assert straight.torque_sign.gravity_correlation > 0.5
 
 
+def test_one_joint_of_the_wrong_sign_makes_a_warning() -> None:
+    """The others' torques contradict it, so that turning all of them would mend nothing."""
+    robot = load_robot("iiwa14")
+    recording = _noisy(periods=3)
+    one = replace(recording, torque=recording.torque * np.where(np.arange(7) == 3, -1.0, 1.0))
+    result = fit_recordings([one], robot, FitSettings(physical=False))
+    assert result.notes[0].startswith("WARNING, inertia or friction of joint")
+    sound = fit_recordings([recording], robot, FitSettings(physical=False))
+    assert not any(note.startswith("WARNING") for note in sound.notes)
+
+
 def test_a_joint_that_the_model_misses_altogether_is_said_with_the_fit() -> None:
     """The sensor of joint 3 turned round: no rigid arm has such a torque. Joint 7 is half noise anyway."""
     recording, robot = _noisy(periods=4), load_robot("iiwa14")

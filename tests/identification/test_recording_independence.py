@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from identification.errors import RecordingError
+from identification.model_file import read_model, write_model
 from identification.recording_fit import fit_recordings
 from identification.recordings import (
     Recording,
@@ -46,7 +47,10 @@ def copies(fitted: Recording, folder: Path) -> list[Recording]:
     table = np.column_stack([fitted.time, fitted.position, fitted.torque])
     names = ["t", *(f"q{j}" for j in range(1, 8)), *(f"tau{j}" for j in range(1, 8))]
     np.savetxt(folder / "rounded.csv", table, delimiter=",", header=",".join(names), comments="", fmt="%.8f")
-    return [fitted, *(read_recording(path) for path in (log, folder / "cut.npz", folder / "rounded.csv"))]
+    single = {"q": fitted.position.astype(np.float32), "tau": fitted.torque.astype(np.float32)}
+    np.savez(folder / "single.npz", t=fitted.time, **single)
+    files = (log, folder / "cut.npz", folder / "rounded.csv", folder / "single.npz")
+    return [fitted, *(read_recording(path) for path in files)]
 
 
 def test_a_fitted_recording_is_refused_under_any_name(fitted: Recording, tmp_path: Path) -> None:
@@ -55,6 +59,13 @@ def test_a_fitted_recording_is_refused_under_any_name(fitted: Recording, tmp_pat
             refuse_shared_samples([one_run(2), fitted], [copy])
         assert refusal.value.file == Path(copy.source.path)
         assert "fitted.npz" in str(refusal.value)
+
+
+def test_the_file_of_a_model_knows_the_samples_it_was_fitted_to(fitted: Recording, tmp_path: Path) -> None:
+    file = write_model(fit_recordings([fitted], load_robot("iiwa14")).to_model_json(), tmp_path / "model.json")
+    model = read_model(file)
+    for copy in copies(fitted, tmp_path):
+        assert model.fitted_among([one_run(2), copy, one_run(3)]) == (Path(copy.source.path).name,)
 
 
 def test_one_measurement_given_twice_is_refused_with_both_names(fitted: Recording, tmp_path: Path) -> None:

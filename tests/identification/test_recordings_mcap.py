@@ -123,6 +123,43 @@ def test_lost_messages_are_seen_by_the_sequence_counter(tmp_path: Path) -> None:
     assert recording.report.of_kind("gap")[0].count == 1
 
 
+def test_a_counter_that_wraps_loses_nothing_and_still_tells_what_is_lost(tmp_path: Path) -> None:
+    states = [{**state, "sequence_counter": (2**32 - 600 + row) % 2**32} for row, state in enumerate(_states())]
+    del states[598:603]
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    assert [item.count for item in recording.report.of_kind("lost_samples")] == [5]
+
+
+@pytest.mark.parametrize("has_clock", [True, False])
+@pytest.mark.parametrize("anew", [0, 7, 5_000_000])
+def test_a_counter_that_begins_anew_is_no_loss_of_millions(tmp_path: Path, anew: int, has_clock: bool) -> None:
+    states = [{**state, "robot_time_valid": has_clock} for state in _states()]
+    for row in range(600, ROWS):
+        states[row]["sequence_counter"] = anew + row - 600
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    assert not recording.report.of_kind("lost_samples")
+    assert recording.report.of_kind("counter_restart")[0].first_row == 600
+    assert recording.time[-1] == pytest.approx((ROWS - 1) * 1e-3)
+
+
+def test_a_gap_of_seconds_is_a_loss_where_the_robots_clock_says_so(tmp_path: Path) -> None:
+    states = _states(3200)
+    del states[1000:3000]
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states))
+    assert [item.count for item in recording.report.of_kind("lost_samples")] == [2000]
+
+
+def test_what_came_too_late_or_without_torque_is_not_called_missing(tmp_path: Path) -> None:
+    """Rows 500 and 501 come behind row 503, as the session labels them; row 700 carries no torque."""
+    states = _states()
+    states[700]["measured_torque_valid"] = False
+    late = [{**state, "out_of_order": True} for state in states[500:502]]
+    states = [*states[:500], *states[502:504], *late, *states[504:]]
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    assert not recording.report.of_kind("lost_samples")
+    assert recording.report.of_kind("unusable_message")[0].count == 3
+
+
 def test_messages_that_came_twice_are_left_out(tmp_path: Path) -> None:
     states = _states()
     states.insert(300, {**states[299], "duplicate": True})

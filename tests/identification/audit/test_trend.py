@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from identification.audit.trend import change_point, date_of, hours_of, trend_of, with_hours
+from identification.audit.trend import SCATTERS, STEP_WIDTH, change_point, date_of, hours_of, trend_of, with_hours
 from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
@@ -108,6 +108,56 @@ def test_a_step_of_many_deviations_is_placed_and_its_size_covered() -> None:
     assert sum(held) >= 33
 
 
+def test_a_steady_drift_is_no_change_at_once(series: list[Recording], iiwa14: RobotModel) -> None:
+    generator = np.random.default_rng(12)
+    drawn = [
+        change_point(1.0 + 0.03 * np.arange(12) + 0.02 * generator.standard_normal(12), np.full(12, 0.01))
+        for _ in range(40)
+    ]
+    assert not any(found.odds > 20.0 for found in drawn)
+    assert all(found.drift_odds > 20.0 for found in drawn)
+    assert sum(abs(found.drift - 0.33) < 1.96 * found.drift_std for found in drawn) >= 33
+    trend = trend_of(series, iiwa14)
+    worn = replace(trend, joints=(replace(trend.joints[0], change=drawn[0]), *trend.joints[1:]))
+    assert "friction drifts from recording to recording" in worn.sentences[0]
+    assert trend_document(worn, "iiwa14").verdict.endswith("It drifts on joint 1.")
+
+
+@pytest.mark.parametrize("step", [0.0, 0.2])
+def test_odds_are_those_of_the_evidence_summed_by_hand(step: float) -> None:
+    """Truth: the integrals over mean and change on a grid."""
+    values = 1.0 + 0.05 * np.random.default_rng(3).standard_normal(5) + step * (np.arange(5) >= 3)
+    size = np.abs(values).mean()
+    mean, change = np.linspace(-9.0, 9.0, 901) * size, np.linspace(-3.0, 3.0, 601) * size
+    prior = np.exp(-0.5 * (mean[:, None] / (3.0 * size)) ** 2 - 0.5 * (change / (STEP_WIDTH * size)) ** 2)
+
+    def evidence(shape: np.ndarray) -> float:
+        total = 0.0
+        for scatter in SCATTERS * size:
+            variance = 0.02**2 + scatter**2
+            left = values[:, None, None] - mean[:, None] - change * shape[:, None, None]
+            total += float((prior * np.exp(-0.5 * (left**2).sum(axis=0) / variance)).sum() / variance**2.5)
+        return total
+
+    none, drift = evidence(np.zeros(5)), evidence(np.linspace(0.0, 1.0, 5))
+    steps = [evidence((np.arange(5) >= at).astype(float)) for at in range(1, 5)]
+    found = change_point(values, np.full(5, 0.02))
+    assert found.at == 1 + int(np.argmax(steps))
+    assert found.odds == pytest.approx(np.mean(steps) / max(none, drift), rel=1e-6)
+    assert found.drift_odds == pytest.approx(drift / max(none, np.mean(steps)), rel=1e-6)
+
+
+def test_a_series_of_two_arms_says_so(series: list[Recording], iiwa14: RobotModel) -> None:
+    mixed = [
+        replace(item, source=replace(item.source, metadata={**item.source.metadata, "serial": serial}))
+        for item, serial in zip(series, ("A1", "B2", "A1", "", "B2"), strict=True)
+    ]
+    trend = trend_of(mixed, iiwa14)
+    assert trend.sentences[0].startswith("These are recordings of 2 arms (serial numbers A1, B2)")
+    assert trend.to_json()["arms"] == ["A1", "B2"]
+    assert len(trend_of(series, iiwa14).sentences) == 7
+
+
 def test_three_recordings_are_no_series(series: list[Recording], iiwa14: RobotModel) -> None:
     with pytest.raises(RecordingError, match="4 recordings or more, not 3"):
         trend_of(series[:3], iiwa14)
@@ -117,5 +167,7 @@ def test_dates_come_from_the_run_or_from_the_file(series: list[Recording]) -> No
     assert date_of(series[0]) == datetime(2026, 6, 5, 8, tzinfo=UTC)
     told = replace(series[0], source=replace(series[0].source, metadata={"date": "2026-05-04T10:00:00"}))
     assert date_of(told) == datetime(2026, 5, 4, 10, tzinfo=UTC)
+    zoned = replace(series[0], source=replace(series[0].source, metadata={"date": "2026-05-04T10:00:00.5+02:00"}))
+    assert date_of(zoned) == datetime(2026, 5, 4, 8, 0, 0, 500000, tzinfo=UTC)
     unsaid = replace(series[0], source=replace(series[0].source, metadata={}))
     assert date_of(unsaid) is None

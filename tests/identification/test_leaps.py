@@ -1,0 +1,100 @@
+"""What leaps from one row to the next: whole turns are put back, a leap that no joint can make is refused.
+
+Truth: one pendulum's equation of motion, and the same angles without the turns taken off.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.errors import RecordingError
+from identification.recording_fit import fit_recordings
+from identification.recordings import read_recording
+from identification.robots import load_robot
+
+ARM = """<robot name="arm"><link name="base"/><link name="one"/><link name="two"/>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="one"/><origin rpy="1.5707963267948966 0 0"/>
+<axis xyz="0 0 1"/><limit effort="100" velocity="4"/></joint>
+<joint name="elbow" type="revolute"><parent link="one"/><child link="two"/><origin xyz="0 0 0.3"/>
+<axis xyz="0 0 1"/><limit lower="-4" upper="4" effort="100" velocity="4"/></joint></robot>
+"""
+TIME = np.arange(4000) * 0.005
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    return tmp_path
+
+
+def motion() -> tuple[np.ndarray, np.ndarray]:
+    """Angles about π, and torques of a body without the second link's."""
+    phase = TIME[:, None] * np.array([1.3, 1.9])
+    q = np.array([3.0, 0.0]) + 0.6 * np.sin(phase) + 0.3 * np.cos(2.3 * phase)
+    tau = 5.0 * np.sin(q) + 0.5 * np.gradient(q, TIME, axis=0)
+    return q, tau + 0.02 * np.random.default_rng(1).standard_normal(q.shape)
+
+
+def saved(path: Path, q: np.ndarray, tau: np.ndarray, **more: np.ndarray) -> Path:
+    np.savez(path, t=TIME[: len(q)], q=q, tau=tau, robot="arm.urdf", **more)  # type: ignore[arg-type]
+    return path
+
+
+def within_a_turn(q: np.ndarray, low: float) -> np.ndarray:
+    return np.column_stack([(q[:, 0] - low) % (2.0 * np.pi) + low, q[:, 1]])
+
+
+@pytest.mark.parametrize("low", [-np.pi, -2.9])
+def test_angles_that_start_anew_after_a_turn_are_continued(folder: Path, low: float) -> None:
+    q, tau = motion()
+    wrapped = within_a_turn(q, low)
+    assert np.abs(np.diff(wrapped[:, 0])).max() > 6.0
+    more = {"q_cmd": within_a_turn(q + 1e-3, low), "q_link": within_a_turn(q - 1e-3, low)}
+    wrapped[100] = np.nan
+    found = read_recording(saved(folder / "wrapped.npz", wrapped, tau, **more))
+    kept = np.delete(np.arange(len(q)), 100)
+    turns = (found.position - q[kept]) / (2.0 * np.pi)
+    assert np.ptp(turns, axis=0) == pytest.approx(0.0, abs=1e-9)
+    assert turns[0] == pytest.approx(np.round(turns[0]), abs=1e-9)
+    assert found.command_position is not None
+    assert found.link_position is not None
+    assert found.command_position - found.position == pytest.approx(1e-3, abs=1e-9)
+    assert found.link_position - found.position == pytest.approx(-1e-3, abs=1e-9)
+    said = [finding.sentence for finding in found.report.findings if finding.kind == "whole_turns"]
+    assert len(said) == 1
+    assert said[0].startswith("joint 1: q starts anew after a whole turn")
+
+
+def test_a_fit_does_not_see_the_turns(folder: Path) -> None:
+    q, tau = motion()
+    robot = load_robot(folder / "arm.urdf")
+    free, wrapped = (
+        fit_recordings([read_recording(saved(folder / f"{name}.npz", angles, tau))], robot).values
+        for name, angles in (("free", q), ("wrapped", within_a_turn(q, -np.pi)))
+    )
+    assert wrapped == pytest.approx(free, rel=1e-6, abs=1e-9)
+
+
+def test_rows_missing_behind_even_time_stamps_are_refused_with_the_place(folder: Path) -> None:
+    q, tau = motion()
+    kept = np.r_[0:1000, 1500:4000]
+    with pytest.raises(RecordingError, match=r"joint [12] leaps by [\d.]+ rad at t = 5 s.*where it can 4") as refusal:
+        read_recording(saved(folder / "joined.npz", q[kept], tau[kept]))
+    assert refusal.value.joint in (1, 2)
+
+
+def test_what_a_sensor_does_is_no_leap(folder: Path) -> None:
+    """A gap that the time stamps show, a coarse encoder that stands still for most rows, late stamps."""
+    q, tau = motion()
+    kept = np.r_[0:1000, 1500:4000]
+    np.savez(folder / "gap.npz", t=TIME[kept], q=q[kept], tau=tau[kept], robot="arm.urdf")
+    coarse = np.column_stack([q[:, 0], np.cumsum(0.1 * (np.arange(len(q)) % 400 == 0))])
+    np.savez(folder / "coarse.npz", t=TIME, q=coarse, tau=tau, robot="arm.urdf")
+    late = TIME.copy()
+    late[1::2] += 0.00499
+    np.savez(folder / "late.npz", t=late, q=q, tau=tau, robot="arm.urdf")
+    for name in ("gap", "coarse", "late"):
+        read_recording(folder / f"{name}.npz")
