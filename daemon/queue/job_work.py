@@ -6,6 +6,7 @@ None of them is asked for a stop: that goes from the control thread to the ring 
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
@@ -188,6 +189,8 @@ def fit_is_alive(pid: int, folder: Path) -> bool:
     try:
         process = psutil.Process(pid)
         words = process.cmdline()
-        return process.status() != psutil.STATUS_ZOMBIE and str(folder / JOB_NAME) in words
+        # A child has no words for a moment after its start; nor have the system's own threads.
+        is_ours = str(folder / JOB_NAME) in words if words else process.ppid() == os.getpid()
+        return is_ours and process.status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
         return False
