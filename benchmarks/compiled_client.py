@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["compile_client", "serve"]
-
 SOURCE = Path(__file__).with_name("client.cpp")
 COMPILERS = ("g++", "clang++", "c++")
 

@@ -30,8 +30,6 @@ from tests.end_to_end.fault_case import FaultCase, Step
 from tests.end_to_end.fault_runner import run_case
 from tests.end_to_end.processes import iiwa_ident
 
-__all__ = ["Moment", "draw", "judge", "play"]
-
 PROCESSES = ("loop", "recorder", "supervisor", "worker")
 HOWS = ("kill -9", "stopped for 10 s", "stopped for ever")
 MESSAGES = 6500

@@ -63,10 +63,7 @@ def _show(title: str, diagnosis: Diagnosis, torque: np.ndarray, seconds: float) 
         print(f"  {finding.sentence} [{', '.join(item.effect for item in finding.alternatives)}]")
     assert diagnosis.heldout is not None
     size = np.sqrt(np.mean(torque**2, axis=0))
-    for label, values in (
-        ("before", diagnosis.heldout.rms_before_nm),
-        ("after", diagnosis.heldout.rms_after_nm),
-    ):
+    for label, values in (("before", diagnosis.heldout.rms_before_nm), ("after", diagnosis.heldout.rms_after_nm)):
         print(f"  held out, {label:6} " + " ".join(f"{100 * value:6.1f}" for value in values / size))
 
 

@@ -65,11 +65,7 @@ def main() -> None:
 def recorded(kind: str, number: int, folder: Path, seed: int, periods: int) -> Recording:
     """One trajectory from file to recording."""
     trajectory = reference_trajectory(
-        kind,
-        iiwa_limits("iiwa14"),
-        seed,
-        robot=load_robot("iiwa14"),
-        acceptable=is_safe_motion,
+        kind, iiwa_limits("iiwa14"), seed, robot=load_robot("iiwa14"), acceptable=is_safe_motion
     )
     folder.mkdir(parents=True, exist_ok=True)
     file, log = folder / f"{kind}.json", folder / kind / "recording.mcap"
@@ -80,13 +76,7 @@ def recorded(kind: str, number: int, folder: Path, seed: int, periods: int) -> R
     motion = prepare_motion(file, robot="iiwa14")
     began = time.monotonic()
     outcome = record(
-        motion,
-        folder / kind,
-        periods=periods,
-        seed=seed + number,
-        realtime=False,
-        fit=False,
-        observe=lambda _: None,
+        motion, folder / kind, periods=periods, seed=seed + number, realtime=False, fit=False, observe=lambda _: None
     )
     print(
         f"q_ref,{number + 1} {kind}: preflight {'safe' if motion.preflight.safe else 'NOT SAFE'}, {periods} periods of "

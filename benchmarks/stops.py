@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def main() -> int:
 def _planning(generator: np.random.Generator) -> None:
     table = default_trajectory("iiwa14").table(1000.0)
     stops = PathStops(table, 0.001, 1, IIWA14_R820)
-    none = PathStops(table, 0.001, 1, IIWA14_R820.with_margin(acceleration_fraction=1e-3))
+    none = PathStops(table, 0.001, 1, replace(IIWA14_R820, acceleration=1e-3 * IIWA14_R820.acceleration))
     on_path, all_rungs, joints, durations = [], [], [], []
     for row in generator.integers(0, len(table), 2000).tolist():
         begun = time.perf_counter()

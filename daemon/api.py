@@ -166,7 +166,6 @@ class WorkerJob(Message, frozen=True, kw_only=True):
     pipeline: FitPipeline = "auto"
     diagnosis_folder: str | None = None
     heldout: tuple[str, ...] = ()
-    progress_endpoint: str | None = None
 
 
 # ---- what happened ---------------------------------------------------------------------------------------------------
@@ -280,7 +279,7 @@ class RunEvent(Message, frozen=True, kw_only=True):
 
     kind: "starting", "waiting", "preflight", "session", "phase", "progress", "warning", "stopping", "finished" or
     "worker".
-    period and periods are filled for "progress" and "phase"; rate in samples/s; missing counts sequence gaps so far.
+    period and periods are filled for "progress" and "phase"; missing counts sequence gaps so far.
     port: UDP port of the run, under which its live view is found; 0: not known.
     """
 
@@ -290,7 +289,6 @@ class RunEvent(Message, frozen=True, kw_only=True):
     period: int = -1
     periods: int = 0
     samples: int = 0
-    rate: float = 0.0
     missing: int = 0
     lost_in_handover: int = 0
     port: int = 0

@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
@@ -14,13 +15,11 @@ import psutil
 from daemon.errors import ChildProcessFailedError, LogIOError
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["Child", "child_environment"]
-
 
 class Child:
-    """A process of ours with its own session (no key of the terminal reaches it) and its last words in a file.
+    """A process of ours with its last words in a file; it is told the hand-over ring and who started it.
 
-    It is told the hand-over ring and who started it. Raises LogIOError where that file cannot be written.
+    Raises LogIOError where that file cannot be written.
     """
 
     def __init__(self, role: str, module: str, arguments: list[str], ring: HandoverRing, folder: Path) -> None:
@@ -30,15 +29,8 @@ class Child:
             self._stream: IO[bytes] = self._words_file.open("ab")
         except OSError as error:
             raise LogIOError(str(self._words_file), error) from error
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments, "--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())],
-            pass_fds=(ring.fd,),
-            stdin=subprocess.DEVNULL,
-            stdout=self._stream,
-            stderr=self._stream,
-            start_new_session=True,
-            env=child_environment(),
-        )
+        told = ["--ring-fd", str(ring.fd), "--supervisor", str(os.getpid())]
+        self.process = start_python(module, [*arguments, *told], self._stream, pass_fds=(ring.fd,))
 
     @property
     def alive(self) -> bool:
@@ -69,6 +61,19 @@ class Child:
         with contextlib.suppress(OSError):
             if not self._words_file.stat().st_size:
                 self._words_file.unlink()
+
+
+def start_python(
+    module: str, arguments: Sequence[str], words: IO[bytes] | int, pass_fds: Sequence[int] = ()
+) -> subprocess.Popen[bytes]:
+    """Start a module in its own session (no key of the terminal reaches it), with nothing to read.
+
+    words: where it says what it says.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments], pass_fds=pass_fds, stdin=subprocess.DEVNULL, stdout=words,
+        stderr=words, start_new_session=True, env=child_environment(),
+    )  # fmt: skip
 
 
 def child_environment() -> dict[str, str]:

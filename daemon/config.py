@@ -34,18 +34,6 @@ from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
-__all__ = [
-    "ArmSettings",
-    "ControlSettings",
-    "DaemonConfig",
-    "FriSettings",
-    "RealtimeChoice",
-    "RunSettings",
-    "load_config",
-    "parse_version",
-    "read_settings",
-]
-
 MAXIMUM_BYTES = 1_000_000
 
 LONGEST_SILENCE_S = 60.0

@@ -1,4 +1,4 @@
-"""What recorder and worker tell the supervisor over ZeroMQ: one tagged union of typed messages, `ControlMessage`."""
+"""What recorders tell the supervisor over ZeroMQ: one tagged union of typed messages, `ControlMessage`."""
 
 from __future__ import annotations
 
@@ -6,47 +6,26 @@ from typing import TypeAlias
 
 import msgspec
 
-from daemon.api import Message, WorkerStatus
-
-__all__ = [
-    "MAXIMUM_CONTROL_BYTES",
-    "ControlMessage",
-    "RecorderFailed",
-    "RecorderFinished",
-    "RecorderProgress",
-    "RecorderReady",
-    "RecorderTrouble",
-    "WorkerProgress",
-    "decode_control",
-    "encode_control",
-]
+from daemon.api import Message
 
 
 class RecorderReady(Message, frozen=True, kw_only=True, tag="recorder_ready"):
     """The recorder has opened its file and drains the ring."""
 
     part: int
-    path: str
-    pid: int
 
 
 class RecorderProgress(Message, frozen=True, kw_only=True, tag="recorder_progress"):
-    """So far: samples written, gaps found, bytes on disk, records waiting in the ring."""
+    """The recorder lives and has written so many samples so far."""
 
     part: int
     samples: int
-    sequence_gaps: int
-    handover_gaps: int
-    undecodable: int
-    bytes: int
-    backlog: int
 
 
 class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finished"):
     """The file is closed, re-opened and counted; `counted` is the number of samples found in it."""
 
     part: int
-    path: str
     samples: int
     counted: int
     samples_in_periods: int
@@ -55,7 +34,6 @@ class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finishe
     sequence_gaps: int
     handover_gaps: int
     undecodable: int
-    bytes: int
 
 
 class RecorderTrouble(Message, frozen=True, kw_only=True, tag="recorder_trouble"):
@@ -71,22 +49,12 @@ class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
     """The disk refused. Samples from `first_unwritten_index` on are not in the file."""
 
     part: int
-    path: str
     sentence: str
     errno: int | None
-    samples: int
     first_unwritten_index: int
 
 
-class WorkerProgress(Message, frozen=True, kw_only=True, tag="worker_progress"):
-    """A worker's status, pushed as it is written to the status file."""
-
-    status: WorkerStatus
-
-
-ControlMessage: TypeAlias = (
-    RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed | WorkerProgress
-)
+ControlMessage: TypeAlias = RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed
 
 _encoder = msgspec.json.Encoder()
 _control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)

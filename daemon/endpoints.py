@@ -6,8 +6,6 @@ import ipaddress
 import os
 import re
 
-__all__ = ["LONGEST_SOCKET_PATH", "endpoint_reason", "is_ipv4"]
-
 LONGEST_SOCKET_PATH = 107
 """Bytes; sun_path of unix(7) less its closing zero."""
 _TCP = re.compile(r"tcp://(?P<host>[^/]+):(?P<port>[0-9]{1,5})")

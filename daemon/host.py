@@ -14,8 +14,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["host_report", "software_versions"]
-
 _PACKAGES = ("iiwa-ident", "numpy", "scipy", "pin", "ruckig", "mcap", "msgspec", "pyzmq", "zstandard", "clarabel")
 
 
@@ -26,6 +24,11 @@ def software_versions() -> dict[str, str]:
         with contextlib.suppress(PackageNotFoundError):
             versions[package] = version(package)
     return versions
+
+
+def own_version() -> str:
+    """Version of this package, or "unknown" where it is not installed."""
+    return software_versions().get("iiwa-ident", "unknown")
 
 
 def host_report() -> dict[str, Any]:

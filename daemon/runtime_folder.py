@@ -19,8 +19,6 @@ from pathlib import Path
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
 
-__all__ = ["default_endpoint", "live_endpoint", "lock_folder", "lock_port", "runtime_folder"]
-
 _LONGEST_NAME = len("/daemon-65535")
 
 

@@ -11,18 +11,29 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
 
 from fri_client.handover.ring import EventCode, HandoverRing
-
-__all__ = ["StopHandle"]
 
 SIGNALS = {
     int(signal.SIGINT): EventCode.OPERATOR_STOP,
     int(signal.SIGTERM): EventCode.SIGNAL_STOP,
     int(signal.SIGHUP): EventCode.TERMINAL_CLOSED,
 }
+
+
+@contextlib.contextmanager
+def handled(
+    numbers: Iterable[int], handler: Callable[[int, FrameType | None], None] | signal.Handlers
+) -> Iterator[None]:
+    """These signals go to the handler while the block runs; in the main thread alone."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 class StopHandle:
@@ -93,9 +104,5 @@ class StopHandle:
             self.signal_number = number
             self.request(SIGNALS[number])
 
-        before = {number: signal.signal(number, stop) for number in SIGNALS}
-        try:
+        with handled(SIGNALS, stop):
             yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Container
 from datetime import UTC, datetime
 
-__all__ = ["new_job_id", "now_text"]
-
 
 def now_text() -> str:
     """The present as ISO 8601 in UTC."""

@@ -22,13 +22,8 @@
     ├── JsonFormError               65  a JSON object that is no message
     ├── RealRobot                    1  a robot that does not say that it is the fake one, where nobody was asked
     ├── MotionError                 65  a table that cannot be driven as asked (in motion/table.py)
-    ├── HandoverError               70  the ring to the recorder cannot be made or found (in handover/errors.py)
-    │   └── NoMemoryForHandover     74  the operating system refuses its memory
-    └── SessionError                76  the exchange with the robot
-        ├── RobotSilent             69  no monitoring message came
-        └── MotionEnded              1  a motion ended before its end; what was recorded is kept (in loop/result.py)
-            ├── MotionStopped               we stopped it: guard, operator, torque, a lost process, a full disk
-            └── SessionDropped              the robot left the commanding states
+    └── HandoverError               70  the ring to the recorder cannot be made or found (in handover/errors.py)
+        └── NoMemoryForHandover     74  the operating system refuses its memory
 
 Here: the classes and their sentences. Not here: what anyone does about them. Everyone in and above this package
 may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
@@ -37,32 +32,6 @@ may catch `FriError`; decoding and encoding raise `CodecError` and nothing else.
 from __future__ import annotations
 
 from typing import ClassVar
-
-__all__ = [
-    "BadFrame",
-    "CodecError",
-    "DecodeError",
-    "EncodeError",
-    "FieldNotInVersion",
-    "FriError",
-    "InvalidFieldNumber",
-    "InvalidFieldValue",
-    "JsonFormError",
-    "MalformedVarint",
-    "MessageTooLong",
-    "MissingRequiredField",
-    "RealRobot",
-    "RobotSilent",
-    "SessionError",
-    "TextTooLong",
-    "TruncatedMessage",
-    "UnknownFriVersion",
-    "WrongChecksum",
-    "WrongFrameLength",
-    "WrongMessageIdentifier",
-    "WrongValueCount",
-    "WrongWireType",
-]
 
 
 class FriError(Exception):
@@ -255,21 +224,3 @@ class JsonFormError(FriError):
         super().__init__(f"{place}: {problem}." if place else f"{problem}.")
         self.place = place
         self.problem = problem
-
-
-class SessionError(FriError):
-    """The exchange with the robot failed."""
-
-
-class RobotSilent(SessionError):
-    """No monitoring message came within the time allowed."""
-
-    exit_code: ClassVar[int] = 69
-
-    def __init__(self, *, address: str, timeout_s: float) -> None:
-        super().__init__(
-            f"No monitoring message reached {address} within {timeout_s:g} s; "
-            "is the FRI application running and sending to this address?"
-        )
-        self.address = address
-        self.timeout_s = timeout_s

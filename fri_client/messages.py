@@ -21,40 +21,6 @@ import msgspec
 
 from fri_client.errors import UnknownFriVersion
 
-__all__ = [
-    "COMMAND_IDENTIFIER",
-    "JOINT_COUNT",
-    "MONITORING_IDENTIFIER",
-    "Checksum",
-    "ClientCommandMode",
-    "CommandData",
-    "CommandMessage",
-    "ConnectionInfo",
-    "ConnectionQuality",
-    "ControlMode",
-    "DriveState",
-    "EndOfMessageData",
-    "FriVersion",
-    "IoDirection",
-    "IoType",
-    "IoValue",
-    "IpoData",
-    "MessageHeader",
-    "MonitorData",
-    "MonitoringMessage",
-    "OperationMode",
-    "OverlayType",
-    "QuaternionTransformation",
-    "RedundancyInformation",
-    "RedundancyStrategy",
-    "RobotInfo",
-    "SafetyState",
-    "SessionState",
-    "TimeStamp",
-    "Transformation",
-    "name_of",
-]
-
 MONITORING_IDENTIFIER = 0x245142
 """`messageIdentifier` of every monitoring message, robot to client (PROTOCOL section 4)."""
 
@@ -103,6 +69,14 @@ def name_of(kind: type[IntEnum], value: float | None) -> str:
         return kind(int(value)).name
     except ValueError:
         return f"{kind.__name__} {int(value)}"
+
+
+def name_or_number(kind: type[IntEnum], value: float) -> str:
+    """The name of an enumeration's value; the number alone where it has none."""
+    try:
+        return kind(int(value)).name
+    except (ValueError, OverflowError):
+        return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 class SessionState(IntEnum):

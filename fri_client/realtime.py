@@ -18,8 +18,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["HIGHEST_PRIORITY", "RealtimeItem", "RealtimeReport", "RealtimeSettings", "realtime"]
-
 HIGHEST_PRIORITY = 90
 """Above it live the kernel's own interrupt and watchdog threads, without which no datagram arrives."""
 

@@ -9,7 +9,7 @@ Between two samples no point of a part travels further than s = sum_j reach_j (|
 d_1 at the ends, the distance in between is therefore at least (d_0 + d_1 - s) / 2. turn_j is what joint j may travel
 beyond |dq_j| by turning round between the two samples: at most A_j T^2 / 4 with |acceleration| <= A_j and samples T
 apart, since it stands still where it turns and gets no further from the nearer sample than A_j (T/2)^2 / 2. The
-search leaps over samples only where that bound stays above the smallest distance found so far less `resolution_m`, so
+search leaps over samples only where that bound stays above the smallest distance found so far less 1 mm, so
 `guaranteed_m` holds for the whole path.
 """
 
@@ -28,6 +28,8 @@ from safety.geometry import Capsule, RobotGeometry
 from safety.limits import FloatArray
 
 _Key = TypeVar("_Key")
+
+_RESOLUTION_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +146,7 @@ def self_collision_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]
 
 
 def self_clearances(
-    positions: FloatArray,
-    geometry: RobotGeometry,
-    *,
-    turn_rad: FloatArray | float = 0.0,
-    resolution_m: float = 0.001,
+    positions: FloatArray, geometry: RobotGeometry, *, turn_rad: FloatArray | float = 0.0
 ) -> tuple[Clearance, ...]:
     """Smallest distance of each pair of links along a path, (N, n) rad, N >= 1; closest pair first.
 
@@ -167,18 +165,13 @@ def self_clearances(
                 continue
             # Joints before the first link move both alike, so only those between the two count.
             reach = np.where(np.arange(geometry.joint_count) >= links[0], second.reach, 0.0)
-            found = _search(_distance(first, second), _travel(steps, reach), resolution_m)
+            found = _search(_distance(first, second), _travel(steps, reach))
             _keep(best, links, Clearance(f"link {links[0]}", f"link {links[1]}", *found))
     return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
 
 
 def workspace_clearances(
-    positions: FloatArray,
-    geometry: RobotGeometry,
-    workspace: Workspace,
-    *,
-    turn_rad: FloatArray | float = 0.0,
-    resolution_m: float = 0.001,
+    positions: FloatArray, geometry: RobotGeometry, workspace: Workspace, *, turn_rad: FloatArray | float = 0.0
 ) -> tuple[Clearance, ...]:
     """Smallest distance of each link to floor, walls and boxes along a path, (N, n) rad; closest pair first."""
     path = _path(positions, geometry)
@@ -198,7 +191,7 @@ def workspace_clearances(
             guaranteed = min(float(height[row]), float(between.min()) if between.size else math.inf)
             _keep(best, (link, plane.name), Clearance(f"link {link}", plane.name, float(height[row]), guaranteed, row))
         for box in workspace.boxes:
-            found = _search(_distance(part, _fixed(box)), travel, resolution_m)
+            found = _search(_distance(part, _fixed(box)), travel)
             _keep(best, (link, box.name), Clearance(f"link {link}", box.name, *found))
     return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
 
@@ -265,7 +258,7 @@ def _travel(steps: FloatArray, reach: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps @ reach)])
 
 
-def _search(distance: Callable[[int], float], travel: FloatArray, resolution_m: float) -> tuple[float, float, int]:
+def _search(distance: Callable[[int], float], travel: FloatArray) -> tuple[float, float, int]:
     """Smallest distance, its bound for the continuous path, and its row; looks only where the bound asks for it."""
     last = travel.size - 1
     best_row, best = min(((row, distance(row)) for row in range(0, last + 1, max(1, last // 16))), key=lambda x: x[1])
@@ -277,7 +270,7 @@ def _search(distance: Callable[[int], float], travel: FloatArray, resolution_m: 
         if row == last:
             return best, min(guaranteed, best), best_row
         # Furthest row that the motion bound still keeps above best - resolution.
-        ahead = int(np.searchsorted(travel, travel[row] + here - best + resolution_m, side="right")) - 1
+        ahead = int(np.searchsorted(travel, travel[row] + here - best + _RESOLUTION_M, side="right")) - 1
         following = min(last, max(row + 1, ahead))
         there = distance(following)
         guaranteed = min(guaranteed, (here + there - float(travel[following] - travel[row])) / 2.0)

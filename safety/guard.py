@@ -233,20 +233,6 @@ class CommandGuard:
         self.generation += 1
         self._position, self._velocity, self._acceleration = judged.command, judged.velocity, judged.acceleration
 
-    def judge(
-        self,
-        command: Sequence[float] | FloatArray,
-        measured_position: Sequence[float] | FloatArray,
-        *,
-        stopping: bool = False,
-    ) -> GuardVerdict | None:
-        """`examine` and, where nothing speaks against it, `accept`: for commands that are sure to go out."""
-        outcome = self.examine(command, measured_position, stopping=stopping)
-        if isinstance(outcome, GuardVerdict):
-            return outcome
-        self.accept(outcome)
-        return None
-
     def examine(
         self,
         command: Sequence[float] | FloatArray,

@@ -1,6 +1,6 @@
 """Joint limits of the robots as value objects: positions, velocities, torques from KUKA, accelerations and jerks ours.
 
-Lives here: `JointLimits`, its margins and the two iiwa models. Lives elsewhere: who applies the limits (guard.py to
+Lives here: `JointLimits` and the two iiwa models. Lives elsewhere: who applies the limits (guard.py to
 each command, ramps.py to each ramp, preflight.py to a whole table). Values and sources: docs/limits.md.
 """
 
@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from safety.errors import LimitsError
 
@@ -88,67 +88,6 @@ class JointLimits:
         """Number of joints n."""
         return int(self.position_lower.size)
 
-    def with_margin(
-        self,
-        *,
-        position_margin_rad: ArrayLike = 0.0,
-        velocity_fraction: ArrayLike = 1.0,
-        acceleration_fraction: ArrayLike = 1.0,
-        jerk_fraction: ArrayLike = 1.0,
-        torque_fraction: ArrayLike = 1.0,
-    ) -> JointLimits:
-        """Tighter limits: positions moved inwards by a margin (rad), all others multiplied by a fraction in (0, 1].
-
-        Each argument is one number for all joints or one per joint. Raises LimitsError for a negative margin, for a
-        fraction outside (0, 1], and where the margin leaves no room between the position limits.
-        """
-        n = self.joint_count
-        margin = _per_joint("position_margin_rad", position_margin_rad, n)
-        for joint, value in enumerate(margin.tolist(), start=1):
-            if value < 0.0:
-                raise LimitsError(
-                    f"The position margin of joint {joint} is {value:g} rad, but it must not be negative.",
-                    joint=joint,
-                    value=value,
-                    limit=0.0,
-                )
-        fractions = {
-            "velocity": velocity_fraction,
-            "acceleration": acceleration_fraction,
-            "jerk": jerk_fraction,
-            "torque": torque_fraction,
-        }
-        scaled = {}
-        for name, given in fractions.items():
-            fraction = _per_joint(f"{name}_fraction", given, n)
-            for joint, value in enumerate(fraction.tolist(), start=1):
-                if not 0.0 < value <= 1.0:
-                    raise LimitsError(
-                        f"The {name} fraction of joint {joint} is {value:g}, but it has to lie in (0, 1].",
-                        joint=joint,
-                        value=value,
-                        limit=1.0,
-                    )
-            scaled[name] = getattr(self, name) * fraction
-        return JointLimits(
-            position_lower=self.position_lower + margin, position_upper=self.position_upper - margin, **scaled
-        )
-
-
-def _per_joint(name: str, given: ArrayLike, n: int) -> FloatArray:
-    array = np.asarray(given, dtype=np.float64)
-    if array.shape not in {(), (n,)}:
-        raise LimitsError(f"The setting {name} has shape {array.shape}, but the robot has {n} joints.")
-    full = np.broadcast_to(array, (n,)).copy()
-    for joint, value in enumerate(full.tolist(), start=1):
-        if not math.isfinite(value):
-            raise LimitsError(
-                f"The setting {name} of joint {joint} is {value}, which is not a finite number.",
-                joint=joint,
-                value=value,
-            )
-    return full
-
 
 def _iiwa(velocity_deg_per_s: list[float], torque: list[float]) -> JointLimits:
     position = np.radians([170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0])
@@ -168,19 +107,19 @@ IIWA14_R820 = _iiwa(
     velocity_deg_per_s=[85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0],
     torque=[320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0],
 )
-"""Limits of the LBR iiwa 14 R820 without margin."""
+"""Limits of the LBR iiwa 14 R820."""
 
 IIWA7_R800 = _iiwa(
     velocity_deg_per_s=[98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0],
     torque=[176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0],
 )
-"""Limits of the LBR iiwa 7 R800 without margin."""
+"""Limits of the LBR iiwa 7 R800."""
 
 _BY_NAME = {"iiwa14": IIWA14_R820, "iiwa7": IIWA7_R800}
 
 
 def limits_for(robot: str) -> JointLimits:
-    """Limits of a robot by its short name, "iiwa14" or "iiwa7", without margin. Raises LimitsError for any other."""
+    """Limits of a robot by its short name, "iiwa14" or "iiwa7". Raises LimitsError for any other."""
     try:
         return _BY_NAME[robot]
     except KeyError:

@@ -20,11 +20,7 @@ from safety.errors import TrajectoryShapeError
 from safety.geometry import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, RobotGeometry
 from safety.guard import ACCELERATION_TOLERANCE, POSITION_TOLERANCE_RAD, VELOCITY_TOLERANCE
 from safety.limits import FloatArray, JointLimits
-from safety.preflight_distance import (
-    Distances,
-    SampledPath,
-    sample,
-)
+from safety.preflight_distance import Distances, SampledPath, sample
 from safety.preflight_report import Check, PreflightReport
 from safety.ramps import RampError, plan_start_ramp, plan_stop_ramp
 

@@ -59,6 +59,11 @@ class PreflightReport:
         """The checks that did not pass."""
         return tuple(check for check in self.checks if not check.passed)
 
+    @property
+    def objection(self) -> str:
+        """The first sentence that speaks against the motion; empty where it is safe."""
+        return "" if self.safe else self.failures[0].sentence
+
     def to_json(self) -> dict[str, Any]:
         """{"safe", "checks": [...], "clearances": [...]}; a clearance has pair, along, distance_m, guaranteed_m,
         margin_m and row.

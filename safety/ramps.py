@@ -158,37 +158,31 @@ def plan_start_ramp(
     limits: JointLimits,
     *,
     command_period_s: float = 0.001,
-    velocity: Sequence[float] | FloatArray | None = None,
-    acceleration: Sequence[float] | FloatArray | None = None,
 ) -> Ramp:
-    """Motion from where the arm is to a moving target state, all joints arriving together on a command tick.
+    """Motion from where the arm stands to a moving target state, all joints arriving together on a command tick.
 
-    position, target_position (n,) rad; target_velocity (n,) rad/s; target_acceleration (n,) rad/s²; velocity and
-    acceleration of the start, at rest where absent. `duration_s` is a whole number of command periods, so the table
-    that follows goes on exactly one period after the ramp's last tick. The ladder START_FRACTIONS goes from gentle
-    to the full limits; the gentle rungs are widened per joint to what the two end states need.
+    position, target_position (n,) rad; target_velocity (n,) rad/s; target_acceleration (n,) rad/s². `duration_s` is a
+    whole number of command periods, so the table that follows goes on exactly one period after the ramp's last tick.
+    The ladder START_FRACTIONS goes from gentle to the full limits; the gentle rungs are widened per joint to what the
+    target state needs.
 
     Raises RampError when an end state cannot be reached or left within the limits (its position, velocity,
-    acceleration, or the velocity that its acceleration implies just before or after), or when no rung yields a ramp
-    inside them.
+    acceleration, or the velocity that its acceleration implies just before), or when no rung yields a ramp inside them.
     """
-    n = limits.joint_count
-    q = _state("position", position, limits)
-    dq = _state("velocity", velocity if velocity is not None else [0.0] * n, limits)
-    ddq = _state("acceleration", acceleration if acceleration is not None else [0.0] * n, limits)
+    q, rest = _state("position", position, limits), np.zeros(limits.joint_count)
     q_end = _state("target position", target_position, limits)
     dq_end = _state("target velocity", target_velocity, limits)
     ddq_end = _state("target acceleration", target_acceleration, limits)
-    _refuse_infeasible("start", q, dq, ddq, limits)
+    _refuse_infeasible("start", q, rest, rest, limits)
     # Seen backwards in time, a target acceleration changes sign: the ramp comes from where its mirror image would go.
     _refuse_infeasible("target", q_end, -dq_end, ddq_end, limits)
 
     failure: tuple[str, int, float, float] | None = None
     planner_error: RampError | None = None
     for fraction in START_FRACTIONS:
-        request = _start_request((q, dq, ddq), (q_end, dq_end, ddq_end), limits, fraction)
+        request = _start_request(q, (q_end, dq_end, ddq_end), limits, fraction)
         try:
-            trajectory = _calculate(ruckig.Ruckig(n, command_period_s), request)
+            trajectory = _calculate(ruckig.Ruckig(limits.joint_count, command_period_s), request)
         except RampError as error:
             planner_error = error
             continue
@@ -227,24 +221,14 @@ def _state(name: str, given: Sequence[float] | FloatArray, limits: JointLimits) 
 
 
 def _start_request(
-    start: tuple[FloatArray, FloatArray, FloatArray],
-    end: tuple[FloatArray, FloatArray, FloatArray],
-    limits: JointLimits,
-    fraction: float,
+    q: FloatArray, end: tuple[FloatArray, FloatArray, FloatArray], limits: JointLimits, fraction: float
 ) -> ruckig.InputParameter:
-    """From one state (position, velocity, acceleration) to another on this share of the limits, or what these need."""
-    (q, dq, ddq), (q_end, dq_end, ddq_end) = start, end
+    """From rest to a state (position, velocity, acceleration) on this share of the limits, or what the state needs."""
+    (q_end, dq_end, ddq_end), rest = end, np.zeros(limits.joint_count)
     jerk = fraction * limits.jerk
-    needed_velocity = np.maximum(np.abs(dq) + ddq**2 / (2.0 * jerk), np.abs(dq_end) + ddq_end**2 / (2.0 * jerk))
-    velocity = np.maximum(fraction * limits.velocity, needed_velocity)
-    request = _request(
-        q,
-        dq,
-        ddq,
-        np.minimum(velocity, limits.velocity * (1.0 + RELATIVE_TOLERANCE)),
-        np.maximum(fraction * limits.acceleration, np.maximum(np.abs(ddq), np.abs(ddq_end))),
-        jerk,
-    )
+    velocity = np.maximum(fraction * limits.velocity, np.abs(dq_end) + ddq_end**2 / (2.0 * jerk))
+    velocity = np.minimum(velocity, limits.velocity * (1.0 + RELATIVE_TOLERANCE))
+    request = _request(q, rest, rest, velocity, np.maximum(fraction * limits.acceleration, np.abs(ddq_end)), jerk)
     request.control_interface = ruckig.ControlInterface.Position
     request.synchronization = ruckig.Synchronization.Time
     request.duration_discretization = ruckig.DurationDiscretization.Discrete

@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 
 if TYPE_CHECKING:
     from daemon.motion.preparation import PreparedMotion
@@ -162,9 +162,7 @@ def check(
 
         draw_motion(motion, picture)
         message(f"The picture is in {picture}.")
-    if json_file is not None:
-        write_json(json_file, motion.preflight.to_json())
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(motion.preflight.to_json(), json_file):
         show_preflight(motion)
         failures = ", ".join(failure.name.replace("_", " ") for failure in motion.preflight.failures)
         verdict = f"NOT safe, it will not be run ({failures})" if failures else "safe to run"
@@ -220,9 +218,7 @@ def recover(
     report = recover_recording(log)
     outcome = account_for_folder(log, report) if log.is_dir() else None
     fit = settle_fit(log) if log.is_dir() else ""
-    if json_file is not None:
-        write_json(json_file, report.to_json())
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(report.to_json(), json_file):
         for sentence in report.sentences:
             data(sentence)
         if outcome is not None:

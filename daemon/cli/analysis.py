@@ -9,19 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import (
-    AUTO,
-    FoundMountOption,
-    GravityOption,
-    JointsOption,
-    LockOption,
-    LogsArgument,
-    RobotOption,
-    installation_of,
-    load_inputs,
-    stated_mount,
-)
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.inputs import JointsOption, LogsArgument, RecordedArm, RobotOption
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
 from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.cli.rms_view import show_rms
@@ -32,13 +22,10 @@ if TYPE_CHECKING:
 
 
 @app.command()
+@grouped
 def fit(
     logs: LogsArgument,
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: FoundMountOption = None,
-    gravity: GravityOption = None,
+    arm: RecordedArm,
     pipeline: Annotated[Pipeline, typer.Option("--pipeline", help="How the signals are processed.")] = "auto",
     low_pass: Annotated[float | None, typer.Option("--low-pass", help="Cutoff without periods, Hz.")] = None,
     hold_out: Annotated[
@@ -66,12 +53,10 @@ def fit(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the constrained program's starts.")] = 20240607,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording),
+        Path | None, typer.Option("--out", help="Model to write; default: beside the log.", callback=not_a_recording)
     ] = None,
     report: Annotated[
-        Path | None,
-        typer.Option("--report", help="Page to write: figures and tables, HTML.", callback=not_a_recording),
+        Path | None, typer.Option("--report", help="Page to write: figures and tables, HTML.", callback=not_a_recording)
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -96,8 +81,7 @@ def fit(
         full_consistency=full_consistency,
         seed=seed,
     )
-    stand = installation_of(gravity, stated_mount(mount), lock)
-    inputs = load_inputs(logs, robot, joints=joints, installation=stand, find_mount=mount == AUTO, fits=True)
+    inputs = arm.load(logs, fits=True)
     recordings, robot_model = inputs.recordings, inputs.robot
 
     left_out = None
@@ -117,9 +101,7 @@ def fit(
         from identification.report import write_report
 
         write_report(report, fit=result, model=model)
-    if json_file is not None:
-        write_json(json_file, model)
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(model, json_file):
         show_fit(result)
         if left_out is not None:
             title = f"RMS on recordings that the fit had not seen, {folds} folds"
@@ -204,14 +186,14 @@ def validate(
 
     model = read_model(model_file)
     arm = model.load_robot()
-    recordings = load_inputs(logs, robot, joints=joints, model_robot=arm).recordings
+    recordings = RecordedArm(robot, joints).load(logs, model_robot=arm).recordings
     table = validate_with_effects(model, recordings)
     same = model.fitted_among(recordings)
-    if json_file is not None:
-        own = tuple(f"{name}, " for name in same)
-        write_json(json_file, [{**row, "same_recording": row["label"].startswith(own)} for row in table.to_json()])
-    say = message if wants_json_on_stdout(json_file) else data
+    own = tuple(f"{name}, " for name in same)
+    rows = [{**row, "same_recording": row["label"].startswith(own)} for row in table.to_json()]
+    in_words = told_in_words(rows, json_file)
+    say = data if in_words else message
     for name in same:
         say(no_check(name))
-    if not wants_json_on_stdout(json_file):
+    if in_words:
         show_rms(table, "RMS of measured minus modelled torque per joint", unit=arm.torque_unit)

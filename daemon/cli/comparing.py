@@ -9,36 +9,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import (
-    AUTO,
-    FoundMountOption,
-    GravityOption,
-    JointsOption,
-    LockOption,
-    RobotOption,
-    installation_of,
-    load_inputs,
-    stated_mount,
-)
+from daemon.cli.inputs import RecordedArm
 from daemon.cli.lists import AFTER, TwoLists
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 
 if TYPE_CHECKING:
     from identification.audit.between import Change
     from identification.audit.leaderboard import Standing
     from identification.audit.trend import Trend
-    from identification.robots import Installation
 
 SHOWN = 8
 MODELS = (".json", ".urdf", ".xml", ".sdf")
 
 
 @app.command(cls=TwoLists)
+@grouped
 def compare(
     ctx: typer.Context,
     files: Annotated[
         list[Path], typer.Argument(metavar="A B…", help="Recordings, each compared with the first; A: or a model.json.")
     ],
+    *,
     models: Annotated[
         bool, typer.Option("--models", help="Instead: MODEL… -- LOG…, which model foretells the torque, and what not.")
     ] = False,
@@ -52,11 +44,7 @@ def compare(
         str | None,
         typer.Option("--hours", metavar="H,H,…", help="Of four or more: the arm's hours of operation at each."),
     ] = None,
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: FoundMountOption = None,
-    gravity: GravityOption = None,
+    arm: RecordedArm,
     json_file: JsonOption = None,
 ) -> None:
     """What changed between two dates, arms or tools: the fewest causes, then parameter by parameter in σ.
@@ -66,34 +54,31 @@ def compare(
     Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
     """
-    stand, auto = installation_of(gravity, stated_mount(mount), lock), mount == AUTO
     if models:
         after = ctx.meta[AFTER]
         known = files[:-after] if after else [file for file in files if file.suffix in MODELS]
         logs = [file for file in files if file not in known]
         if not known or not logs:
             raise typer.BadParameter("Give the models (.json, .urdf, .xml, .sdf), then --, then recordings.")
-        _leaderboard(known, logs, robot, joints, stand, auto, offsets, json_file)
+        _leaderboard(known, logs, arm, offsets, json_file)
         return
     if offsets:
         raise typer.BadParameter("--offsets belongs to --models.")
     if len(files) < 2:
         raise typer.BadParameter("Give two recordings or more, or a model.json and recordings.")
-    _changes(files[0], files[1:], robot, joints, stand, auto, _numbers(hours), out, json_file)
+    _changes(files[0], files[1:], arm, _numbers(hours), out, json_file)
 
 
 @app.command(name="leaderboard")
+@grouped
 def leaderboard_command(
     models: Annotated[list[Path], typer.Argument(metavar="MODEL…", help="model.json, URDF, MJCF or SDF of the arm.")],
     on: Annotated[list[Path], typer.Option("--on", metavar="LOG", help="Recording; may be given repeatedly.")],
+    *,
     offsets: Annotated[
         bool, typer.Option("--offsets", help="Fit one constant torque a joint; nothing else is fitted.")
     ] = False,
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: FoundMountOption = None,
-    gravity: GravityOption = None,
+    arm: RecordedArm,
     json_file: JsonOption = None,
 ) -> None:
     """Models of one arm against recordings: RMS per joint, best first, and what is wrong in each. Nothing is fitted.
@@ -101,13 +86,12 @@ def leaderboard_command(
     The same as `compare --models`. Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident leaderboard arm.urdf runs/may/model.json --on runs/june/recording.mcap
     """
-    stand = installation_of(gravity, stated_mount(mount), lock)
-    _leaderboard(models, on, robot, joints, stand, mount == AUTO, offsets, json_file)
+    _leaderboard(models, on, arm, offsets, json_file)
 
 
 def _changes(
-    first: Path, others: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    auto: bool, hours: Sequence[float] | None, out: Path | None, json_file: Path | None,
+    first: Path, others: Sequence[Path], arm: RecordedArm, hours: Sequence[float] | None, out: Path | None,
+    json_file: Path | None,
 ) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
@@ -116,13 +100,8 @@ def _changes(
     from identification.recordings.independence import refuse_repeated
 
     known = read_model(first) if first.suffix == ".json" else None
-    inputs = load_inputs(
-        others if known is not None else [first, *others],
-        robot,
-        joints=joints,
-        installation=stand,
-        find_mount=auto,
-        model_robot=None if known is None else known.load_robot(),
+    inputs = arm.load(
+        others if known is not None else [first, *others], model_robot=None if known is None else known.load_robot()
     )
     refuse_repeated(inputs.recordings)
     for name in () if known is None else known.fitted_among(inputs.recordings):
@@ -143,11 +122,10 @@ def _changes(
     page = None
     if trend is not None and out is not None:
         page = _write_page(trend, inputs.robot.name, out)
-    if json_file is not None:
-        write_json(json_file, {"format": "iiwa-ident/comparison/1", "with": str(first), "changes": [
-            {"recording": str(file), **change.to_json()} for file, change in zip(others, changes, strict=True)
-        ], **({} if trend is None else {"trend": trend.to_json()})})  # fmt: skip
-    if not wants_json_on_stdout(json_file):
+    result = {"format": "iiwa-ident/comparison/1", "with": str(first), "changes": [
+        {"recording": str(file), **change.to_json()} for file, change in zip(others, changes, strict=True)
+    ], **({} if trend is None else {"trend": trend.to_json()})}  # fmt: skip
+    if told_in_words(result, json_file):
         for file, change in zip(others, changes, strict=True):
             show_change(f"{first} → {file}", change)
         if trend is not None:
@@ -175,27 +153,17 @@ def _write_page(trend: Trend, robot: str, out: Path) -> Path:
 
 
 def _leaderboard(
-    models: Sequence[Path], logs: Sequence[Path], robot: str | None, joints: str | None, stand: Installation | None,
-    auto: bool, offsets: bool, json_file: Path | None,
-) -> None:  # fmt: skip
+    models: Sequence[Path], logs: Sequence[Path], arm: RecordedArm, offsets: bool, json_file: Path | None
+) -> None:
     from identification.audit.leaderboard import leaderboard
     from identification.model_file import read_model
 
     written = next((file for file in models if file.suffix == ".json"), None)
-    inputs = load_inputs(
-        logs,
-        robot,
-        joints=joints,
-        installation=stand,
-        find_mount=auto,
-        model_robot=None if written is None else read_model(written).load_robot(),
-    )
+    inputs = arm.load(logs, model_robot=None if written is None else read_model(written).load_robot())
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
-    if json_file is not None:
-        write_json(json_file, {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets,
-                               "recordings": list(map(str, logs)),
-                               "models": [item.to_json() for item in standings]})  # fmt: skip
-    if not wants_json_on_stdout(json_file):
+    result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "recordings": list(map(str, logs)),
+              "models": [item.to_json() for item in standings]}  # fmt: skip
+    if told_in_words(result, json_file):
         show_leaderboard(standings, offsets, inputs.robot.torque_unit)
     if any(item.rms is None for item in standings):
         raise typer.Exit(1)

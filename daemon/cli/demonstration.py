@@ -108,6 +108,8 @@ def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[s
 def _outcome_told(out: Path, commitment: str, seed: int) -> dict[str, Any]:
     """What was found beside what was hidden, on stdout and as plain JSON types."""
     from daemon.run import demonstration
+    from identification.base_parameters import BaseRegressor
+    from identification.robots import load_robot
 
     folder = out / "excitation"
     document, extended, diagnosis = (
@@ -115,7 +117,7 @@ def _outcome_told(out: Path, commitment: str, seed: int) -> dict[str, Any]:
         for name in ("model.json", "diagnosis/model.json", "diagnosis/diagnosis.json")
     )
     label = demonstration.opened_effect(folder / "fake_robot.json", commitment)
-    truth = demonstration.true_base_parameters(folder / "fake_robot.json", demonstration.demo_regressor())
+    truth = demonstration.true_base_parameters(folder / "fake_robot.json", BaseRegressor(load_robot("iiwa14")))
     tables = rms_tables(out, {"fitted motion": "excitation", "unused motion": "unused"})
     files = sorted(str(path) for path in out.rglob("*") if path.is_file() and not path.name.startswith("."))
     if is_verbose():

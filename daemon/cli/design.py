@@ -13,7 +13,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, not_a_recording
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def design(
         typer.Option("--noise", help="Torque noise of each joint, Nm per sample at 1 kHz: 0.17,0.17,… Weighs d and a."),
     ] = None,
     noise_colour: Annotated[
-        str,
-        typer.Option("--noise-colour", help="SHARE:HZ = share of the noise's variance that lies below a corner."),
+        str, typer.Option("--noise-colour", help="SHARE:HZ = share of the noise's variance that lies below a corner.")
     ] = "0.3:5",
     prior: Annotated[
         Path | None,
@@ -126,7 +125,8 @@ def design(
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     if reference is not None:
         score_on = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
-        _say_reference(reference, score_on, _write(score_on, target, table), target, json_file)
+        if told_in_words(_write(score_on, target, table), json_file):
+            data(f"Reference motion '{reference}' of {score_on.period_s:g} s for {score_on.robot} written to {target}")
         return
     colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
     noise_nm = _noise_nm(model, noise) if noise is not None or has_shape else None
@@ -156,9 +156,7 @@ def design(
     motion = result.trajectory
     document = _write(motion, target, table)
     promise = _promise(model, motion, noise_nm, periods, colour, for_payload, nominal if for_effects else None)
-    if json_file is not None:
-        write_json(json_file, {**document, **promise.to_json()})
-    if not wants_json_on_stdout(json_file):
+    if told_in_words({**document, **promise.to_json()}, json_file):
         data(f"cond(Y_b) = {result.cond:.2f}, log det(Y_b' Y_b) = {result.log_det:.1f}; written to {target}")
         if room is not None:
             _show_price_of_the_cell(model, motion, promise.predicted, colour)
@@ -185,15 +183,6 @@ def _surroundings(
     pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
     told = workspace is not None or start is not None
     return safe_in(around, model.name, pose, stand), room_of(around, pose, period_s) if told else None
-
-
-def _say_reference(
-    name: str, motion: Trajectory, document: dict[str, Any], target: Path, json_file: Path | None
-) -> None:
-    if json_file is not None:
-        write_json(json_file, document)
-    if not wants_json_on_stdout(json_file):
-        data(f"Reference motion '{name}' of {motion.period_s:g} s for {motion.robot} written to {target}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,22 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.cli import inputs as read
 from daemon.cli.app import app
-from daemon.cli.inputs import (
-    AUTO,
-    FoundMountOption,
-    GravityOption,
-    JointsOption,
-    LockOption,
-    LogsArgument,
-    MountOption,
-    RobotOption,
-    installation_of,
-    load_inputs,
-    names_of,
-    stated_mount,
-)
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
 from daemon.jobs.batch import Task
 
@@ -56,8 +44,10 @@ SETTLED = "Explained: the recordings differ by what is named here, and with that
 
 
 @app.command()
+@grouped
 def diagnose(
-    logs: LogsArgument,
+    logs: read.LogsArgument,
+    *,
     heldout: Annotated[
         list[Path] | None,
         typer.Option("--heldout", help="Recording of another motion that checks every name; may be given repeatedly."),
@@ -78,11 +68,7 @@ def diagnose(
         Path | None,
         typer.Option("--write-model", metavar="FILE", help="With --model: that file with what was found written in."),
     ] = None,
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: FoundMountOption = None,
-    gravity: GravityOption = None,
+    arm: read.RecordedArm,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
     ] = None,
@@ -101,12 +87,8 @@ def diagnose(
         raise typer.BadParameter("--write-model needs a simulator's file (.urdf, .sdf, .xml) with --model.")
     if write_model is not None and model is not None and write_model.resolve() == model.resolve():
         raise typer.BadParameter("--write-model would write over the file of --model: give another name.")
-    inputs = load_inputs(
+    inputs = arm.load(
         [*logs, *(heldout or ())],
-        robot,
-        joints=joints,
-        installation=installation_of(gravity, stated_mount(mount), lock),
-        find_mount=mount == AUTO,
         fits=model is None,  # against a model, how the base stands is one of the answers
         model_robot=None if model is None else robot_of_model(model),
     )
@@ -129,9 +111,7 @@ def diagnose(
     written = None
     if write_model is not None and model is not None and result.diagnosis.audit is not None:
         written = write_model_back(recordings, inputs.robot, model, result.diagnosis.audit.differences, write_model)
-    if json_file is not None:
-        write_json(json_file, result.diagnosis.to_json())
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(result.diagnosis.to_json(), json_file):
         show_diagnosis(result.diagnosis)
         if written is not None:
             for line in written.lines:
@@ -265,11 +245,11 @@ def batch(
     task: Annotated[Task, typer.Argument(help="fit or diagnose.")],
     files: Annotated[list[Path], typer.Argument(help="Recordings, one job each.")],
     heldout: Annotated[list[Path] | None, typer.Option("--heldout", help="Of diagnose: checks every file.")] = None,
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: MountOption = None,
-    gravity: GravityOption = None,
+    robot: read.RobotOption = None,
+    joints: read.JointsOption = None,
+    lock: read.LockOption = None,
+    mount: read.MountOption = None,
+    gravity: read.GravityOption = None,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A folder for each file in it.")] = Path("batch"),
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask cluster, such as tcp://10.0.0.5:8786.")
@@ -293,13 +273,11 @@ def batch(
             message(f"{item.name}: {'failed: ' if item.exit_code else ''}{item.sentence}")
 
         items = run_batch(
-            task, files, out, executor, robot=robot, heldout=heldout or (), joints=names_of(joints),
-            installation=installation_of(gravity, mount, lock), progress=ended,
+            task, files, out, executor, robot=robot, heldout=heldout or (), joints=read.names_of(joints),
+            installation=read.installation_of(gravity, mount, lock), progress=ended,
         )  # fmt: skip
     page, table = write_summary(task, items, out)
-    if json_file is not None:
-        write_json(json_file, [item.to_json() for item in items])
-    if not wants_json_on_stdout(json_file):
+    if told_in_words([item.to_json() for item in items], json_file):
         if not (sys.stdout.isatty() and sys.stderr.isatty()):  # there each stands above already
             for item in items:
                 data(f"{'failed' if item.exit_code else 'done  '}  {item.name}: {item.sentence}")

@@ -11,8 +11,8 @@ import typer
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RobotOption, load_inputs
-from daemon.cli.output import JsonOption, data, show_table, wants_json_on_stdout, write_json
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RecordedArm, RobotOption
+from daemon.cli.output import JsonOption, data, show_table, told_in_words
 
 if TYPE_CHECKING:
     from daemon.doctor.host_checks import DoctorCheck
@@ -76,9 +76,7 @@ def doctor(
         folder=out or (None if config is None else Path(settings.output)),
         mirror=Mirror(version) if answer else None,
     )
-    if json_file is not None:
-        write_json(json_file, report.to_json())
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(report.to_json(), json_file):
         _show(report.checks)
         data(report.next_step)
     if not report.passed:
@@ -89,13 +87,12 @@ def _examine_logs(logs: Sequence[Path], robot: str | None, json_file: Path | Non
     from identification.mismatch.set_up import examine_set_up
 
     # What is found is the result here, and not said beside it.
-    inputs = load_inputs(logs, robot, say=False)
+    inputs = RecordedArm(robot).load(logs, say=False)
     checks = examine_set_up(inputs.recordings, inputs.robot)
     passed = all(item.status != "failed" for item in checks)
-    if json_file is not None:
-        write_json(json_file, {"format": "iiwa-ident/set-up/1", "recordings": list(map(str, logs)), "passed": passed,
-                               "checks": [asdict(item) for item in checks]})  # fmt: skip
-    if not wants_json_on_stdout(json_file):
+    result = {"format": "iiwa-ident/set-up/1", "recordings": list(map(str, logs)), "passed": passed,
+              "checks": [asdict(item) for item in checks]}  # fmt: skip
+    if told_in_words(result, json_file):
         _show(checks)
     if not passed:
         raise typer.Exit(1)

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import RobotOption, load_inputs
-from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+from daemon.cli.inputs import RecordedArm, RobotOption
+from daemon.cli.output import JsonOption, data, told_in_words
 
 MOST_STATES = 2000
 
@@ -43,7 +43,7 @@ def feasibility(
     if logs:
         stretches = [
             stretch
-            for log in load_inputs(logs, robot, model_robot=arm).recordings
+            for log in RecordedArm(robot).load(logs, model_robot=arm).recordings
             for stretch in process(log, arm, FitSettings()).stretches
         ]
         motion = [
@@ -61,9 +61,7 @@ def feasibility(
     spread = dict(zip(model.names, model.std.tolist(), strict=True))
     values = model.base_values(base)
     answer = nearest_physical(values, base, states, std=np.array([spread[name] for name in base.names]))
-    if json_file is not None:
-        write_json(json_file, answer.to_json())
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(answer.to_json(), json_file):
         data(in_units(answer.sentence(), arm.units))
         data(f"RMS per joint, {arm.torque_unit}: " + " ".join(f"{value:.3f}" for value in answer.distance_nm))
         pooled = (

@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import (
-    AUTO,
-    FoundMountOption,
-    GravityOption,
-    JointsOption,
-    LockOption,
-    RobotOption,
-    installation_of,
-    names_of,
-    stated_mount,
-)
+from daemon.cli.inputs import RecordedArm, names_of
+from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
@@ -27,15 +18,12 @@ if TYPE_CHECKING:
 
 
 @app.command("import")
+@grouped
 def import_recording(
     files: Annotated[
         list[Path], typer.Argument(help="Recordings of others: .npz, .csv, ROS 2 .mcap, .db3 or bag folders.")
     ],
-    robot: RobotOption = None,
-    joints: JointsOption = None,
-    lock: LockOption = None,
-    mount: FoundMountOption = None,
-    gravity: GravityOption = None,
+    arm: RecordedArm,
     topic: Annotated[str | None, typer.Option("--topic", help="JointState topic, where a bag has several.")] = None,
     unit: Annotated[
         list[str] | None,
@@ -58,13 +46,13 @@ def import_recording(
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
     targets = [out or _default_target(file) for file in files]
     _check_targets(files, targets, force)
-    installation, units = installation_of(gravity, stated_mount(mount), lock), dict(map(_quantity_and_unit, unit or ()))
+    installation, units = arm.installation, dict(map(_quantity_and_unit, unit or ()))
     results = []
     for file, target in zip(files, targets, strict=True):
         recording = read_recording(
-            file, robot=robot, installation=installation, joints=names_of(joints), units=units, topic=topic
+            file, robot=arm.robot, installation=installation, joints=names_of(arm.joints), units=units, topic=topic
         )
-        recording = _as_it_stood(recording, find_mount=mount == AUTO)
+        recording = _as_it_stood(recording, find_mount=arm.finds_mount)
         write_recording(recording, target)
         results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
         if not wants_json_on_stdout(json_file):

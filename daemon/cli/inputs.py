@@ -6,6 +6,7 @@ A robot, how it stands and which joints are meant are asked for in the same word
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,8 +36,7 @@ ArmOption = Annotated[
 ]
 WALL = "wall: its +x (iiwa14, iiwa7: −x of base_link) points down"
 MountOption = Annotated[
-    str | None,
-    typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}."),
+    str | None, typer.Option("--mount", metavar="floor|wall|ceiling", help=f"How the base is mounted; {WALL}.")
 ]
 FoundMountOption = Annotated[
     str | None,
@@ -46,7 +46,6 @@ FoundMountOption = Annotated[
         help=f"How the base is mounted; {WALL}; auto: as the recordings say.",
     ),
 ]
-AUTO = "auto"
 GravityOption = Annotated[
     str | None,
     typer.Option(
@@ -57,53 +56,61 @@ GravityOption = Annotated[
 ]
 
 
-def load_inputs(
-    logs: Sequence[Path],
-    robot: str | None,
-    *,
-    joints: str | None = None,
-    installation: Installation | None = None,
-    model_robot: RobotModel | None = None,
-    find_mount: bool = False,
-    fits: bool = False,
-    say: bool = True,
-) -> Inputs:
-    """Recordings and their robot; what was found wrong in each is said on stderr, unless not `say`. As `read_inputs`.
+@dataclass(frozen=True, slots=True)
+class RecordedArm:
+    """Whose recordings they are, which of their joints are meant, and how the arm stood, as a command states it."""
 
-    find_mount: take gravity as the recordings show it. fits: whether a model of the arm will be fitted to them, which
-    needs the gravity that it felt: a recording that contradicts the stated one is then a RecordingError, else it is
-    only said.
-    """
-    from identification.audit.mount import other_stand, require_stated_stand
-    from identification.recordings.reader import read_inputs
+    robot: RobotOption = None
+    joints: JointsOption = None
+    lock: LockOption = None
+    mount: FoundMountOption = None
+    gravity: GravityOption = None
 
-    def read(stand: Installation | None) -> Inputs:
-        return read_inputs(logs, robot=robot, installation=stand, joints=names_of(joints), model_robot=model_robot)
+    @property
+    def finds_mount(self) -> bool:
+        """Whether the recordings are to say how it stood."""
+        return self.mount == "auto"
 
-    inputs = read(installation)
-    if not say:
-        return inputs
-    for log, recording in zip(logs, inputs.recordings, strict=True):
-        for finding in recording.report.findings:
-            message(f"{log}: {finding.sentence}")
-    if find_mount:
-        found = other_stand(inputs.recordings, inputs.robot)
-        if found is None:
-            message("The recordings show no other mounting than the one stated.")
+    @property
+    def installation(self) -> Installation | None:
+        """What is stated of the stand; None where nothing is."""
+        return installation_of(self.gravity, None if self.finds_mount else self.mount, self.lock)
+
+    def load(
+        self, logs: Sequence[Path], *, model_robot: RobotModel | None = None, fits: bool = False, say: bool = True
+    ) -> Inputs:
+        """Recordings and their robot; what was found wrong is said on stderr, unless not `say`. As `read_inputs`.
+
+        fits: whether a model of the arm will be fitted to them, which needs the gravity that it felt: a recording that
+        contradicts the stated one is then a RecordingError, else it is only said.
+        """
+        from identification.audit.mount import other_stand, require_stated_stand
+        from identification.recordings.reader import read_inputs
+
+        def read(stand: Installation | None) -> Inputs:
+            return read_inputs(
+                logs, robot=self.robot, installation=stand, joints=names_of(self.joints), model_robot=model_robot
+            )
+
+        inputs = read(self.installation)
+        if not say:
             return inputs
-        _, mounting = found
-        message(mounting.taken)
-        inputs = read(mounting.installation(inputs.robot.locked_joints))
-    if fits:
-        require_stated_stand(inputs.recordings, inputs.robot)
-    elif (found := other_stand(inputs.recordings, inputs.robot)) is not None:
-        message(found[1].sentence)
-    return inputs
-
-
-def stated_mount(mount: str | None) -> str | None:
-    """The mount as the user states it; None where the recordings are to say."""
-    return None if mount == AUTO else mount
+        for log, recording in zip(logs, inputs.recordings, strict=True):
+            for finding in recording.report.findings:
+                message(f"{log}: {finding.sentence}")
+        if self.finds_mount:
+            found = other_stand(inputs.recordings, inputs.robot)
+            if found is None:
+                message("The recordings show no other mounting than the one stated.")
+                return inputs
+            _, mounting = found
+            message(mounting.taken)
+            inputs = read(mounting.installation(inputs.robot.locked_joints))
+        if fits:
+            require_stated_stand(inputs.recordings, inputs.robot)
+        elif (found := other_stand(inputs.recordings, inputs.robot)) is not None:
+            message(found[1].sentence)
+        return inputs
 
 
 def names_of(joints: str | None) -> list[str] | None:

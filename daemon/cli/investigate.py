@@ -13,7 +13,7 @@ from daemon.cli.acquisition import RobotOption, ToolOption, WorkspaceOption, par
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.run import RobotHostOption, address_of, confirm_motion
 
@@ -115,9 +115,7 @@ def investigate(
             loop.resume(after_drop=after_drop, acted=acted)
         account = loop.run()
     page = write_story(out, account)
-    if json_file is not None:
-        write_json(json_file, msgspec.to_builtins(account))
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(msgspec.to_builtins(account), json_file):
         data(account.sentence)
         for action in account.actions:
             data(action)

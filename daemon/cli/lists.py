@@ -6,8 +6,6 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-__all__ = ["AFTER", "TwoLists"]
-
 AFTER = "after the dashes"
 
 

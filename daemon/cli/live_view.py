@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
 
@@ -26,28 +27,47 @@ if TYPE_CHECKING:
 
     from daemon.live.watcher import Watcher
 
-__all__ = [
-    "REFRESH_S",
-    "LiveAddressOption",
-    "LiveKeyOption",
-    "LiveOption",
-    "LiveScreen",
-    "live_served",
-    "live_server",
-    "live_thread",
-]
-
 REFRESH_S = 0.1
 
-LiveOption = Annotated[bool, typer.Option("--live", help="Serve it to Foxglove and PlotJuggler on this machine.")]
-LiveAddressOption = Annotated[
-    str | None,
-    typer.Option("--live-address", metavar="IP", help="Address for Foxglove; beyond loopback only with --live-key."),
-]
-LiveKeyOption = Annotated[
-    Path | None,
-    typer.Option("--live-key", metavar="FILE", help="PEM with certificate and private key: Foxglove comes by TLS."),
-]
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """Whether a run is served to viewers, and where."""
+
+    live: Annotated[bool, typer.Option("--live", help="Serve it to Foxglove and PlotJuggler on this machine.")] = False
+    address: Annotated[
+        str | None,
+        typer.Option(
+            "--live-address", metavar="IP", help="Address for Foxglove; beyond loopback only with --live-key."
+        ),
+    ] = None
+    key: Annotated[
+        Path | None,
+        typer.Option("--live-key", metavar="FILE", help="PEM with certificate and private key: Foxglove comes by TLS."),
+    ] = None
+
+    def server(self) -> list[str] | None:
+        """Options of the server that they ask for; None where they ask for none.
+
+        Raises ConfigurationError where it cannot be served, before anything moves, and MissingInputError.
+        """
+        from daemon.live.door import LOOPBACK, Door
+        from daemon.live.server import FOXGLOVE_PORT, PLOTJUGGLER_PORT, layouts_folder
+
+        if not self.live:
+            if self.address is not None or self.key is not None:
+                raise ConfigurationError("belongs to `--live`; give that too.", field="--live-address, --live-key")
+            return None
+        if importlib.util.find_spec("foxglove") is None:
+            raise ConfigurationError(
+                "the package foxglove-sdk is needed: pip install 'iiwa-ident[live]'.", field="--live"
+            )
+        door = Door.of(self.address, FOXGLOVE_PORT, self.key)
+        message(
+            f"Live for Foxglove at {door.url}, for PlotJuggler (ZMQ Subscriber, JSON) at "
+            f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."
+        )
+        return ["--address", door.address, *([] if self.key is None else ["--key", str(self.key)])]
 
 
 class LiveScreen:
@@ -111,31 +131,9 @@ def _follow(port: int, screen: LiveScreen, done: threading.Event) -> None:
                 return
 
 
-def live_server(live: bool, address: str | None, key: Path | None) -> list[str] | None:
-    """Options of the server that `--live`, `--live-address` and `--live-key` ask for; None where they ask for none.
-
-    Raises ConfigurationError where it cannot be served, before anything moves, and MissingInputError.
-    """
-    from daemon.live.door import LOOPBACK, Door
-    from daemon.live.server import FOXGLOVE_PORT, PLOTJUGGLER_PORT, layouts_folder
-
-    if not live:
-        if address is not None or key is not None:
-            raise ConfigurationError("belongs to `--live`; give that too.", field="--live-address, --live-key")
-        return None
-    if importlib.util.find_spec("foxglove") is None:
-        raise ConfigurationError("the package foxglove-sdk is needed: pip install 'iiwa-ident[live]'.", field="--live")
-    door = Door.of(address, FOXGLOVE_PORT, key)
-    message(
-        f"Live for Foxglove at {door.url}, for PlotJuggler (ZMQ Subscriber, JSON) at "
-        f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."
-    )
-    return ["--address", door.address, *([] if key is None else ["--key", str(key)])]
-
-
 @contextmanager
 def live_served(port: int, options: list[str] | None) -> Iterator[None]:
-    """Serve the run on a UDP port, with the options of `live_server`, by a process of its own while the block lasts."""
+    """Serve the run on a UDP port by a process of its own while the block lasts; options: of `LiveOptions.server`."""
     from daemon.children import child_environment
 
     if options is None:

@@ -34,8 +34,7 @@ DoneOption = Annotated[
     Done | None, typer.Option("--done", help="What was done to the arm since, as the page asked for.")
 ]
 SettleOption = Annotated[
-    list[Wanted] | None,
-    typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange."),
+    list[Wanted] | None, typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange.")
 ]
 
 

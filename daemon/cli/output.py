@@ -202,6 +202,13 @@ def _holds(stream: TextIO, text: str) -> bool:
     return True
 
 
+def told_in_words(result: Any, json_file: Path | None) -> bool:
+    """Write the result as JSON where that is asked for; whether words may follow: not where stdout carries the JSON."""
+    if json_file is not None:
+        write_json(json_file, result)
+    return not wants_json_on_stdout(json_file)
+
+
 def wants_json_on_stdout(destination: Path | None) -> bool:
     """True when stdout must carry nothing but the JSON result."""
     return destination is not None and str(destination) == "-"

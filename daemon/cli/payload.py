@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daemon.cli import inputs as read
 from daemon.cli.app import app
+from daemon.cli.inputs import RecordedArm
 from daemon.cli.lists import AFTER, TwoLists
-from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, told_in_words
 
 if TYPE_CHECKING:
     from identification.audit.difference import Number
@@ -26,16 +27,13 @@ MASS_AGREES_KG, CENTER_AGREES_M = 0.05, 0.005
 
 
 @app.command(cls=TwoLists)
+@grouped
 def payload(
     ctx: typer.Context,
     logs: Annotated[
         list[Path], typer.Argument(metavar="WITHOUT… -- WITH…", help="Recordings without the tool, then with it.")
     ],
-    robot: read.RobotOption = None,
-    joints: read.JointsOption = None,
-    lock: read.LockOption = None,
-    mount: read.FoundMountOption = None,
-    gravity: read.GravityOption = None,
+    arm: RecordedArm,
     json_file: JsonOption = None,
 ) -> None:
     """Mass, centre of mass and inertia of a tool, with 95 % intervals, as the cabinet's load data.
@@ -48,20 +46,11 @@ def payload(
     after = ctx.meta[AFTER] or (1 if len(logs) == 2 else None)
     if after is None or not 0 < after < len(logs):
         raise typer.BadParameter("Give the recordings without the tool, then --, then those with it.")
-    found = read.load_inputs(
-        logs,
-        robot,
-        joints=joints,
-        installation=read.installation_of(gravity, read.stated_mount(mount), lock),
-        find_mount=mount == read.AUTO,
-        fits=True,
-    )
+    found = arm.load(logs, fits=True)
     count = len(logs) - after
     body = weigh(found.robot, found.recordings[:count], found.recordings[count:])
     stated = [found.recordings[place].source.metadata for place in (0, count)]
-    if json_file is not None:
-        write_json(json_file, to_json(body, stated))
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(to_json(body, stated), json_file):
         for line in lines_of(body, stated, found.robot.torque_unit):
             data(line)
 

@@ -15,8 +15,6 @@ from daemon.cli.output import is_quiet, message
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-__all__ = ["Show", "bar_put_away", "progress_shown"]
-
 Show = Callable[[str, float], None]
 
 _shown: list[Progress] = []

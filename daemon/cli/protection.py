@@ -17,8 +17,6 @@ from pathlib import Path
 
 import typer
 
-__all__ = ["in_its_folder", "is_recording", "not_a_recording"]
-
 _MCAP = b"\x89MCAP0\r\n"
 _SQLITE = b"SQLite format 3\x00"
 _HEADER_BYTES = 65536

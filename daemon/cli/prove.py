@@ -53,8 +53,7 @@ def prove(
         bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Keep the cases' pages there, and one of the proof."),
+        Path | None, typer.Option("--out", metavar="DIR", help="Keep the cases' pages there, and one of the proof.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

@@ -9,8 +9,6 @@ from daemon.cli.output import data, show_table
 if TYPE_CHECKING:
     from identification.fitting.rms import RmsTable
 
-__all__ = ["show_rms"]
-
 
 def show_rms(rms: RmsTable, title: str, *, unit: str = "Nm", percent: bool = True) -> None:
     """The table in `unit` with the sum over the joints, and in percent of the RMS torque, on stdout."""

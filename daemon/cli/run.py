@@ -22,8 +22,9 @@ from daemon.cli.acquisition import (
 )
 from daemon.cli.app import app
 from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, installation_of
-from daemon.cli.live_view import LiveAddressOption, LiveKeyOption, LiveOption, live_served, live_server
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.live_view import LiveOptions, live_served
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError
 
@@ -74,9 +75,11 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
 
 
 @app.command()
+@grouped
 def run(
     context: typer.Context,
     trajectory: TrajectoryArgument = None,
+    *,
     periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record; default: 16.")] = None,
     bind: Annotated[
         str | None, typer.Option("--bind", help="Address and port the robot sends to; default: 127.0.0.1:30200.")
@@ -122,9 +125,7 @@ def run(
     start_timeout: Annotated[
         float | None, typer.Option("--start-timeout", help="Seconds to wait for the robot; default: 30.")
     ] = None,
-    live: LiveOption = False,
-    live_address: LiveAddressOption = None,
-    live_key: LiveKeyOption = None,
+    live: LiveOptions,
     seed: Annotated[int | None, typer.Option("--seed", help="Noted in the log.")] = None,
     serial: Annotated[
         str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
@@ -151,12 +152,13 @@ def run(
     """
     from daemon.cli.worker_view import wait_for_worker
     from daemon.config import DaemonConfig, load_config
-    from daemon.motion.preparation import new_run_id, write_monitor_request, write_run_request
+    from daemon.motion.preparation import write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import make_room
     from daemon.run.service import run_acquisition
     from daemon.runtime_folder import lock_folder
+    from daemon.times import new_job_id
     from identification.recordings.reader import recording_file
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
@@ -189,7 +191,7 @@ def run(
     stand = installation_of(gravity, mount, None) or (None if noted_gravity is None else Installation(noted_gravity))
     named_by = config if robot is None else None
     robot = robot or (None if config is None else named)
-    run_id = new_run_id()
+    run_id = new_job_id(())
     settings.update(
         run_id=run_id,
         diagnose=diagnose,
@@ -200,7 +202,7 @@ def run(
         skip_ladder=skip_ladder,
         model_file=None if model is None else str(model.absolute()),
     )
-    viewers = live_server(live, live_address, live_key)
+    viewers = live.server()
     out = Path(lab.output) / run_id if out is None else out
     context.with_resource(lock_folder(out))
     if monitor_only:
@@ -240,13 +242,11 @@ def _stated(**options: object) -> dict[str, Any]:
 
 
 def _show(view: RunView, outcome: RunOutcome, fit: WorkerStatus | None, json_file: Path | None) -> None:
+    import msgspec
+
     from daemon.run.next_step import moved_away, next_step
 
-    if json_file is not None:
-        import msgspec
-
-        write_json(json_file, msgspec.to_builtins(outcome))
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(msgspec.to_builtins(outcome), json_file):
         view.show_outcome(outcome.sentences)
         if not Path(outcome.out_dir).is_dir():
             data(moved_away(outcome))

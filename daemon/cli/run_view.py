@@ -13,8 +13,6 @@ from daemon.cli.output import data, is_quiet, message
 if TYPE_CHECKING:
     from daemon.api import RunEvent
 
-__all__ = ["RunView", "run_shown"]
-
 
 class RunView:
     """One run before an operator: `observe` takes its events, `show_outcome` says how it ended."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -16,81 +17,58 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.option_groups import grouped
+from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.config import DaemonConfig, load_config
 from daemon.errors import DaemonError, LogIOError, MissingInputError
-from daemon.queue.control_api import (
-    CancelJob,
-    Cancelled,
-    ControlReply,
-    ControlRequest,
-    GetJobs,
-    GetStatus,
-    JobsReply,
-    JobView,
-    Ping,
-    Pong,
-    Resumed,
-    ResumeQueue,
-    StatusReply,
-    StopMotion,
-    Stopped,
-    SubmitInvestigation,
-    SubmitRun,
-    Submitted,
-)
+from daemon.queue import control_api as api
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).")]
-EndpointOption = Annotated[
-    str | None,
-    typer.Option("--endpoint", envvar="IIWA_IDENT_ENDPOINT", help="ipc:///PATH or tcp://HOST:PORT of the service."),
-]
-PortOption = Annotated[int, typer.Option("--port", help="UDP port whose service is meant, on this machine.")]
-KeyOption = Annotated[
-    Path | None, typer.Option("--key", envvar="IIWA_IDENT_KEY", help="Own secret key (NAME.key_secret).")
-]
-ServerKeyOption = Annotated[
-    Path | None,
-    typer.Option("--server-key", envvar="IIWA_IDENT_SERVER_KEY", help="The service's public key (server.key)."),
-]
 ConfirmOption = Annotated[
     bool, typer.Option("--confirm", help="The arm may move when the queue comes to it; nobody is asked again.")
 ]
-DEFAULT_PORT = 30200
 _CHECK_POLL_S = 0.3
 _CHECK_ALLOWANCE_S = 330.0
 
-Reply = TypeVar("Reply", bound=ControlReply)
+Reply = TypeVar("Reply", bound=api.ControlReply)
 
 
 class _UnexpectedReplyError(DaemonError):
     exit_code = 76
 
 
+@dataclass(frozen=True, slots=True)
 class Connection:
     """Where the service is, and with which keys to speak to it."""
 
-    def __init__(self, endpoint: str | None, port: int, key: Path | None, server_key: Path | None) -> None:
-        from daemon.runtime_folder import default_endpoint
+    endpoint: Annotated[
+        str | None,
+        typer.Option("--endpoint", envvar="IIWA_IDENT_ENDPOINT", help="ipc:///PATH or tcp://HOST:PORT of the service."),
+    ] = None
+    port: Annotated[int, typer.Option("--port", help="UDP port whose service is meant, on this machine.")] = 30200
+    key: Annotated[
+        Path | None, typer.Option("--key", envvar="IIWA_IDENT_KEY", help="Own secret key (NAME.key_secret).")
+    ] = None
+    server_key: Annotated[
+        Path | None,
+        typer.Option("--server-key", envvar="IIWA_IDENT_SERVER_KEY", help="The service's public key (server.key)."),
+    ] = None
 
-        self._endpoint = endpoint or default_endpoint(port)
-        self._key, self._server_key = key, server_key
-
-    def ask(self, request: ControlRequest, kind: type[Reply]) -> Reply:
+    def ask(self, request: api.ControlRequest, kind: type[Reply]) -> Reply:
         """The service's answer. Raises ServiceUnreachableError (69), RefusedRequestError."""
         from daemon.queue.control_socket import ask
+        from daemon.runtime_folder import default_endpoint
 
-        reply = ask(self._endpoint, request, key_file=self._key, server_key_file=self._server_key)
+        endpoint = self.endpoint or default_endpoint(self.port)
+        reply = ask(endpoint, request, key_file=self.key, server_key_file=self.server_key)
         if not isinstance(reply, kind):
-            raise _UnexpectedReplyError(f"The service at {self._endpoint} answered with {type(reply).__name__}.")
+            raise _UnexpectedReplyError(f"The service at {endpoint} answered with {type(reply).__name__}.")
         return reply
 
 
 def show(reply: msgspec.Struct, json_file: Path | None, text: str) -> None:
     """The reply as JSON where asked for, as text otherwise."""
-    if json_file is not None:
-        write_json(json_file, msgspec.to_builtins(reply))
-    if not wants_json_on_stdout(json_file):
+    if told_in_words(msgspec.to_builtins(reply), json_file):
         data(text)
 
 
@@ -110,16 +88,15 @@ def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
 
 
 @app.command()
+@grouped
 def submit(
     trajectory: Annotated[Path | None, typer.Argument(help="Trajectory file; without one, the shipped motion.")] = None,
+    *,
     periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record.")] = None,
     amplitude: Annotated[float | None, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction.")] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     confirm: ConfirmOption = False,
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
+    service: Connection,
     json_file: JsonOption = None,
 ) -> None:
     """Queue one run and wait for the verdict on its motion; exit code 1 when it is found unsafe.
@@ -128,16 +105,15 @@ def submit(
 
     Example: iiwa-ident submit excitation.json --periods 16
     """
-    connection = Connection(endpoint, port, key, server_key)
     content = None if trajectory is None else _content(trajectory)
     suffix = ".json" if trajectory is None else trajectory.suffix.lower()
     if suffix not in (".json", ".npz", ".csv"):
         raise typer.BadParameter(f"a trajectory is a .json, .npz or .csv file, not '{suffix}'.")
-    status = connection.ask(GetStatus(), StatusReply)
+    status = service.ask(api.GetStatus(), api.StatusReply)
     if status.needs_confirmation and not confirm:
         _confirm_motion(status)
-    accepted = connection.ask(
-        SubmitRun(
+    accepted = service.ask(
+        api.SubmitRun(
             trajectory=content,
             suffix=suffix,  # type: ignore[arg-type]  # one of the three, see above
             name="shipped excitation" if trajectory is None else _printable(trajectory.name),
@@ -146,17 +122,19 @@ def submit(
             fit=False if no_fit else None,
             confirmed=status.needs_confirmation,
         ),
-        Submitted,
+        api.Submitted,
     )
     message(accepted.sentence)
-    job = _wait_for_check(connection, accepted.job_id)
+    job = _wait_for_check(service, accepted.job_id)
     show(job, json_file, f"{job.job_id}: {job.phase}. {job.sentence}")
     if job.phase == "refused":
         raise typer.Exit(job.exit_code or 1)
 
 
 @app.command("submit-investigation")
+@grouped
 def submit_investigation(
+    *,
     go_on: Annotated[
         str | None, typer.Option("--go-on", metavar="JOB", help="Go on with this one, which rests.")
     ] = None,
@@ -173,10 +151,7 @@ def submit_investigation(
         bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")] = False,
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
+    service: Connection,
     json_file: JsonOption = None,
 ) -> None:
     """Have the service investigate: it thinks by itself, and each motion waits in the queue for `resume`.
@@ -186,8 +161,8 @@ def submit_investigation(
     Example: iiwa-ident submit-investigation --budget 4
     """
     mass = mass_of(added_mass)
-    accepted = Connection(endpoint, port, key, server_key).ask(
-        SubmitInvestigation(
+    accepted = service.ask(
+        api.SubmitInvestigation(
             job_id=go_on,
             budget_minutes=budget,
             recordings=tuple(given or ()),
@@ -197,7 +172,7 @@ def submit_investigation(
             after_drop=after_drop,
             unasked=yes,
         ),
-        Submitted,
+        api.Submitted,
     )
     show(accepted, json_file, f"{accepted.job_id}: {accepted.sentence}")
 
@@ -215,7 +190,7 @@ def _printable(name: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in name)[:200]
 
 
-def _confirm_motion(status: StatusReply, what: str = "this run") -> None:
+def _confirm_motion(status: api.StatusReply, what: str = "this run") -> None:
     if not sys.stdin.isatty():
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --confirm if that is meant.")
     message(f"The arm behind {status.bind} WILL MOVE as soon as the queue comes to {what} without being asked again.")
@@ -223,53 +198,45 @@ def _confirm_motion(status: StatusReply, what: str = "this run") -> None:
     typer.confirm("Queue it", abort=True, err=True)
 
 
-def _wait_for_check(connection: Connection, job_id: str) -> JobView:
+def _wait_for_check(service: Connection, job_id: str) -> api.JobView:
     deadline = time.monotonic() + _CHECK_ALLOWANCE_S
     while True:
-        job = connection.ask(GetJobs(job_id=job_id), JobsReply).jobs[0]
+        job = service.ask(api.GetJobs(job_id=job_id), api.JobsReply).jobs[0]
         if job.phase != "checking" or time.monotonic() > deadline:
             return job
         time.sleep(_CHECK_POLL_S)
 
 
 @app.command()
-def status(
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
-    json_file: JsonOption = None,
-) -> None:
+@grouped
+def status(service: Connection, json_file: JsonOption = None) -> None:
     """What the service does right now.
 
     Example: iiwa-ident status --json -
     """
-    reply = Connection(endpoint, port, key, server_key).ask(GetStatus(), StatusReply)
+    reply = service.ask(api.GetStatus(), api.StatusReply)
     lines = [f"{reply.state}: {reply.sentence}", f"{reply.robot} on UDP {reply.bind}, FRI {reply.fri_version}"]
     show(reply, json_file, "\n".join([*lines, *(f"  {line}" for line in reply.recent)]))
 
 
 @app.command()
+@grouped
 def jobs(
+    *,
     limit: Annotated[int, typer.Option("--limit", min=1, max=500, help="How many, newest first.")] = 100,
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
+    service: Connection,
     json_file: JsonOption = None,
 ) -> None:
     """The queue and what became of earlier runs and fits.
 
     Example: iiwa-ident jobs
     """
-    reply = Connection(endpoint, port, key, server_key).ask(GetJobs(limit=limit), JobsReply)
-    if json_file is not None:
-        write_json(json_file, msgspec.to_builtins(reply))
-    if not wants_json_on_stdout(json_file):
+    reply = service.ask(api.GetJobs(limit=limit), api.JobsReply)
+    if told_in_words(msgspec.to_builtins(reply), json_file):
         show_jobs(reply.jobs)
 
 
-def show_jobs(listed: Sequence[JobView]) -> None:
+def show_jobs(listed: Sequence[api.JobView]) -> None:
     """Jobs in columns of plain text, one line a job with the folder last.
 
     On a terminal, sentence and folder stand below the line: a whole folder can then be copied.
@@ -290,40 +257,33 @@ def show_jobs(listed: Sequence[JobView]) -> None:
 
 
 @app.command()
-def stop(
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
-    json_file: JsonOption = None,
-) -> None:
+@grouped
+def stop(service: Connection, json_file: JsonOption = None) -> None:
     """Ramp the arm down now and hold every waiting run. May be said at any time and as often as you like.
 
     This is no emergency stop: where the arm does not come to rest, use the one on the robot.
 
     Example: iiwa-ident stop
     """
-    reply = Connection(endpoint, port, key, server_key).ask(StopMotion(), Stopped)
+    reply = service.ask(api.StopMotion(), api.Stopped)
     show(reply, json_file, reply.sentence)
 
 
 @app.command()
+@grouped
 def resume(
     job: Annotated[list[str] | None, typer.Argument(help="Numbers of held runs; default: all that are held.")] = None,
+    *,
     confirm: ConfirmOption = False,
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
+    service: Connection,
     json_file: JsonOption = None,
 ) -> None:
     """Let the runs that are held after a stop, a failed run or a restart take their turn again: those it names first.
 
     Example: iiwa-ident resume
     """
-    connection = Connection(endpoint, port, key, server_key)
-    state = connection.ask(GetStatus(), StatusReply)
-    listed = reversed(connection.ask(GetJobs(limit=500), JobsReply).jobs)
+    state = service.ask(api.GetStatus(), api.StatusReply)
+    listed = reversed(service.ask(api.GetJobs(limit=500), api.JobsReply).jobs)
     waiting = {each.job_id: each for each in listed if each.kind == "run" and each.phase in ("held", "checking")}
     for number in job or ():
         if number not in waiting:
@@ -335,40 +295,33 @@ def resume(
         _confirm_motion(state, f"these {len(meant)} runs, one after the other," if len(meant) > 1 else "this run")
     # What was shown, and nothing that was held in the meantime.
     numbers = tuple(each.job_id for each in meant)
-    reply = connection.ask(ResumeQueue(confirmed=state.needs_confirmation, jobs=numbers), Resumed)
+    reply = service.ask(api.ResumeQueue(confirmed=state.needs_confirmation, jobs=numbers), api.Resumed)
     show(reply, json_file, reply.sentence)
 
 
 @app.command()
+@grouped
 def cancel(
     job: Annotated[str, typer.Argument(help="Number of a job that waits.")],
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
+    service: Connection,
     json_file: JsonOption = None,
 ) -> None:
     """Take a waiting job out of the queue.
 
     Example: iiwa-ident cancel 20261121T103000123Z
     """
-    reply = Connection(endpoint, port, key, server_key).ask(CancelJob(job_id=job), Cancelled)
+    reply = service.ask(api.CancelJob(job_id=job), api.Cancelled)
     show(reply, json_file, f"{reply.job_id}: {reply.sentence}")
 
 
 @app.command()
-def ping(
-    endpoint: EndpointOption = None,
-    port: PortOption = DEFAULT_PORT,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
-    json_file: JsonOption = None,
-) -> None:
+@grouped
+def ping(service: Connection, json_file: JsonOption = None) -> None:
     """Whether the service answers; exit code 69 when not.
 
     Example: iiwa-ident ping
     """
-    reply = Connection(endpoint, port, key, server_key).ask(Ping(), Pong)
+    reply = service.ask(api.Ping(), api.Pong)
     show(reply, json_file, f"The service answers (process {reply.pid}, version {reply.software_version}).")
 
 
@@ -385,9 +338,7 @@ def keys(
     from daemon.queue.keys import create_keys
 
     made = create_keys(out, client)
-    if json_file is not None:
-        write_json(json_file, [str(file) for file in made])
-    if not wants_json_on_stdout(json_file):
+    if told_in_words([str(file) for file in made], json_file):
         for file in made:
             data(str(file))
         message(f"Give {client}.key_secret and server.key to that client alone; everything else stays here.")

@@ -9,8 +9,8 @@ import numpy as np
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import load_inputs
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.inputs import RecordedArm
+from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
-    str,
-    typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
+    str, typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10).")
+]
+MotorInertiaOption = Annotated[
+    bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
 ]
 _BADLY_FOLLOWED = 0.02
 """rad (m) RMS between simulated and commanded position."""
@@ -41,9 +43,7 @@ def export(
             "--prior", metavar="FILE.urdf", help="Where the data leave directions open: its bodies, not uniform ones."
         ),
     ] = None,
-    motor_inertia: Annotated[
-        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
-    ] = False,
+    motor_inertia: MotorInertiaOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Write a simulator model of the identified arm and check it by reading it back.
@@ -59,20 +59,16 @@ def export(
     model = read_model(model_file)
     added = motor_prior(model, parameters) if motor_inertia else None
     result = export_model(model, out, form, parameter_set=parameters, prior=prior, motor_inertia=added)
-    if json_file is not None:
-        write_json(
-            json_file,
-            {
-                "file": str(result.path),
-                "format": form,
-                "parameters": parameters,
-                "read_back": read_back(result),
-                "notes": list(result.notes),
-                "origins": None if result.origins is None else result.origins.to_json(),
-                "effects_file": None if result.effects_path is None else str(result.effects_path),
-            },
-        )
-    if wants_json_on_stdout(json_file):
+    written = {
+        "file": str(result.path),
+        "format": form,
+        "parameters": parameters,
+        "read_back": read_back(result),
+        "notes": list(result.notes),
+        "origins": None if result.origins is None else result.origins.to_json(),
+        "effects_file": None if result.effects_path is None else str(result.effects_path),
+    }
+    if not told_in_words(written, json_file):
         return
     data(f"Written to {result.path}")
     for agreement in result.agreements:
@@ -109,8 +105,7 @@ def read_back(result: ExportResult) -> list[dict[str, Any]]:
 def simulate(
     model_file: ModelArgument,
     motion: Annotated[
-        Path | None,
-        typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation."),
+        Path | None, typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation.")
     ] = None,
     controller: Annotated[
         str, typer.Option("--controller", help="computed_torque (the paper's), position or impedance.")
@@ -121,12 +116,10 @@ def simulate(
     stiffness: Annotated[float | None, typer.Option("--stiffness", help="Of impedance, Nm/rad; default 300.")] = None,
     parameters: ParametersOption = "physical",
     figure: Annotated[
-        Path | None,
-        typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.", callback=not_a_recording),
+        Path | None, typer.Option("--figure", help="Fig. 4 of the paper: .svg, .png or .pdf.", callback=not_a_recording)
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Series of motion and torque: .npz or .csv.", callback=not_a_recording),
+        Path | None, typer.Option("--out", help="Series of motion and torque: .npz or .csv.", callback=not_a_recording)
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -158,18 +151,15 @@ def simulate(
 
         message(range_sentence(model.data["class_terms"]))
     settings = SimulationSettings(
-        motor_inertia=motors,
-        motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
-        offset=chosen.offset,
+        motor_inertia=motors, motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)), offset=chosen.offset
     )
     comparison = _compare(model, motion, robot, chosen, law, settings, effects)
     if out is not None:
         _write_series(comparison.series(), out)
     if figure is not None:
         _write_figure(comparison, figure, robot)
-    if json_file is not None:
-        write_json(json_file, {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence})
-    if wants_json_on_stdout(json_file):
+    result = {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence}
+    if not told_in_words(result, json_file):
         return
     for line in (*comparison.sentences, sentence):
         data(line)
@@ -200,7 +190,7 @@ def _compare(
     regressor = BaseRegressor(robot, model.options) if effects or terms else None
     extra = None
     if motion is not None and _is_recording(motion):
-        (recording,) = load_inputs([motion], None, model_robot=robot).recordings
+        (recording,) = RecordedArm().load([motion], model_robot=robot).recordings
         if regressor is not None:
             extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording, terms)
         return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)

@@ -21,8 +21,6 @@ from rich.theme import Theme
 
 from identification.text_table import BETWEEN, is_numeric
 
-__all__ = ["console_of", "drawn_lines", "drawn_table", "wrapped"]
-
 _THEME = Theme({"verdict.good": "green", "verdict.bad": "bold red", "verdict.doubt": "yellow"})
 _ENDLESS = 10_000
 """Columns where there is no edge: in a file or a pipe."""

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, wants_json_on_stdout, write_json
-from daemon.cli.simulation import motor_prior, read_back
+from daemon.cli.output import JsonOption, data, told_in_words
+from daemon.cli.simulation import MotorInertiaOption, motor_prior, read_back
 
 NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
 
@@ -21,9 +21,7 @@ def twin(
         Path | None,
         typer.Option("--model", metavar="MODEL.json", help="An arm of yours instead of the paper's Table 3."),
     ] = None,
-    motor_inertia: Annotated[
-        bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
-    ] = False,
+    motor_inertia: MotorInertiaOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """The iiwa 14 as URDF, MJCF and SDF: bodies that can exist, friction, rotor inertia where the format has a place.
@@ -52,14 +50,13 @@ def twin(
         )
         for form, name in NAMES.items()
     }  # fmt: skip
-    if json_file is not None:
-        write_json(json_file, {
-            "model": str(model_file),
-            "sentence": sentence,
-            "files": {form: str(result.path) for form, result in results.items()},
-            "read_back": {form: read_back(result) for form, result in results.items()},
-        })  # fmt: skip
-    if wants_json_on_stdout(json_file):
+    written = {
+        "model": str(model_file),
+        "sentence": sentence,
+        "files": {form: str(result.path) for form, result in results.items()},
+        "read_back": {form: read_back(result) for form, result in results.items()},
+    }
+    if not told_in_words(written, json_file):
         return
     if sentence:
         data(sentence)

@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.live_view import (
-    REFRESH_S,
-    LiveAddressOption,
-    LiveKeyOption,
-    LiveOption,
-    LiveScreen,
-    live_served,
-    live_server,
-)
+from daemon.cli.live_view import REFRESH_S, LiveOptions, LiveScreen, live_served
+from daemon.cli.option_groups import grouped
 from daemon.cli.output import data, message
 from daemon.errors import DaemonError, MissingInputError
 
@@ -43,15 +36,15 @@ class NothingToWatchError(DaemonError):
 
 
 @app.command()
+@grouped
 def watch(
     run: Annotated[
         Path | None, typer.Argument(metavar="[RUN]", help="Folder of the run; without one, the run that goes on.")
     ] = None,
+    *,
     port: Annotated[int | None, typer.Option("--port", help="UDP port of the run, where several go on.")] = None,
     once: Annotated[bool, typer.Option("--once", help="Print one screen and leave.")] = False,
-    live: LiveOption = False,
-    live_address: LiveAddressOption = None,
-    live_key: LiveKeyOption = None,
+    live: LiveOptions,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.")
     ] = None,
@@ -72,7 +65,7 @@ def watch(
     watcher = Watcher()
     with contextlib.ExitStack() as stack:
         found = _port_of(run, port)
-        stack.enter_context(live_served(found, live_server(live, live_address, live_key)))
+        stack.enter_context(live_served(found, live.server()))
         subscription = stack.enter_context(LiveSubscription(found))
         with contextlib.suppress(KeyboardInterrupt):
             if json_file is not None:

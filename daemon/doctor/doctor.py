@@ -16,24 +16,13 @@ from typing import Any
 
 import psutil
 
+from daemon.doctor import host_checks
 from daemon.doctor.firewall import check_packet_filter
-from daemon.doctor.host_checks import (
-    DoctorCheck,
-    check_clock,
-    check_disk,
-    check_governor,
-    check_kernel,
-    check_load,
-    check_memory_lock,
-    check_realtime_limit,
-    check_wake_ups,
-)
+from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation, Mirror, observe_link
 from daemon.doctor.wake_ups import measured_wake_ups
 from daemon.host import host_report
-
-__all__ = ["DoctorCheck", "DoctorReport", "check_address", "check_interfaces", "examine", "port_holder"]
 
 ELSEWHERE_S = 1.0
 """How long every other address is listened to where the one asked for stayed silent."""
@@ -89,7 +78,7 @@ def examine(
             checks.append(DoctorCheck("port", "ok", f"UDP port {bind_port} on {bind_host} is free."))
         except OSError as error:
             checks.append(_port_refused(bind_host, bind_port, error))
-        held_up = check_wake_ups(woken(), at_robot=not bind_host.startswith("127."))
+        held_up = host_checks.check_wake_ups(woken(), at_robot=not bind_host.startswith("127."))
     heard = observation is not None and bool(observation.datagrams)
     if observation is not None:
         checks += check_link(observation, bind_host, bind_port)
@@ -97,14 +86,14 @@ def examine(
             checks += _elsewhere(bind_host, bind_port, min(listen_s, ELSEWHERE_S))
     checks += [
         check_packet_filter(bind_port, heard=heard),
-        check_disk(folder or Path.cwd()),
-        check_realtime_limit(),
-        check_memory_lock(),
-        check_kernel(),
-        check_governor(),
-        check_load(),
+        host_checks.check_disk(folder or Path.cwd()),
+        host_checks.check_realtime_limit(),
+        host_checks.check_memory_lock(),
+        host_checks.check_kernel(),
+        host_checks.check_governor(),
+        host_checks.check_load(),
         held_up,
-        check_clock(
+        host_checks.check_clock(
             None if observation is None else observation.clock_step_s,
             0.0 if observation is None else observation.duration_s,
         ),
@@ -183,10 +172,7 @@ def _port_refused(host: str, port: int, error: OSError) -> DoctorCheck:
             f"stop {holder or 'the program that holds it'} or choose another port.",
         )
     return DoctorCheck(
-        "port",
-        "failed",
-        f"UDP {host}:{port} cannot be bound: {error.strerror}.",
-        "choose an address of this machine.",
+        "port", "failed", f"UDP {host}:{port} cannot be bound: {error.strerror}.", "choose an address of this machine."
     )
 
 

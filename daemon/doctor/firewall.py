@@ -15,8 +15,6 @@ from typing import Literal
 
 from daemon.doctor.host_checks import DoctorCheck
 
-__all__ = ["accepts_port", "check_packet_filter", "judge_rules"]
-
 Judgement = Literal["nothing dropped", "accepted", "may drop"]
 
 _READERS = (("nft", ("nft", "list", "ruleset")), ("iptables", ("iptables-save",)))

@@ -11,8 +11,6 @@ from fri_client.errors import CodecError
 from fri_client.messages import FriVersion, MonitoringMessage
 from fri_client.wire.codec import Codec
 
-__all__ = ["VersionGuess", "guess_version"]
-
 _CODECS = {
     version: Codec(version) for version in (FriVersion.V1_11, FriVersion.V1_15, FriVersion.V2_5, FriVersion.V2_7)
 }

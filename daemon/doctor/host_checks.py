@@ -16,19 +16,6 @@ from daemon.doctor.wake_ups import WakeUps
 from daemon.host import host_report
 from fri_client.motion.re_entry import BRIDGED_S
 
-__all__ = [
-    "DoctorCheck",
-    "check_clock",
-    "check_disk",
-    "check_governor",
-    "check_kernel",
-    "check_load",
-    "check_memory_lock",
-    "check_realtime_limit",
-    "check_wake_ups",
-    "measure_disk",
-]
-
 Status = Literal["ok", "warning", "failed"]
 
 BYTES_PER_SAMPLE = 500

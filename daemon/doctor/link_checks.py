@@ -19,9 +19,7 @@ from daemon.doctor.fri_guess import VersionGuess, guess_version
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_observation import LinkObservation, Mirror
 from daemon.doctor.load_check import check_load_at_rest
-from fri_client.messages import ConnectionQuality, SessionState
-
-__all__ = ["check_link", "grade_link"]
+from fri_client.messages import ConnectionQuality, SessionState, name_or_number
 
 STALE_S = 0.5
 """No send period is longer than 0.1 s; a last message older than this means that the sender stopped."""
@@ -98,8 +96,8 @@ def _state_check(guess: VersionGuess, *, answered: bool) -> DoctorCheck:
     connection = None if guess.message is None else guess.message.connection_info
     if connection is None:
         return DoctorCheck("session", "warning", "The messages carry no session state.", "open the session again.")
-    state = _name(SessionState, connection.session_state)
-    quality = _name(ConnectionQuality, connection.quality)
+    state = name_or_number(SessionState, connection.session_state)
+    quality = name_or_number(ConnectionQuality, connection.quality)
     period = f"{connection.send_period} ms" if connection.send_period else "unknown"
     remark = "" if answered else " (nobody answered, so the quality says nothing)"
     sentence = f"State {state}, quality {quality}{remark}, send period {period}."
@@ -190,7 +188,9 @@ def _answers(mirror: Mirror) -> DoctorCheck:
         )
     delays = sorted(mirror.delays_s)
     p99 = delays[min(len(delays) - 1, int(0.99 * len(delays)))]
-    course = " → ".join(f"{_name(ConnectionQuality, quality)} at {at:.1f} s" for at, quality in mirror.qualities[:5])
+    course = " → ".join(
+        f"{name_or_number(ConnectionQuality, quality)} at {at:.1f} s" for at, quality in mirror.qualities[:5]
+    )
     sentence = (
         f"{len(delays)} messages answered, 99 % within {p99 * 1e3:.2f} ms; the robot's verdict: {course}.{commanding}"
     )
@@ -202,10 +202,3 @@ def _answers(mirror: Mirror) -> DoctorCheck:
         sentence,
         "the robot lets nobody command below GOOD: mend the warnings about link and machine, then look again.",
     )
-
-
-def _name(kind: type[SessionState] | type[ConnectionQuality], value: int) -> str:
-    try:
-        return kind(value).name
-    except ValueError:
-        return str(value)

@@ -17,8 +17,6 @@ from fri_client.messages import COMMAND_IDENTIFIER, CommandMessage, FriVersion, 
 from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
 
-__all__ = ["LinkObservation", "Mirror", "observe_link"]
-
 MAXIMUM_DATAGRAMS = 200_000
 
 

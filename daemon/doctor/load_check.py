@@ -29,8 +29,6 @@ from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import Installation
 from safety.geometry import FLANGE_M
 
-__all__ = ["check_load_at_rest", "load_before_motion", "load_remark", "load_sentence", "with_load_check"]
-
 FloatArray = NDArray[np.float64]
 
 SPACING_S = 0.01
@@ -56,10 +54,10 @@ def with_load_check(outcome: RunOutcome) -> RunOutcome:
     return outcome if not sentence else msgspec.structs.replace(outcome, sentences=(*outcome.sentences, sentence))
 
 
-def check_load_at_rest(messages: Sequence[MonitoringMessage], robot: str = "iiwa14") -> DoctorCheck | None:
+def check_load_at_rest(messages: Sequence[MonitoringMessage]) -> DoctorCheck | None:
     """What the external torque of an arm at rest says of the load data; None where it moves or nothing is known.
 
-    The two arms of the family have nearly the same lengths, and FRI does not say which one it is.
+    FRI does not say which arm of the family it is; both have nearly the same lengths, and the iiwa 14's are taken.
     """
     known = [
         (each.monitor_data.measured_joint_position, each.monitor_data.external_torque)
@@ -74,7 +72,7 @@ def check_load_at_rest(messages: Sequence[MonitoringMessage], robot: str = "iiwa
     ):
         return None
     mean = external.mean(axis=0)
-    mass, share, per_kilogram = weight_at_rest(load_robot(robot), positions.mean(axis=0), mean, FLANGE_M)
+    mass, share, per_kilogram = weight_at_rest(load_robot("iiwa14"), positions.mean(axis=0), mean, FLANGE_M)
     worst = int(np.argmax(np.abs(mean)))
     seen = f"At rest the external torque is at most {abs(mean[worst]):.2f} Nm (A{worst + 1})"
     if per_kilogram * LEAST_MASS_AT_REST_KG < LEAST_TORQUE_NM:

@@ -19,8 +19,6 @@ import msgspec
 from daemon.children import child_environment
 from fri_client.realtime import RealtimeSettings, realtime
 
-__all__ = ["WakeUps", "measured_wake_ups", "wake_ups"]
-
 PERIOD_NS = 1_000_000
 PATIENCE_S = 60.0
 """For a process to start and to end on a busy machine, beside the time it measures; one that hangs takes it all."""

@@ -15,8 +15,6 @@ from daemon.investigate.states import State
 from daemon.json_files import read_json, write_json
 from identification.investigation.actions import Action
 
-__all__ = ["FORMAT", "Account", "Alive", "Motion", "Named", "Recorded", "Step", "Told", "read_account", "save"]
-
 FORMAT = "iiwa-ident/investigation/1"
 NAME = "investigation.json"
 

@@ -11,8 +11,6 @@ from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
 from daemon.investigate.states import State
 from identification.recordings.reader import read_recording, recording_file
 
-__all__ = ["begun", "exit_code"]
-
 
 def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) -> Account:
     """The account of a new investigation. given: recordings or run folders. robot: None is what the recordings say.

@@ -13,8 +13,6 @@ import msgspec
 
 from daemon.errors import ConfigurationError, MissingInputError
 
-__all__ = ["Cell", "gone_on_with"]
-
 Vector = tuple[float, float, float]
 
 

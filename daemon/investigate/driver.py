@@ -21,8 +21,6 @@ from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
 from identification.robots import Installation
 
-__all__ = ["FriDriver", "ended_in", "objection_to"]
-
 
 @dataclass(frozen=True, slots=True)
 class FriDriver:
@@ -42,9 +40,7 @@ class FriDriver:
 
     def objection(self, trajectory: Path) -> str:
         """The preflight's sentence on a motion; empty where it is safe."""
-        return objection_to(
-            trajectory, robot=self.robot, workspace=self.workspace, tool=self.tool, installation=self.installation
-        )
+        return self._prepared(trajectory, 1.0).preflight.objection
 
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
         """On a real arm the lower rungs of the ladder, one period each; then the motion itself.
@@ -54,8 +50,7 @@ class FriDriver:
         """
         motions = [self._prepared(trajectory, rung) for rung in (RUNGS[-1:] if self.simulation else RUNGS)]
         for prepared in motions:
-            if not prepared.preflight.safe:
-                why = prepared.preflight.failures[0].sentence
+            if why := prepared.preflight.objection:
                 sentence = f"At amplitude {prepared.amplitude:g} the motion is not safe here: {why} Nothing was moved."
                 return Drive("unsafe", None, sentence)
         *rungs, whole = motions
@@ -94,16 +89,6 @@ class FriDriver:
             prepared, folder, periods=periods, fit=False, simulation=self.simulation, **self.settings
         )
         return run_acquisition(request, observe=self.observe)
-
-
-def objection_to(
-    trajectory: Path, *, robot: str, workspace: Path | None, tool: Tool | None, installation: Installation | None
-) -> str:
-    """The preflight's sentence on a motion of full amplitude; empty where it is safe."""
-    report = prepare_motion(
-        trajectory, robot=robot, amplitude=1.0, workspace=workspace, tool=tool, installation=installation
-    ).preflight
-    return "" if report.safe else report.failures[0].sentence
 
 
 def _rung_folder(folder: Path, rung: float) -> Path:

@@ -29,11 +29,7 @@ from daemon.investigate.motions import (
 )
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
-from identification.excitation import (
-    Trajectory,
-    default_trajectory,
-    iiwa_limits,
-)
+from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.choice import PERIODS
@@ -44,8 +40,6 @@ from identification.investigation.study import Study, study, what_it_told
 from identification.recordings import Recording
 from identification.recordings.reader import inputs_of, read_recording
 from identification.robots import RobotModel
-
-__all__ = ["Drive", "Driver", "Investigation", "smallest_budget_s"]
 
 Tell = Callable[[str], None]
 Progress = Callable[[str, float], None]
@@ -95,21 +89,12 @@ class Investigation:
     """One investigation in its folder; `run` goes on until it rests, and returns the account."""
 
     def __init__(
-        self,
-        folder: Path,
-        account: Account,
-        driver: Driver,
-        *,
-        ask: Ask,
-        tell: Tell,
-        progress: Progress,
-        room: Room | None = None,
+        self, folder: Path, account: Account, driver: Driver, *, ask: Ask, tell: Tell, progress: Progress
     ) -> None:
         self._folder = folder
         self.account = account
         self._driver = driver
         self._ask, self._tell, self._progress = ask, tell, progress
-        self._room = room
         self._study: Study | None = None
         self._choices: Sequence[tuple[Motion, Trajectory]] = ()
 
@@ -249,7 +234,7 @@ class Investigation:
             return Event.CHOSEN
         found = self._studied()
         random = np.random.default_rng([self.account.seed, given])
-        room = self._room or Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
+        room = Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
         # Where no time is left, what one motion more would tell is still worth knowing.
         left_s = self.account.left_s - PERIOD_S * SECOND_PERIODS * len(self._wanted)
         left = max(left_s, PERIODS[0] * PERIOD_S)

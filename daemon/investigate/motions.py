@@ -21,17 +21,6 @@ from identification.recordings.reader import read_recording
 from identification.signals.periodic import smooth_motion
 from identification.signals.periods import average_periods, period_table
 
-__all__ = [
-    "FIRST_PERIODS",
-    "SAME_MOTION",
-    "SECOND_PERIODS",
-    "chosen_motion",
-    "describe_motion",
-    "foretold",
-    "same_motion",
-    "shipped_motion",
-]
-
 FIRST_PERIODS, SECOND_PERIODS = 8, 4
 SAME_MOTION = "same motion"
 """Kind of the motion that shows what an action of the operator changed."""

@@ -17,18 +17,17 @@ import msgspec
 from daemon.errors import exit_code_of, sentence_of
 from daemon.investigate.account import Account, Motion, read_account, save
 from daemon.investigate.begin import begun, exit_code
-from daemon.investigate.driver import ended_in, objection_to
+from daemon.investigate.driver import ended_in
 from daemon.investigate.loop import Drive, Investigation
 from daemon.investigate.motions import describe_motion
 from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
+from daemon.motion.preparation import prepare_motion
 from daemon.motion.tool import carried, read_tool
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
 from identification.robots import Installation
-
-__all__ = ["main", "step"]
 
 
 class _QueueDriver:
@@ -39,13 +38,13 @@ class _QueueDriver:
 
     def objection(self, trajectory: Path) -> str:
         order = self._order
-        return objection_to(
+        return prepare_motion(
             trajectory,
             robot=self._account.robot,
             workspace=None if order.workspace_file is None else Path(order.workspace_file),
             tool=carried(read_tool(order.tool, is_name=True), self._account.added_mass),
             installation=None if order.gravity_m_s2 is None else Installation(order.gravity_m_s2),
-        )
+        ).preflight.objection
 
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
         del motion, trajectory

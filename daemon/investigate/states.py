@@ -10,8 +10,6 @@ from enum import StrEnum
 
 from daemon.errors import DaemonError
 
-__all__ = ["RESTING", "TABLE", "Event", "State", "TransitionError", "after"]
-
 
 class State(StrEnum):
     """Where an investigation stands. choosing: the next motion. checking: its preflight. asking: the operator."""
@@ -93,19 +91,7 @@ TABLE: dict[tuple[State, Event], State] = {
 }
 """What comes next. A pair that does not stand here does not happen."""
 
-RESTING = frozenset(
-    {
-        State.SETTLED,
-        State.NEEDS_ACTION,
-        State.UNDECIDED,
-        State.OUT_OF_BUDGET,
-        State.BLOCKED,
-        State.DECLINED,
-        State.PLANNED,
-        State.INTERRUPTED,
-        State.DROPPED,
-    }
-)
+RESTING = frozenset(State) - {_S.DIAGNOSING, _S.CHOOSING, _S.CHECKING, _S.ASKING, _S.RECORDING}
 """States in which the program ends. Nothing moves until somebody calls it again."""
 
 

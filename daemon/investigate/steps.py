@@ -6,8 +6,6 @@ from daemon.investigate.account import Alive, Named, Step
 from identification.investigation.forecast import STANDS_OUT, stands_out
 from identification.investigation.study import Study
 
-__all__ = ["as_a_class", "step_of"]
-
 
 def step_of(found: Study, recordings: int) -> Step:
     """What a study of so many recordings says."""

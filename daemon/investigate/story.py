@@ -17,21 +17,8 @@ from identification.investigation.equivalences import unasked
 from identification.investigation.hypotheses import NOTHING, describe
 from identification.mismatch.between_recordings import one_a_line
 from identification.mismatch.effects.base import Place
-from identification.report.document import (
-    Block,
-    Document,
-    Facts,
-    Figure,
-    Line,
-    Panel,
-    Paragraph,
-    Section,
-    Table,
-    Tone,
-)
+from identification.report.document import Block, Document, Facts, Figure, Line, Panel, Paragraph, Section, Table, Tone
 from identification.report.page import render
-
-__all__ = ["story_of", "write_story"]
 
 NAME = "story.html"
 TITLES: dict[State, str] = {

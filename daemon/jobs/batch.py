@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from identification.mismatch.findings import Finding
     from identification.robots import Installation
 
-__all__ = ["BatchItem", "Task", "executor_of", "folder_names", "run_batch", "run_item"]
-
 Task = Literal["fit", "diagnose"]
 RECORDING_NAME = "recording.mcap"
 """Of the log in the folder of every run."""

@@ -13,8 +13,6 @@ from identification.report.numbers import joint_heads, row_of
 from identification.report.page import render
 from identification.robots.joint_units import in_units
 
-__all__ = ["write_summary"]
-
 
 def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Path, Path]:
     """Write `index.html` and `summary.csv` into the folder `out`, which is made if it is not there; their paths."""

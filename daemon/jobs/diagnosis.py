@@ -25,8 +25,6 @@ from identification.recordings import Recording
 from identification.report import write_report
 from identification.robots import RobotModel
 
-__all__ = ["DiagnosisFiles", "ModelFiles", "diagnose_recordings", "write_model_back"]
-
 Progress = Callable[[str, float], None]
 _SHARE_OF_DIAGNOSIS = 0.6
 
@@ -48,14 +46,12 @@ def diagnose_recordings(
     *,
     baseline: Path | None = None,
     settings: DiagnosisSettings | None = None,
-    model_name: str = "model.json",
     progress: Progress | None = None,
 ) -> DiagnosisFiles:
     """Diagnose recordings and write the results into the folder `out`, which is made if it is not there.
 
-    baseline: the model to diagnose against, None for a nominal fit. settings:
-    None for the defaults.
-    model_name: of the extended model. Raises the errors of the recordings, of the diagnosis, and OSError.
+    baseline: the model to diagnose against, None for a nominal fit. settings: None for the defaults. Raises the errors
+    of the recordings, of the diagnosis, and OSError.
     """
     report = progress if progress is not None else _silent
     diagnosis = diagnose(
@@ -78,7 +74,7 @@ def diagnose_recordings(
     result_file = out / "diagnosis.json"
     text = json.dumps(diagnosis.to_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     write_bytes_atomically(str(result_file), text.encode())
-    model_file = write_model(model, out / model_name)
+    model_file = write_model(model, out / "model.json")
     report_file = out / "report.html"
     fit_page = out.parent / report_file.name
     links = [(f"../{fit_page.name}", "The fit of this run")] if fit_page.is_file() else []

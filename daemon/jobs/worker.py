@@ -17,23 +17,18 @@ import contextlib
 import os
 import sys
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-import zmq
 
 from daemon.api import WorkerJob, WorkerPhase, WorkerStatus
-from daemon.control_messages import WorkerProgress, encode_control
 from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
 
 if TYPE_CHECKING:
     from identification.recordings.reader import Inputs
-
-__all__ = ["main", "run_job"]
 
 REPORT_NAME = "report.html"
 _SHARE_OF_FIT = 0.3
@@ -47,11 +42,10 @@ _KEYWORDS: tuple[tuple[str, WorkerPhase], ...] = (
 
 
 class StatusFile:
-    """The worker's state for everyone: rewritten atomically, pushed to the supervisor if there still is one."""
+    """The worker's state for everyone, rewritten atomically."""
 
-    def __init__(self, job: WorkerJob, push: Callable[[bytes], None]) -> None:
+    def __init__(self, job: WorkerJob) -> None:
         self._job = job
-        self._push = push
         self._started_at = now_text()
 
     def write(
@@ -78,7 +72,6 @@ class StatusFile:
         )
         with contextlib.suppress(OSError):
             write_json(self._job.status_file, status)
-        self._push(encode_control(WorkerProgress(status=status)))
         return status
 
 
@@ -143,13 +136,7 @@ def _diagnose(job: WorkerJob, inputs: Inputs, status: StatusFile) -> str:
     assert job.diagnosis_folder is not None
     recordings, robot = inputs.recordings, inputs.robot
     heldout = read_inputs(job.heldout, robot=job.robot, installation=robot.installation).recordings
-    found = diagnose_recordings(
-        recordings,
-        heldout,
-        robot,
-        Path(job.diagnosis_folder),
-        progress=progress,
-    )
+    found = diagnose_recordings(recordings, heldout, robot, Path(job.diagnosis_folder), progress=progress)
     return str(found.diagnosis.verdict)
 
 
@@ -187,22 +174,7 @@ def main(arguments: list[str] | None = None) -> int:
     except DaemonError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    context: zmq.Context[Any] = zmq.Context()
-    socket = context.socket(zmq.PUSH)
-    socket.linger = 0
-    if job.progress_endpoint is not None:
-        socket.connect(job.progress_endpoint)
-
-    def push(data: bytes) -> None:
-        if job.progress_endpoint is not None:
-            with contextlib.suppress(zmq.ZMQError):
-                socket.send(data, zmq.NOBLOCK)
-
-    try:
-        return run_job(job, StatusFile(job, push))
-    finally:
-        socket.close()
-        context.term()
+    return run_job(job, StatusFile(job))
 
 
 if __name__ == "__main__":

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import msgspec
 
 from daemon.api import RunOutcome, WorkerJob, WorkerStatus
-from daemon.children import child_environment
+from daemon.children import start_python
 from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.times import now_text
-
-__all__ = ["JOB_NAME", "launch", "note_end", "start_worker"]
 
 JOB_NAME = "worker_job.json"
 """The WorkerJob in the folder of its run."""
@@ -27,18 +23,8 @@ def start_worker(outcome: RunOutcome) -> RunOutcome:
 
     Where the disk refuses its files, the outcome with a sentence and exit code 74: the run itself is over and recorded.
     """
-    assert outcome.request is not None
     folder = Path(outcome.out_dir)
-    job = WorkerJob(
-        job_id=outcome.run_id,
-        recordings=outcome.recordings,
-        robot=outcome.request.urdf_file or outcome.request.robot,
-        model_file=str(folder / "model.json"),
-        status_file=str(folder / "worker_status.json"),
-        pipeline=outcome.request.fit_pipeline,
-        diagnosis_folder=str(folder / "diagnosis") if outcome.request.diagnose else None,
-        heldout=outcome.request.heldout,
-    )
+    job = fit_of(outcome, outcome.run_id, folder)
     try:
         pid = launch(job, folder / JOB_NAME)
     except LogIOError as error:
@@ -48,6 +34,22 @@ def start_worker(outcome: RunOutcome) -> RunOutcome:
             outcome, sentences=(*outcome.sentences, sentence), exit_code=outcome.exit_code or error.exit_code
         )
     return msgspec.structs.replace(outcome, worker_pid=pid, worker_status_file=job.status_file)
+
+
+def fit_of(outcome: RunOutcome, job_id: str, folder: Path) -> WorkerJob:
+    """The fit of a finished run, and the diagnosis after it where the run asked for one; folder: of the run."""
+    request = outcome.request
+    assert request is not None
+    return WorkerJob(
+        job_id=job_id,
+        recordings=outcome.recordings,
+        robot=request.urdf_file or request.robot,
+        model_file=str(folder / "model.json"),
+        status_file=str(folder / "worker_status.json"),
+        pipeline=request.fit_pipeline,
+        diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
+        heldout=request.heldout,
+    )
 
 
 def launch(job: WorkerJob, job_file: Path) -> int:
@@ -61,15 +63,7 @@ def launch(job: WorkerJob, job_file: Path) -> int:
         waiting = WorkerStatus(job_id=job.job_id, phase="queued", sentence="The fit was started.")
         write_json(job.status_file, waiting)
         with log.open("ab") as stream:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "daemon.jobs.worker", "--job", str(job_file)],
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=stream,
-                start_new_session=True,
-                close_fds=True,
-                env=child_environment(),
-            )
+            process = start_python("daemon.jobs.worker", ["--job", str(job_file)], stream)
     except OSError as error:
         raise LogIOError(str(job_file), error) from error
     # Reaped when it ends while we live, so that a process that is gone also looks gone.

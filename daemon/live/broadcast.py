@@ -10,21 +10,17 @@ import contextlib
 import os
 import sys
 import time
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 import zmq
 
 from daemon.api import RunRequest
-from daemon.live.event_text import phase_name
 from daemon.live.frame import FRAME_S, LiveFrame, Seven, encode_frame
 from daemon.runtime_folder import live_endpoint
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRecord, HandoverRing
-from fri_client.messages import CommandMessage, ConnectionQuality, MonitoringMessage, SessionState
-
-__all__ = ["LiveBroadcast"]
+from fri_client.messages import CommandMessage, ConnectionQuality, MonitoringMessage, SessionState, name_or_number
 
 QUIET_S = 0.5
 """Without samples a frame goes out this often, so that a watcher tells a silent robot from a recorder that is gone."""
@@ -107,9 +103,7 @@ class LiveBroadcast:
     def __enter__(self) -> LiveBroadcast:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
 
     def _add(self, name: str, values: tuple[float, ...] | None) -> None:
@@ -145,7 +139,7 @@ class LiveBroadcast:
 
     def _phase_name(self, phase: int) -> str:
         watches = self._request.monitor_only and phase == MotionPhase.WAITING
-        return "MONITOR_ONLY" if watches else phase_name(phase)
+        return "MONITOR_ONLY" if watches else name_or_number(MotionPhase, phase)
 
     def _state(self) -> dict[str, Any]:
         status, request = self._ring.status, self._request
@@ -159,8 +153,8 @@ class LiveBroadcast:
             "rows_per_period": self._rows,
             "rows_per_frame": self._rows_per_frame,
             "table_period_s": request.table_period_s,
-            "session_state": _name(SessionState, status.session_state),
-            "quality": _name(ConnectionQuality, status.quality),
+            "session_state": name_or_number(SessionState, status.session_state),
+            "quality": name_or_number(ConnectionQuality, status.quality),
             "received": status.received,
             "late": status.late,
             "missing": status.missing,
@@ -180,10 +174,3 @@ def _rows_of(table_file: str) -> int:
         return len(np.load(table_file, mmap_mode="r", allow_pickle=False))
     except (OSError, ValueError, TypeError):
         return 0
-
-
-def _name(kind: type[SessionState] | type[ConnectionQuality], value: int) -> str:
-    try:
-        return kind(value).name
-    except ValueError:
-        return str(value)

@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 from daemon.errors import ConfigurationError, MissingInputError
 
-__all__ = ["LOOPBACK", "Door"]
-
 LOOPBACK = "127.0.0.1"
 _BLOCK = re.compile(rb"-----BEGIN ([A-Z ]+)-----.+?-----END \1-----\n?", re.DOTALL)
 

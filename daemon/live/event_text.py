@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode, HandoverRecord
-from fri_client.messages import ConnectionQuality, SessionState
+from fri_client.messages import ConnectionQuality, SessionState, name_or_number
 from fri_client.session.refusal import refusal_sentence
-
-__all__ = ["event_name", "event_sentence", "phase_name"]
 
 
 def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
     """One sentence for the record's event; `loop_reason` is the loop's own sentence, used for stops and drops."""
     code, value, limit = record.event_code, record.event_value, record.event_limit
     if code == EventCode.STATE_CHANGE:
-        return f"The session went from {_name(SessionState, value)} to {_name(SessionState, limit)}."
+        return f"The session went from {name_or_number(SessionState, value)} to {name_or_number(SessionState, limit)}."
     if code == EventCode.PHASE_CHANGE:
-        return f"The motion went from {_name(MotionPhase, value)} to {_name(MotionPhase, limit)}."
+        return f"The motion went from {name_or_number(MotionPhase, value)} to {name_or_number(MotionPhase, limit)}."
     if code == EventCode.QUALITY_CHANGE:
-        return (
-            f"The connection quality went from {_name(ConnectionQuality, value)} to {_name(ConnectionQuality, limit)}."
-        )
+        before, after = (name_or_number(ConnectionQuality, quality) for quality in (value, limit))
+        return f"The connection quality went from {before} to {after}."
     if code == EventCode.GAP:
         return f"{value:.0f} monitoring messages are missing before sample {record.index}."
     if code == EventCode.REFUSED:
@@ -50,15 +45,3 @@ def event_name(code: int) -> str:
         return EventCode(code).name
     except ValueError:
         return f"EVENT_{code}"
-
-
-def phase_name(phase: int) -> str:
-    """Name of a MotionPhase; the number as text where it has none."""
-    return _name(MotionPhase, phase)
-
-
-def _name(kind: type[IntEnum], value: float) -> str:
-    try:
-        return kind(int(value)).name
-    except (ValueError, OverflowError):
-        return f"{value:g}"

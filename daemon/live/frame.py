@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["FRAME_S", "LiveFrame", "LiveState", "Seven", "decode_frame", "encode_frame"]
-
 FRAME_S = 0.01
 """Time that one frame averages, by the robot's own cycles."""
 Seven = tuple[float, float, float, float, float, float, float]

@@ -12,8 +12,6 @@ from daemon.live.frame import LiveState, Seven
 from daemon.live.residual import Modelled
 from daemon.live.screen import remaining_s
 
-__all__ = ["LivePoint", "point_of"]
-
 
 class LivePoint(LiveState, frozen=True, kw_only=True, omit_defaults=True):
     """Joints 1 to 7 in each list: rad, rad/s, Nm. torque_model, torque_minus_model: sign of eq. (1). times_noise: RMS

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from daemon.live.frame import LiveFrame
 from daemon.motion.torque_foresight import TorqueForesight
 
-__all__ = ["LiveResidual", "Modelled", "PeriodNoise", "noise_sentence", "velocity_and_acceleration"]
-
 FloatArray = NDArray[np.float64]
 
 WIDEST_S = 0.06

@@ -17,8 +17,6 @@ from daemon.live.frame import LiveFrame
 from daemon.live.residual import REMARKABLE
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, JointLimits
 
-__all__ = ["Screen", "bar", "drawn", "remaining_s"]
-
 FloatArray = NDArray[np.float64]
 
 _NEAR, _TOO_NEAR = 0.75, 0.9
@@ -165,10 +163,7 @@ def _joints(screen: Screen) -> Table:
         left = head in ("", "position", "velocity", "torque", "external")
         shown = head.replace("×", "x") if screen.ascii_only else head
         table.add_column(
-            shown,
-            justify="left" if left else "right",
-            no_wrap=True,
-            min_width=None if left else _NUMBER_WIDE,
+            shown, justify="left" if left else "right", no_wrap=True, min_width=None if left else _NUMBER_WIDE
         )
     for joint in range(7):
         cells: list[RenderableType] = [f"A{joint + 1}"]

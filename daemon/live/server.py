@@ -31,8 +31,6 @@ from daemon.live.watcher import Watcher
 from daemon.log.cdr import pack_joint_state
 from daemon.log.definitions import JOINT_STATE, schema_text
 
-__all__ = ["FOXGLOVE_PORT", "PLOTJUGGLER_PORT", "layouts_folder", "main", "serve"]
-
 FOXGLOVE_PORT, PLOTJUGGLER_PORT = 8765, 9872
 """What both programs propose when they connect."""
 _POLL_S = 0.02

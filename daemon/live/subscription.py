@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -12,8 +11,6 @@ import zmq
 
 from daemon.live.frame import LiveFrame, decode_frame
 from daemon.runtime_folder import live_endpoint, runtime_folder
-
-__all__ = ["LiveSubscription", "served_ports"]
 
 _FRAMES_KEPT = 200
 _MAXIMUM_BYTES = 65536
@@ -60,7 +57,5 @@ class LiveSubscription:
     def __enter__(self) -> LiveSubscription:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -20,8 +20,6 @@ from daemon.motion.torque_foresight import foresight_of_run
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
-__all__ = ["Watcher"]
-
 FloatArray = NDArray[np.float64]
 
 
@@ -71,7 +69,10 @@ class Watcher:
         if frame.position is None and known is not None:
             # A frame without samples has the newest counts; the joints stand where they were last seen.
             last = known.frame
-            frame = _with_joints(frame, last)
+            frame = msgspec.structs.replace(
+                frame, position=last.position, command=last.command, torque=last.torque,
+                external_torque=last.external_torque,
+            )  # fmt: skip
         return Screen(
             frame,
             limits,
@@ -91,12 +92,6 @@ class Watcher:
         request = _request_of(frame)
         self._external_limit = EXTERNAL_TORQUE_THRESHOLD_NM if request is None else request.external_torque_limit
         self._residual = LiveResidual(None if request is None else foresight_of_run(request))
-
-
-def _with_joints(frame: LiveFrame, last: LiveFrame) -> LiveFrame:
-    return msgspec.structs.replace(
-        frame, position=last.position, command=last.command, torque=last.torque, external_torque=last.external_torque
-    )
 
 
 def _request_of(frame: LiveFrame) -> RunRequest | None:

@@ -14,29 +14,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from fri_client.messages import (
-    CommandMessage,
-    IoValue,
-    MonitoringMessage,
-    QuaternionTransformation,
-    Transformation,
-)
-
-__all__ = [
-    "JOINT_NAMES",
-    "DiagnosticStatus",
-    "SampleLabels",
-    "command_index",
-    "event_index",
-    "is_out_of_order",
-    "pack_diagnostics",
-    "pack_event",
-    "pack_fri_command",
-    "pack_fri_state",
-    "pack_joint_state",
-    "pack_string",
-    "state_counters",
-]
+from fri_client.messages import CommandMessage, IoValue, MonitoringMessage, QuaternionTransformation, Transformation
 
 JOINT_NAMES = tuple(f"iiwa_joint_{joint}" for joint in range(1, 8))
 

@@ -13,8 +13,6 @@ from typing import Any
 from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex
 
-__all__ = ["PackedChunkIndexes", "pack_chunk_indexes_of"]
-
 _ATTRIBUTE = "_Writer__chunk_indices"
 
 

@@ -19,8 +19,6 @@ from daemon.errors import LogIOError, MissingInputError
 from daemon.log.recover import RecoverReport, is_whole, merge_logs, recover_log
 from daemon.log.stream import is_being_written
 
-__all__ = ["RECORDING_NAME", "join_parts", "part_path", "parts_of", "recover", "state_of_recording"]
-
 RECORDING_NAME = "recording.mcap"
 _BROKEN_NAME = "recording.broken.mcap"
 

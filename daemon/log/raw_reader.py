@@ -18,8 +18,6 @@ from mcap.opcode import Opcode
 
 from daemon.errors import BadLogError
 
-__all__ = ["MAGIC", "Found", "RawAttachment", "RawMessage", "readable_items"]
-
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")
 MAXIMUM_CHUNK_BYTES = 256 * 1024 * 1024

@@ -27,8 +27,6 @@ from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
 from fri_client.session.replayed_counter import ReplayedCounter
 
-__all__ = ["RecoverReport", "is_whole", "merge_logs", "recover_log"]
-
 
 @dataclass(frozen=True, slots=True)
 class RecoverReport:
@@ -61,12 +59,11 @@ class RecoverReport:
         return {**asdict(self), "source": str(self.source), "recovered": str(self.recovered)}
 
 
-def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverReport:
-    """Make a log whole again as far as its bytes go; see RecoverReport.
+def recover_log(path: str | Path) -> RecoverReport:
+    """Make a log whole again as far as its bytes go, as NAME.recovered.mcap beside it; see RecoverReport.
 
-    output: defaults to NAME.recovered.mcap beside it; an existing file of that name is replaced in one step. Raises
-    MissingInputError, BadLogError when nothing usable is in it, LogIOError when the disk refuses or while a recorder
-    writes the file.
+    An existing file of that name is replaced in one step. Raises MissingInputError, BadLogError when nothing usable is
+    in it, LogIOError when the disk refuses or while a recorder writes the file.
     """
     source = Path(path)
     if not source.is_file():
@@ -80,13 +77,10 @@ def recover_log(path: str | Path, output: str | Path | None = None) -> RecoverRe
             for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
                 counts.add(channel.topic, message.data)
         sentence = f"{source} is whole: {counts.samples} samples, nothing had to be recovered."
-        return counts.report(source, source, True, 0, total, total, (sentence,))
-    target = Path(output) if output is not None else source.with_name(f"{source.stem}.recovered.mcap")
-    if target.resolve() == source.resolve():
-        raise BadLogError(str(source), "the recovered copy cannot replace the original; choose another name.")
+        return counts.report(source, source, Found(bytes_used=total), total, (sentence,), whole=True)
+    target = source.with_name(f"{source.stem}.recovered.mcap")
     counts, found = _write_copy([source], target)
-    sentences = _sentences(source, target, counts, found, total)
-    return counts.report(source, target, False, found.damaged_chunks, found.bytes_used, total, sentences)
+    return counts.report(source, target, found, total, _sentences(source, target, counts, found, total))
 
 
 def is_whole(source: Path) -> bool:
@@ -114,11 +108,6 @@ class _Counts:
     next_index: int | None = None
     last_period: int = -1
     counter: ReplayedCounter = field(default_factory=ReplayedCounter)
-
-    @property
-    def missing(self) -> int:
-        """Gaps in the robot's sequence counter."""
-        return self.counter.missing
 
     def add(self, topic: str, data: bytes) -> None:
         self.messages[topic] = self.messages.get(topic, 0) + 1
@@ -150,29 +139,17 @@ class _Counts:
         self,
         source: Path,
         recovered: Path,
-        whole: bool,
-        damaged: int,
-        used: int,
+        found: Found,
         total: int,
         sentences: tuple[str, ...],
+        *,
+        whole: bool = False,
     ) -> RecoverReport:
         return RecoverReport(
-            source,
-            recovered,
-            whole,
-            self.samples,
-            dict(self.messages),
-            self.first_counter,
-            self.last_counter,
-            self.missing,
-            self.missing_in_handover,
-            self.next_index or 0,
-            self.last_period,
-            damaged,
-            used,
-            total,
-            sentences,
-        )
+            source, recovered, whole, self.samples, dict(self.messages), self.first_counter, self.last_counter,
+            self.counter.missing, self.missing_in_handover, self.next_index or 0, self.last_period,
+            found.damaged_chunks, found.bytes_used, total, sentences,
+        )  # fmt: skip
 
 
 def merge_logs(parts: Sequence[str | Path], output: str | Path) -> RecoverReport:
@@ -191,7 +168,7 @@ def merge_logs(parts: Sequence[str | Path], output: str | Path) -> RecoverReport
     counts, found = _write_copy(sources, target)
     names = ", ".join(source.name for source in sources)
     sentence = f"{target} was joined from {names} and holds {counts.samples} samples."
-    return counts.report(sources[0], target, False, found.damaged_chunks, found.bytes_used, total, (sentence,))
+    return counts.report(sources[0], target, found, total, (sentence,))
 
 
 def _write_copy(sources: Sequence[Path], target: Path) -> tuple[_Counts, Found]:
@@ -323,9 +300,9 @@ def _sentences(source: Path, target: Path, counts: _Counts, found: Found, total:
     ]
     if counts.first_counter is not None:
         sentences.append(
-            f"They carry the robot's counters {counts.first_counter} to {counts.last_counter} with {counts.missing} "
-            f"missing in between and {counts.missing_in_handover} missing between loop and file; what came after "
-            f"counter {counts.last_counter} is not in the file."
+            f"They carry the robot's counters {counts.first_counter} to {counts.last_counter} with "
+            f"{counts.counter.missing} missing in between and {counts.missing_in_handover} missing between loop and "
+            f"file; what came after counter {counts.last_counter} is not in the file."
         )
     if found.damaged_chunks:
         sentences.append(f"{found.damaged_chunks} chunks were damaged and left out.")

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from daemon.errors import LogIOError
 
-__all__ = ["DiskReserve", "PatientFile", "is_being_written", "is_full"]
-
 
 class PatientFile:
     """A file that is only appended to, whole flushes at a time.
@@ -63,11 +61,6 @@ class PatientFile:
             view.release()
         self._committed += done
         self._pending = bytearray()
-
-    @property
-    def committed(self) -> int:
-        """Bytes the operating system has."""
-        return self._committed
 
     @property
     def pending(self) -> int:

@@ -18,7 +18,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -27,6 +26,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from daemon.errors import BadLogError
+from daemon.host import own_version
 from daemon.log import definitions
 from daemon.log.cdr import (
     DiagnosticStatus,
@@ -41,17 +41,6 @@ from daemon.log.cdr import (
 from daemon.log.chunk_index import pack_chunk_indexes_of
 from daemon.log.stream import PatientFile
 from fri_client.messages import CommandMessage, MonitoringMessage
-
-__all__ = [
-    "CHUNK_BYTES",
-    "CHUNK_SECONDS",
-    "SCHEMA_VERSION",
-    "Attachment",
-    "LogWriter",
-    "count_messages",
-    "has_non_finite",
-    "software_version",
-]
 
 CHUNK_BYTES = 512 * 1024
 CHUNK_SECONDS = 0.25
@@ -77,14 +66,6 @@ class Attachment:
     name: str
     media_type: str
     data: bytes
-
-
-def software_version() -> str:
-    """Version of this package, or "unknown" where it is not installed."""
-    try:
-        return version("iiwa-ident")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _quality_of_service(*, latched: bool) -> str:
@@ -131,7 +112,7 @@ class LogWriter:
 
     def _begin(self, attachments: Sequence[Attachment], robot_description: str) -> None:
         writer, now = self._writer, self._last_log_time
-        writer.start(profile="ros2", library=f"iiwa-ident {software_version()}")
+        writer.start(profile="ros2", library=f"iiwa-ident {own_version()}")
         self._state = self._channel("/fri/state", definitions.FRI_STATE)
         self._command = self._channel("/fri/command", definitions.FRI_COMMAND)
         self._joints = self._channel("/joint_states", definitions.JOINT_STATE)
@@ -274,16 +255,6 @@ class LogWriter:
             raise BadLogError(str(self._path), f"{self.samples} samples were written, {counted} are in the file.")
         return counted
 
-    @property
-    def bytes_on_disk(self) -> int:
-        """Bytes the operating system has."""
-        return self._file.committed
-
-    @property
-    def clock_offset_ns(self) -> int | None:
-        """Host UNIX time minus robot time at the first sample, ns."""
-        return self._clock_offset_ns
-
     def _write_metadata(self, message: MonitoringMessage | None) -> None:
         connection = None if message is None else message.connection_info
         if connection is not None and connection.send_period:
@@ -293,7 +264,7 @@ class LogWriter:
         self._metadata.setdefault("send_period_ms", "")
         self._metadata["torque_sign_convention"] = TORQUE_SIGN_CONVENTION
         self._metadata["schema_version"] = SCHEMA_VERSION
-        self._metadata["software_version"] = software_version()
+        self._metadata["software_version"] = own_version()
         self._metadata["publish_time"] = "robot time stamp plus clock_offset_ns"
         self._metadata["clock_offset_ns"] = str(self._clock_offset_ns or 0)
         self._metadata["joint_states_velocity"] = "difference of measured positions over the robot's clock"

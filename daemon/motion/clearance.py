@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.motion.preparation import LEAD_IN_S, TABLE_RATE_HZ
+from daemon.motion.preparation import LEAD_IN_S, TABLE_RATE_HZ, check_table
 from daemon.motion.torque_foresight import torque_foresight
 from daemon.motion.workspace import Surroundings
 from identification.excitation.fourier import Trajectory
@@ -22,10 +22,6 @@ from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR
 from safety.collision import ForbiddenBox, Workspace, self_collision_pairs
 from safety.geometry import RobotGeometry
-from safety.limits import limits_for
-from safety.preflight import preflight
-
-__all__ = ["Room", "room_of", "safe_in"]
 
 FloatArray = NDArray[np.float64]
 
@@ -156,21 +152,4 @@ def safe_in(
 ) -> Callable[[Trajectory], bool]:
     """Whether the preflight accepts a trajectory in a cell, its start ramp from `start` included."""
     foresight = torque_foresight(robot, None, around.tool, installation)
-
-    def accepted(trajectory: Trajectory) -> bool:
-        table = trajectory.table(TABLE_RATE_HZ)
-        report = preflight(
-            table,
-            1.0 / TABLE_RATE_HZ,
-            limits_for(robot),
-            geometry=around.geometry,
-            workspace=around.workspace,
-            self_collision_margin_m=around.margins.self_collision_m,
-            workspace_margin_m=around.margins.workspace_m,
-            start_row=(len(table) - round(LEAD_IN_S * TABLE_RATE_HZ)) % len(table),
-            start_position=start,
-            torque=None if foresight is None else foresight.along(table, 1.0 / TABLE_RATE_HZ),
-        )
-        return report.safe
-
-    return accepted
+    return lambda trajectory: check_table(trajectory.table(TABLE_RATE_HZ), robot, around, foresight, start=start).safe

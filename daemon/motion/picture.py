@@ -24,8 +24,6 @@ from safety.geometry import RobotGeometry
 from safety.limits import limits_for
 from safety.preflight import start_path
 
-__all__ = ["draw_motion"]
-
 FloatArray = NDArray[np.float64]
 
 _PATH, _LIMIT, _ARM, _OBSTACLE, _RAMP = "#1f5fa8", "#c0392b", "#8a8f98", "#d98c21", "#2a7d4f"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from daemon.motion.tool import Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.motion.workspace import Surroundings, load_surroundings
 from daemon.motion.workspace_file import WorkspaceFile
+from daemon.times import new_job_id
 from identification.errors import TrajectoryError
 from identification.excitation import Trajectory, default_trajectory, load_trajectory
 from identification.excitation.limits import LONGEST_PERIOD_S
@@ -118,10 +118,12 @@ def check_table(
     surroundings: Surroundings | None = None,
     foresight: TorqueForesight | None = None,
     lead_in_s: float = LEAD_IN_S,
+    start: NDArray[np.float64] | None = None,
 ) -> PreflightReport:
     """Preflight of one period (N, 7) rad at 1 kHz of a built-in arm: limits, stops, ramp, self-collision, workspace.
 
-    surroundings: None for a floor at the mounting face. foresight: for torque, None leaves that out.
+    surroundings: None for a floor at the mounting face. foresight: for torque, None leaves that out. start: (7,) rad,
+    where the start ramp begins; None: in the middle of the motion.
     """
     around = surroundings or load_surroundings(robot)
     # A table of another number of joints is the preflight's to refuse.
@@ -131,12 +133,12 @@ def check_table(
         table,
         1.0 / TABLE_RATE_HZ,
         limits_for(robot),
-        periodic=True,
         geometry=around.geometry,
         workspace=around.workspace,
         self_collision_margin_m=around.margins.self_collision_m,
         workspace_margin_m=around.margins.workspace_m,
         start_row=start_row_of(table, lead_in_s),
+        start_position=start,
         torque=torque,
     )
 
@@ -150,11 +152,6 @@ def is_safe_motion(trajectory: Trajectory) -> bool:
     """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
     table = trajectory.table(TABLE_RATE_HZ)
     return check_table(table, trajectory.robot, foresight=torque_foresight(trajectory.robot)).safe
-
-
-def new_run_id() -> str:
-    """An identifier that sorts by time: 20261121T103000Z."""
-    return datetime.now(UTC).strftime("%Y%m%dT%H%M%S") + f"{datetime.now(UTC).microsecond // 1000:03d}Z"
 
 
 def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
@@ -173,7 +170,7 @@ def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) ->
     (out_dir / "preflight.json").write_text(json.dumps(motion.preflight.to_json(), indent=1) + "\n", encoding="utf-8")
     settings |= _noted_stand(motion.surroundings, motion.installation, out_dir)
     return RunRequest(
-        run_id=settings.pop("run_id", None) or new_run_id(),
+        run_id=settings.pop("run_id", None) or new_job_id(()),
         robot=motion.robot,
         table_file=str(table_file.resolve()),
         trajectory_file=str(trajectory_file.resolve()),

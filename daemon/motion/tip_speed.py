@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from safety.geometry import RobotGeometry
 
-__all__ = ["T1_SPEED_M_S", "tip_speed"]
-
 T1_SPEED_M_S = 0.25
 """Of the tool in the test mode T1 (ISO 10218-1: reduced speed)."""
 

@@ -23,8 +23,6 @@ import numpy as np
 from daemon.config import read_settings
 from daemon.errors import ConfigurationError
 
-__all__ = ["FARTHEST_M", "HEAVIEST_KG", "NO_TOOL", "Tool", "carried", "check_tool", "read_tool"]
-
 NO_TOOL = "none"
 HEAVIEST_KG = 50.0
 """More than any arm of the family carries: such a mass is meant in grams."""

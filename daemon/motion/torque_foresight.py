@@ -26,8 +26,6 @@ from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M
 
-__all__ = ["TorqueForesight", "foresight_of_run", "stand_of_model", "torque_foresight"]
-
 FloatArray = NDArray[np.float64]
 
 SAME_GRAVITY = 0.02
@@ -71,10 +69,7 @@ class TorqueForesight:
 
 
 def torque_foresight(
-    robot: str,
-    model_file: Path | None = None,
-    tool: Tool | None = None,
-    installation: Installation = ON_THE_FLOOR,
+    robot: str, model_file: Path | None = None, tool: Tool | None = None, installation: Installation = ON_THE_FLOOR
 ) -> TorqueForesight | None:
     """A model.json's base parameters, else the paper's Table 3 for the iiwa 14; None where nothing is known of the arm.
 

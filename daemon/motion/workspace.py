@@ -25,8 +25,6 @@ from safety.geometry import RobotGeometry, load_geometry
 from safety.limits import JointLimits
 from safety.preflight_distance import Distances
 
-__all__ = ["FARTHEST_M", "Surroundings", "load_surroundings"]
-
 FARTHEST_M = 10.0
 """No arm of the family with any tool reaches so far: a floor, wall or box that is farther away is meant in mm."""
 
@@ -93,12 +91,7 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
     if entry.tool is not None and entry.tool.length_m is not None:
         with _naming(file, "tool"):
             geometry = geometry.with_tool(entry.tool.length_m, entry.tool.radius_m or 0.0)
-    return Surroundings(
-        geometry,
-        Workspace(entry.floor_height_m, tuple(walls), tuple(boxes)),
-        entry,
-        _digest(entry),
-    )
+    return Surroundings(geometry, Workspace(entry.floor_height_m, tuple(walls), tuple(boxes)), entry, _digest(entry))
 
 
 def _digest(entry: WorkspaceFile) -> str:

@@ -18,8 +18,6 @@ import msgspec
 from daemon.motion.tool import Tool
 from safety.geometry import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M
 
-__all__ = ["BoxEntry", "Margins", "WallEntry", "WorkspaceFile"]
-
 
 class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all sections: immutable, unknown keys refused."""

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from math import log1p
 from typing import Any
 
-__all__ = ["ClassAnswer", "class_answer", "excess_removed"]
-
 Json = Mapping[str, Any]
 
 

@@ -8,9 +8,7 @@ robot until the last arm has given its answer. Simulated time: nothing here wait
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import itertools
-import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,14 +18,13 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from daemon.errors import SealBrokenError
 from daemon.investigate.account import Account, Motion, Recorded, Step, read_account
 from daemon.investigate.loop import Drive, Investigation
 from daemon.investigate.motions import FIRST_PERIODS, SECOND_PERIODS
 from daemon.investigate.states import State
 from daemon.investigate.story import write_story
 from daemon.motion.preparation import check_table
-from daemon.proof.prove import LineProcess, page_name
+from daemon.proof.prove import LineProcess, opened, page_name
 from identification.excitation import (
     Trajectory,
     default_trajectory,
@@ -38,8 +35,6 @@ from identification.excitation import (
 from identification.investigation.actions import Action
 from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import PERIOD_S, Room, experiment
-
-__all__ = ["ARMS", "Answer", "LoopCase", "answer_of", "forecasts_of", "prove_closed_loop", "reliability"]
 
 ROBOT = "iiwa14"
 Arm = Literal["chosen", "random", "repeated"]
@@ -92,8 +87,7 @@ class _RequestDriver:
         self.broken = 0
 
     def objection(self, trajectory: Path) -> str:
-        report = check_table(load_trajectory(trajectory).table(), ROBOT)
-        return "" if report.safe else report.failures[0].sentence
+        return check_table(load_trajectory(trajectory).table(), ROBOT).objection
 
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
         out = self.record(load_trajectory(trajectory), motion.periods, folder)
@@ -119,13 +113,7 @@ class _RequestDriver:
 
 
 def prove_closed_loop(
-    seed: int,
-    indices: Sequence[int],
-    scratch: Path,
-    *,
-    tell: Tell,
-    arms: Sequence[Arm] = ARMS,
-    pages: Path | None = None,
+    seed: int, indices: Sequence[int], scratch: Path, *, tell: Tell, pages: Path | None = None
 ) -> list[LoopCase]:
     """Investigate cases of a seed. scratch: folder for what is recorded. pages: folder that keeps each case's story.
 
@@ -135,7 +123,7 @@ def prove_closed_loop(
     with contextlib.closing(LineProcess(("-m", "fixtures.cases", "--serve-requests", "--seed", str(seed)))) as robot:
         for index in indices:
             folder = scratch / f"case-{index:03d}"
-            cases.append(_one_case(robot, seed, index, folder, arms, tell))
+            cases.append(_one_case(robot, seed, index, folder, tell))
             account = read_account(folder / "chosen")
             if pages is not None and account is not None:
                 pages.mkdir(parents=True, exist_ok=True)
@@ -144,7 +132,7 @@ def prove_closed_loop(
     return cases
 
 
-def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Sequence[Arm], tell: Tell) -> LoopCase:
+def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, tell: Tell) -> LoopCase:
     driver = _RequestDriver(robot)
     first, second = default_trajectory(ROBOT), validation_trajectory(ROBOT)
     folder.mkdir(parents=True)
@@ -160,22 +148,19 @@ def _one_case(robot: LineProcess, seed: int, index: int, folder: Path, arms: Seq
     start = Account(robot=ROBOT, seed=seed + index, budget_s=FURTHER_S, recordings=recordings, wanted=wanted)
     accounts, broken = {}, {}
     # What no motion settles is no race of motions. What an operator does to the arm stays done, and who chooses asks.
-    driven: list[Arm] = ["chosen"] if question else sorted(arms, key=lambda arm: arm == "chosen")
+    driven: list[Arm] = ["chosen"] if question else sorted(ARMS, key=lambda arm: arm == "chosen")
     for arm in driven:
         before = driver.broken
         accounts[arm] = _ARMS[arm](start, driver, folder / arm, tell)
         broken[arm] = driver.broken - before
     seal = robot.ask({"open": index})
-    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != begun["commitment"]:
-        raise SealBrokenError(str(index))
-    label = json.loads(seal["label"])
+    label = opened(str(index), begun["commitment"], seal)
     answers = tuple(
         answer_of(arm, accounts[arm], accounts[arm].steps[-1], label, broken[arm]) for arm in ARMS if arm in accounts
     )
-    chosen = accounts.get("chosen") or next(iter(accounts.values()))
+    chosen = accounts["chosen"]
     known_before = answer_of("chosen", start, chosen.steps[0], label, 0)
-    forecasts = forecasts_of(chosen, label) if "chosen" in accounts else ()
-    return LoopCase(index, begun["commitment"], label, known_before, answers, forecasts)
+    return LoopCase(index, begun["commitment"], label, known_before, answers, forecasts_of(chosen, label))
 
 
 def _chosen(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
@@ -299,13 +284,11 @@ def forecasts_of(account: Account, label: dict[str, Any]) -> tuple[tuple[float, 
     return tuple(found)
 
 
-def reliability(
-    forecasts: Sequence[tuple[float, bool]], edges: Sequence[float] = (0.0, 0.5, 0.8, 0.95, 1.0)
-) -> list[tuple[str, int, float, float]]:
+def reliability(forecasts: Sequence[tuple[float, bool]]) -> list[tuple[str, int, float, float]]:
     """Per bin of forecasts: its range, how many, their mean, and the share that came true."""
     table = []
-    for low, high in itertools.pairwise(edges):
-        inside = [(p, came) for p, came in forecasts if low <= p < high or (high == edges[-1] and p == high)]
+    for low, high in itertools.pairwise((0.0, 0.5, 0.8, 0.95, 1.0)):
+        inside = [(p, came) for p, came in forecasts if low <= p < high or p == high == 1.0]
         if inside:
             mean, share = (float(np.mean([item[k] for item in inside])) for k in (0, 1))
             table.append((f"{100 * low:.0f} to {100 * high:.0f} %", len(inside), mean, share))

@@ -12,8 +12,6 @@ from typing import Any
 from daemon.proof.closed_loop import ARMS, Answer, LoopCase, reliability
 from daemon.proof.table import rate
 
-__all__ = ["loop_rows", "loop_summary", "reliability_rows"]
-
 GROUPS = ("confusable", "weak", "structural", "background", "nothing")
 
 

@@ -24,8 +24,6 @@ from daemon.proof.table import (
 from daemon.proof.worlds import STRONG_IN, world_family_rows, world_summary, world_targets
 from identification.report.document import Document, Paragraph, Section, Table, Tone
 
-__all__ = ["aims_of", "figures_of", "proof_page", "proof_tables"]
-
 _RATES = {
     "detected": "detected", "joint": "joint right", "named": "named", "in_set": "or in set",
     "named_textbook": "textbook", "named_perturbed": "perturbed", "named_background": "in background",

@@ -28,8 +28,6 @@ from typing import Any
 from daemon.errors import ProofProcessError, SealBrokenError
 from daemon.proof.score import CaseScore, score_case
 
-__all__ = ["GENERATOR", "WORKER", "LineProcess", "ProvenCase", "Source", "page_name", "prove", "select_cases"]
-
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.proof.worker")
 _KEPT_OF_DIAGNOSIS = (
@@ -194,13 +192,13 @@ def prove(
 
         blind = [future.result() for future in [pool.submit(run_lane, *pair) for pair in processes]]
         # Not before the last diagnosis is in: now the labels are opened.
-        opened = [
-            (case, _opened(case, generator.ask({"open": case["index"]})))
+        known = [
+            (case, opened(case["name"], case["commitment"], generator.ask({"open": case["index"]})))
             for (generator, _), lane in zip(processes, blind, strict=True)
             for case in lane
         ]
-    bare = {label["recording"]: case["answer"].get("diagnosis") for case, label in opened if label["group"] == "bare"}
-    proven = [_scored(case, label, bare.get(label.get("recording"))) for case, label in opened]
+    bare = {label["recording"]: case["answer"].get("diagnosis") for case, label in known if label["group"] == "bare"}
+    proven = [_scored(case, label, bare.get(label.get("recording"))) for case, label in known]
     return sorted(proven, key=lambda case: case.index)
 
 
@@ -241,9 +239,10 @@ def _diagnose_blind(
     return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
 
 
-def _opened(case: dict[str, Any], seal: dict[str, str]) -> dict[str, Any]:
-    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != case["commitment"]:
-        raise SealBrokenError(case["name"])
+def opened(name: str, commitment: str, seal: dict[str, str]) -> dict[str, Any]:
+    """The label of a case. Raises SealBrokenError where it is not the one whose hash was published."""
+    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != commitment:
+        raise SealBrokenError(name)
     label: dict[str, Any] = json.loads(seal["label"])
     return label
 

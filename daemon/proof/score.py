@@ -12,8 +12,6 @@ from typing import Any
 
 from daemon.proof.classes import class_answer, excess_removed
 
-__all__ = ["CaseScore", "EffectScore", "score_case"]
-
 Json = Mapping[str, Any]
 _IN_SI = {"%": (0.01, "1"), "mrad": (1e-3, "rad"), "ms": (1e-3, "s"), "°": (math.pi / 180.0, "rad")}
 # On an iiwa the axis after these joints crosses theirs, so its torque is one of their bending moments.

@@ -15,18 +15,6 @@ import numpy as np
 
 from daemon.proof.score import CaseScore, EffectScore
 
-__all__ = [
-    "Rate",
-    "Target",
-    "confusion",
-    "family_rows",
-    "negatives",
-    "summary",
-    "targets",
-    "visibility_for",
-    "wrong_answers",
-]
-
 ORACLE_VISIBLE = 24.0
 STRONG = 100.0
 VERY_STRONG = 1000.0

@@ -18,8 +18,6 @@ from identification.mismatch.diagnosis import diagnose
 from identification.recordings.reader import read_inputs
 from identification.report import write_report
 
-__all__ = ["answer", "main"]
-
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
     """Diagnosis of one pair of recordings as JSON, with the CPU time it took."""

@@ -13,8 +13,6 @@ import numpy as np
 from daemon.proof.score import CaseScore
 from daemon.proof.table import NO_NAME, Rate, Target, rate
 
-__all__ = ["STRONG_IN", "world_family_rows", "world_summary", "world_targets"]
-
 STRONG_IN = {"alien": 100.0, "hybrid": 200.0}
 """λ from which on a class is asked for: against the sensor's noise, or against the real background's own power."""
 

@@ -17,36 +17,6 @@ from daemon.api import Message
 from daemon.errors import DaemonError
 from daemon.motion.tool import FARTHEST_M, HEAVIEST_KG
 
-__all__ = [
-    "API_VERSION",
-    "MAXIMUM_REQUEST_BYTES",
-    "CancelJob",
-    "Cancelled",
-    "ControlReply",
-    "ControlRequest",
-    "ErrorReply",
-    "GetJobs",
-    "GetStatus",
-    "JobKind",
-    "JobPhase",
-    "JobView",
-    "JobsReply",
-    "Ping",
-    "Pong",
-    "RefusedRequestError",
-    "ResumeQueue",
-    "Resumed",
-    "StatusReply",
-    "StopMotion",
-    "Stopped",
-    "SubmitInvestigation",
-    "SubmitRun",
-    "Submitted",
-    "decode_reply",
-    "decode_request",
-    "encode",
-]
-
 API_VERSION = 1
 MAXIMUM_REQUEST_BYTES = 8 * 1024 * 1024
 """A table of 10 s at 1 kHz as text is some 1.5 MB."""

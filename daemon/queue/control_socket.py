@@ -12,7 +12,6 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import zmq
@@ -20,18 +19,8 @@ from zmq.auth.thread import ThreadAuthenticator
 
 from daemon.endpoints import endpoint_reason
 from daemon.errors import ConfigurationError, DaemonError
-from daemon.queue.control_api import (
-    MAXIMUM_REQUEST_BYTES,
-    ControlReply,
-    ControlRequest,
-    ErrorReply,
-    RefusedRequestError,
-    decode_reply,
-    encode,
-)
+from daemon.queue import control_api as api
 from daemon.queue.keys import read_public_key, read_secret_key
-
-__all__ = ["ControlSocket", "ServerKeys", "ServiceUnreachableError", "ask", "check_endpoint"]
 
 ASK_TIMEOUT_S = 10.0
 _MAXIMUM_REPLY_BYTES = 16 * 1024 * 1024
@@ -84,7 +73,7 @@ class ControlSocket:
         self._socket.linger = 500
         self._socket.rcvhwm = _QUEUED_REQUESTS
         self._socket.sndhwm = _QUEUED_REQUESTS
-        self._socket.setsockopt(zmq.MAXMSGSIZE, MAXIMUM_REQUEST_BYTES)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, api.MAXIMUM_REQUEST_BYTES)
         # A peer that vanished without a word does not hold memory for ever.
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 15000)
@@ -147,10 +136,10 @@ class ControlSocket:
                 continue
             yield frames[:-1], frames[-1]
 
-    def reply(self, address: list[bytes], message: ControlReply) -> None:
+    def reply(self, address: list[bytes], message: api.ControlReply) -> None:
         """Answer, if anybody still waits for it; never waits."""
         with contextlib.suppress(zmq.ZMQError):
-            self._socket.send_multipart([*address, encode(message)], zmq.NOBLOCK)
+            self._socket.send_multipart([*address, api.encode(message)], zmq.NOBLOCK)
 
     def close(self) -> None:
         """Close the socket; its file goes with it."""
@@ -165,9 +154,7 @@ class ControlSocket:
     def __enter__(self) -> ControlSocket:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -182,12 +169,12 @@ def _is_served(path: str) -> bool:
 
 def ask(
     endpoint: str,
-    request: ControlRequest,
+    request: api.ControlRequest,
     *,
     key_file: Path | None = None,
     server_key_file: Path | None = None,
     timeout_s: float = ASK_TIMEOUT_S,
-) -> ControlReply:
+) -> api.ControlReply:
     """Put one question to the service at `endpoint` and return its answer.
 
     Raises ServiceUnreachableError (69) when none comes in time, RefusedRequestError when the answer is an error.
@@ -206,10 +193,10 @@ def ask(
             channel.connect(endpoint)
         except zmq.ZMQError as error:
             raise ConfigurationError(f"'{endpoint}' is no address: {error}.", field="--endpoint") from error
-        channel.send(encode(request))
+        channel.send(api.encode(request))
         if not channel.poll(int(timeout_s * 1000)):
             raise ServiceUnreachableError(endpoint, timeout_s)
-        reply = decode_reply(channel.recv())
-    if isinstance(reply, ErrorReply):
-        raise RefusedRequestError(reply.code, reply.sentence, reply.exit_code)
+        reply = api.decode_reply(channel.recv())
+    if isinstance(reply, api.ErrorReply):
+        raise api.RefusedRequestError(reply.code, reply.sentence, reply.exit_code)
     return reply

@@ -7,8 +7,6 @@ becomes of the motion: it is a run of the queue like any other, which waits for 
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,11 +15,9 @@ from pathlib import Path
 import psutil
 
 from daemon.api import Message
-from daemon.children import child_environment
+from daemon.children import start_python
 from daemon.errors import exit_code_of, sentence_of
 from daemon.json_files import read_json, write_json
-
-__all__ = ["ANSWER_NAME", "ORDER_NAME", "Order", "StepAnswer", "StepEnded", "start_step"]
 
 ORDER_NAME, ANSWER_NAME = "step-order.json", "step-answer.json"
 _NICENESS = 10
@@ -101,10 +97,7 @@ def _answer_to(order: Order) -> StepAnswer:
     answer.unlink(missing_ok=True)
     write_json(file, order)
     with (folder / "investigation.log").open("ab") as words:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "daemon.investigate.queued", "--order", str(file)],
-            stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True, env=child_environment(),
-        )  # fmt: skip
+        process = start_python("daemon.investigate.queued", ["--order", str(file)], words)
     psutil.Process(process.pid).nice(_NICENESS)
     code = process.wait()
     if not answer.is_file():

@@ -22,8 +22,6 @@ from daemon.queue.job_store import ENDED, MAXIMUM_WAITING, Job, JobStore
 from daemon.run.ladder import RUNGS
 from daemon.times import new_job_id, now_text
 
-__all__ = ["Investigations"]
-
 _NOT_DRIVEN: frozenset[JobPhase] = frozenset({"checking", "queued", "held", "preparing"})
 
 
@@ -191,11 +189,7 @@ def _run_of(job_id: str, motions: int) -> str:
 def _asked(order: Order, request: SubmitInvestigation) -> Order:
     """With what an operator says on beginning or going on."""
     return msgspec.structs.replace(
-        order,
-        settle=request.settle,
-        done=request.done,
-        added_mass=request.added_mass,
-        after_drop=request.after_drop,
+        order, settle=request.settle, done=request.done, added_mass=request.added_mass, after_drop=request.after_drop
     )
 
 

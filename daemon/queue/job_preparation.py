@@ -17,11 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from daemon.api import Message, RunRequest
-from daemon.children import child_environment
+from daemon.children import start_python
 from daemon.errors import DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
-
-__all__ = ["Preparation", "PreparationJob", "Verdict", "main"]
 
 REQUEST_NAME = "request.json"
 VERDICT_NAME = "verdict.json"
@@ -106,13 +104,8 @@ class Preparation:
         write_json(job_file, self._job)
         with self._lock:
             if not self._cancelled:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", "daemon.queue.job_preparation", "--job", str(job_file)],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    start_new_session=True,
-                    env=child_environment(),
+                self._process = start_python(
+                    "daemon.queue.job_preparation", ["--job", str(job_file)], subprocess.DEVNULL
                 )
             return self._process
 

@@ -25,8 +25,6 @@ from daemon.queue.job_store import MAXIMUM_WAITING, Job, JobStore
 from daemon.queue.job_work import FitEnded, RunEnded, fit_is_alive
 from daemon.times import new_job_id, now_text
 
-__all__ = ["JobQueue"]
-
 _MAXIMUM_ATTEMPTS = 2
 _REFUSALS = (1, 65, 66, 78)
 """Exit codes of a run that was not begun because of what was asked for: the ladder, the data, a file, a setting."""

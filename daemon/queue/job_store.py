@@ -28,8 +28,6 @@ from daemon.queue.control_api import JobKind, JobPhase, JobView
 from daemon.queue.investigation_step import Order
 from daemon.times import now_text
 
-__all__ = ["ENDED", "MAXIMUM_KEPT", "MAXIMUM_WAITING", "Job", "JobStore"]
-
 MAXIMUM_WAITING = 100
 """Jobs that wait at the same time; more are refused."""
 MAXIMUM_KEPT = 500

@@ -6,6 +6,7 @@ None of them is asked for a stop: that goes from the control thread to the ring 
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
@@ -18,27 +19,13 @@ import psutil
 
 from daemon.api import RunEvent, RunOutcome, RunRequest, WorkerJob, WorkerStatus
 from daemon.errors import exit_code_of, sentence_of
-from daemon.jobs.worker_start import JOB_NAME, launch, note_end
+from daemon.jobs.worker_start import JOB_NAME, fit_of, launch, note_end
 from daemon.json_files import read_json
 from daemon.queue.investigation_step import StepEnded
 from daemon.queue.job_preparation import Preparation, PreparationJob, Verdict
 from daemon.queue.job_store import Job, JobStore
 from daemon.run.service import run_acquisition
 from daemon.stop_handle import StopHandle
-
-__all__ = [
-    "Checked",
-    "Checker",
-    "FitEnded",
-    "FitStarted",
-    "Posted",
-    "Prepared",
-    "RunEnded",
-    "Stored",
-    "fit_is_alive",
-    "start_fit",
-    "start_run",
-]
 
 _FIT_POLL_S = 0.5
 _FIT_NICENESS = 10
@@ -144,13 +131,7 @@ class Checker:
             self._post(Checked(job.job_id, verdict))
 
 
-def start_run(
-    job_id: str,
-    request: RunRequest,
-    stop: StopHandle,
-    store: JobStore,
-    post: Post,
-) -> threading.Thread:
+def start_run(job_id: str, request: RunRequest, stop: StopHandle, store: JobStore, post: Post) -> threading.Thread:
     """Begin the acquisition in a thread of its own; its events are posted, and its end, whatever it is."""
 
     def work() -> None:
@@ -187,19 +168,7 @@ def start_fit(job: Job, post: Post) -> None:
 def _launch(job: Job) -> int:
     folder = Path(job.folder)
     outcome = read_json(folder / "run.json", RunOutcome)
-    request = outcome.request
-    assert request is not None
-    work = WorkerJob(
-        job_id=job.job_id,
-        recordings=outcome.recordings,
-        robot=request.urdf_file or request.robot,
-        model_file=str(folder / "model.json"),
-        status_file=str(folder / "worker_status.json"),
-        pipeline=request.fit_pipeline,
-        diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
-        heldout=request.heldout,
-    )
-    pid = launch(work, folder / JOB_NAME)
+    pid = launch(fit_of(outcome, job.job_id, folder), folder / JOB_NAME)
     # Another motion may be under way: the loop comes first.
     psutil.Process(pid).nice(_FIT_NICENESS)
     return pid
@@ -220,6 +189,8 @@ def fit_is_alive(pid: int, folder: Path) -> bool:
     try:
         process = psutil.Process(pid)
         words = process.cmdline()
-        return process.status() != psutil.STATUS_ZOMBIE and str(folder / JOB_NAME) in words
+        # A child has no words for a moment after its start; nor have the system's own threads.
+        is_ours = str(folder / JOB_NAME) in words if words else process.ppid() == os.getpid()
+        return is_ours and process.status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
         return False

@@ -13,8 +13,6 @@ import zmq.auth
 
 from daemon.errors import ConfigurationError, LogIOError, MissingInputError
 
-__all__ = ["create_keys", "read_public_key", "read_secret_key"]
-
 AUTHORISED = "authorised"
 
 

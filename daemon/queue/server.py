@@ -23,29 +23,9 @@ from types import FrameType
 
 from daemon.api import RunEvent
 from daemon.config import DaemonConfig
-from daemon.host import software_versions
-from daemon.queue.control_api import (
-    CancelJob,
-    Cancelled,
-    ControlReply,
-    ControlRequest,
-    ErrorReply,
-    GetJobs,
-    GetStatus,
-    JobsReply,
-    Ping,
-    Pong,
-    RefusedRequestError,
-    Resumed,
-    ResumeQueue,
-    StatusReply,
-    StopMotion,
-    Stopped,
-    SubmitInvestigation,
-    SubmitRun,
-    Submitted,
-    decode_request,
-)
+from daemon.host import own_version
+from daemon.queue import control_api as api
+from daemon.queue.control_api import RefusedRequestError
 from daemon.queue.control_socket import ControlSocket, ServerKeys
 from daemon.queue.investigation_step import StepEnded, start_step
 from daemon.queue.investigations import Investigations
@@ -66,11 +46,9 @@ from daemon.queue.service_log import ServiceLog
 from daemon.queue.service_states import Action, Event, State, transition
 from daemon.queue.systemd_notify import SystemdNotifier
 from daemon.runtime_folder import default_endpoint, lock_port
-from daemon.stop_handle import StopHandle
+from daemon.stop_handle import StopHandle, handled
 from daemon.times import now_text
 from fri_client.handover.ring import EventCode
-
-__all__ = ["Service"]
 
 POLL_S = 0.05
 UNHEARD_S = 2.0
@@ -99,7 +77,7 @@ class Service:
         self._step_id: str | None = None
         self._signals = 0
         self._started_at = now_text()
-        self._version = software_versions().get("iiwa-ident", "unknown")
+        self._version = own_version()
         self._notifier = SystemdNotifier()
 
     def run(self) -> None:
@@ -153,43 +131,47 @@ class Service:
 
     def _answer(self, address: list[bytes], data: bytes) -> None:
         """A mistake in here costs one answer, never the service."""
-        reply: ControlReply | None
+        reply: api.ControlReply | None
         try:
-            reply = self._handle(decode_request(data), address)
+            reply = self._handle(api.decode_request(data), address)
         except RefusedRequestError as error:
             self._socket.malformed += error.code in ("bad_request", "too_long", "unsupported_version")
-            reply = ErrorReply(code=error.code, sentence=str(error), exit_code=error.exit_code)
+            reply = api.ErrorReply(code=error.code, sentence=str(error), exit_code=error.exit_code)
         except Exception as error:
             self._tell(f"A request failed: {''.join(traceback.format_exception(error))}")
-            reply = ErrorReply(code="internal", sentence=f"The service failed: {type(error).__name__}.", exit_code=70)
+            reply = api.ErrorReply(
+                code="internal", sentence=f"The service failed: {type(error).__name__}.", exit_code=70
+            )
         if reply is not None:
             self._socket.reply(address, reply)
 
-    def _handle(self, request: ControlRequest, address: list[bytes]) -> ControlReply | None:
+    def _handle(self, request: api.ControlRequest, address: list[bytes]) -> api.ControlReply | None:
         match request:
-            case StopMotion():
+            case api.StopMotion():
                 return self._stop_motion()
-            case Ping():
-                return Pong(pid=os.getpid(), software_version=self._version)
-            case GetStatus():
+            case api.Ping():
+                return api.Pong(pid=os.getpid(), software_version=self._version)
+            case api.GetStatus():
                 return self._status()
-            case GetJobs():
-                return JobsReply(jobs=self._jobs.views(request.limit, request.job_id), total=len(self._jobs.store.jobs))
-            case SubmitRun():
+            case api.GetJobs():
+                return api.JobsReply(
+                    jobs=self._jobs.views(request.limit, request.job_id), total=len(self._jobs.store.jobs)
+                )
+            case api.SubmitRun():
                 # Answered when it is on the disk.
                 self._submit(request, address)
                 return None
-            case SubmitInvestigation():
+            case api.SubmitInvestigation():
                 self._submit_investigation(request, address)
                 return None
-            case ResumeQueue():
+            case api.ResumeQueue():
                 self._require_confirmation(request.confirmed)
                 released = self._jobs.release(request.jobs)
-                return Resumed(released=released, sentence=f"{released} held run(s) take their turn again.")
-            case CancelJob():
-                return Cancelled(job_id=request.job_id, sentence=self._jobs.cancel(request.job_id))
+                return api.Resumed(released=released, sentence=f"{released} held run(s) take their turn again.")
+            case api.CancelJob():
+                return api.Cancelled(job_id=request.job_id, sentence=self._jobs.cancel(request.job_id))
 
-    def _stop_motion(self) -> Stopped:
+    def _stop_motion(self) -> api.Stopped:
         before, already, run = self._state, self._stop.requested, self._run_id
         self._happen(Event.STOP)
         moving = run is not None
@@ -204,15 +186,15 @@ class Service:
         if held:
             sentence += f" {held} run(s) wait for `iiwa-ident resume`."
         self._tell(sentence)
-        return Stopped(was_moving=moving, already=moving and already, run=run, held=held, sentence=sentence)
+        return api.Stopped(was_moving=moving, already=moving and already, run=run, held=held, sentence=sentence)
 
-    def _submit(self, request: SubmitRun, address: list[bytes]) -> None:
+    def _submit(self, request: api.SubmitRun, address: list[bytes]) -> None:
         if self._state in (State.CLOSING, State.CLOSED):
             raise RefusedRequestError("closing", "The service is about to end; nothing is taken any more.", 69)
         self._require_confirmation(request.confirmed)
         self._jobs.add(request, lambda job_id, error: self._posted.put(Stored(job_id, address, error)))
 
-    def _submit_investigation(self, request: SubmitInvestigation, address: list[bytes]) -> None:
+    def _submit_investigation(self, request: api.SubmitInvestigation, address: list[bytes]) -> None:
         """Moves nothing by itself: each of its motions waits for a confirmed `resume`."""
         if self._state in (State.CLOSING, State.CLOSED):
             raise RefusedRequestError("closing", "The service is about to end; nothing is taken any more.", 69)
@@ -229,9 +211,9 @@ class Service:
                 2,
             )
 
-    def _status(self) -> StatusReply:
+    def _status(self) -> api.StatusReply:
         progress, run = self._progress, self._run_id is not None
-        return StatusReply(
+        return api.StatusReply(
             state=self._state.value,
             sentence=self._sentence(),
             pid=os.getpid(),
@@ -275,12 +257,12 @@ class Service:
                 if posted.error is not None:
                     self._jobs.store.forget(posted.job_id)
                     text = f"The job could not be stored: {posted.error.strerror}; it is not in the queue."
-                    self._socket.reply(posted.address, ErrorReply(code="not_stored", sentence=text, exit_code=74))
+                    self._socket.reply(posted.address, api.ErrorReply(code="not_stored", sentence=text, exit_code=74))
                     return
                 job = self._jobs.store.jobs[posted.job_id]
                 what = "its motion is being checked" if job.kind == "run" else "it asks before each motion"
                 text = f"Job {posted.job_id} is in the queue; {what}."
-                self._socket.reply(posted.address, Submitted(job_id=posted.job_id, sentence=text))
+                self._socket.reply(posted.address, api.Submitted(job_id=posted.job_id, sentence=text))
                 if job.kind == "run":
                     self._checker.check(self._jobs.check_of(job))
             case Checked():
@@ -369,12 +351,8 @@ class Service:
             del number, frame
             self._signals += 1
 
-        before = {n: signal.signal(n, end) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-        try:
+        with handled((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), end):
             yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     def _end_motion(self) -> None:
         """However this thread leaves its loop: no motion without it."""

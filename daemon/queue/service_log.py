@@ -13,8 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-__all__ = ["ServiceLog"]
-
 _RECENT = 20
 _QUEUED_LINES = 1000
 _LINES_ALLOWANCE_S = 1.0

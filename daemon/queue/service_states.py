@@ -18,8 +18,6 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
-__all__ = ["TRANSITIONS", "Action", "Event", "State", "transition"]
-
 
 class State(Enum):
     """What the service is doing with the arm."""

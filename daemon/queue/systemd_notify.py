@@ -12,8 +12,6 @@ import socket
 import time
 from collections.abc import MutableMapping
 
-__all__ = ["SystemdNotifier"]
-
 
 class SystemdNotifier:
     """Sends state to the socket named in the environment; never waits, never raises."""

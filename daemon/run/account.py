@@ -24,8 +24,6 @@ from daemon.run.spare_folder import files_elsewhere, write_run_file
 from daemon.times import now_text
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["account_for_folder", "kept_elsewhere", "leave_outcome"]
-
 _SUPERVISOR_GONE = "The supervising process was gone at the end"
 
 

@@ -25,15 +25,6 @@ from daemon.motion.workspace import load_surroundings
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.times import now_text
 
-__all__ = [
-    "Rung",
-    "admit",
-    "is_first_rung",
-    "ladder_file",
-    "remember",
-    "rung_of",
-]
-
 
 class Rung(msgspec.Struct, frozen=True, kw_only=True):
     """One amplitude of one trajectory on one arm in one workspace; a line of the record once it was completed."""

@@ -1,4 +1,4 @@
-"""The supervisor's inbox: one ZeroMQ PULL socket that the recorder and the worker push typed messages into.
+"""The supervisor's inbox: one ZeroMQ PULL socket that recorders push typed messages into.
 
 ipc only, in a private folder (0700) that goes with the run, or, where that was killed, at the start of the next one.
 Nothing that must not be lost depends on it: a stop goes through the ring, samples go through the ring, results go
@@ -13,7 +13,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -21,8 +20,6 @@ import psutil
 import zmq
 
 from daemon.control_messages import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
-
-__all__ = ["ControlInbox"]
 
 _LONGEST_IPC_PATH = 107
 _PREFIX = "iiwa-run-"
@@ -73,9 +70,7 @@ class ControlInbox:
     def __enter__(self) -> ControlInbox:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

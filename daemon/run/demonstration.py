@@ -27,9 +27,7 @@ from daemon.motion.preparation import PreparedMotion, write_run_request
 from daemon.run.service import run_acquisition
 from identification.base_parameters import BaseRegressor
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import load_robot
 
-ROBOT = "iiwa14"
 _END_ALLOWANCE_S = 20.0
 _START_ALLOWANCE_S = 60.0
 _SEALED = "sealed effect"
@@ -44,7 +42,7 @@ def free_udp_port() -> int:
 
 @contextmanager
 def fake_robot(
-    port: int, summary: Path, *, seed: int, hidden_effect: int | None, realtime: bool, fri_version: str
+    port: int, summary: Path, *, seed: int, hidden_effect: int | None, realtime: bool
 ) -> Iterator[str | None]:
     """A fake robot process that sends to `port` while the block runs, and writes `summary` when it ends.
 
@@ -52,7 +50,7 @@ def fake_robot(
     Raises ChildProcessFailedError when it wrote no summary.
     """
     command = [sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}"]
-    command += ["--fri-version", fri_version, "--seed", str(seed), "--json", str(summary)]
+    command += ["--seed", str(seed), "--json", str(summary)]
     command += [] if realtime else ["--lockstep"]
     command += [] if hidden_effect is None else ["--hidden-effect", str(hidden_effect)]
     with (summary.with_suffix(".log")).open("wb") as log:
@@ -107,7 +105,6 @@ def record(
     hidden_effect: int | None = None,
     publish: Callable[[str], None] | None = None,
     heldout: tuple[str, ...] = (),
-    fri_version: str = "1.15",
 ) -> RunOutcome:
     """One acquisition against a fresh fake robot; its summary ends up as `fake_robot.json` in the folder.
 
@@ -121,7 +118,6 @@ def record(
         folder,
         periods=periods,
         bind_port=port,
-        fri_version=fri_version,
         fit=fit,
         diagnose=fit,
         heldout=heldout,
@@ -129,9 +125,7 @@ def record(
         simulation=True,
     )
     summary = folder / "fake_robot.json"
-    with fake_robot(
-        port, summary, seed=seed, hidden_effect=hidden_effect, realtime=realtime, fri_version=fri_version
-    ) as commitment:
+    with fake_robot(port, summary, seed=seed, hidden_effect=hidden_effect, realtime=realtime) as commitment:
         if publish is not None and commitment is not None:
             publish(commitment)
         return run_acquisition(request, observe=observe)
@@ -149,8 +143,3 @@ def true_base_parameters(summary: Path, regressor: BaseRegressor) -> NDArray[np.
         coulomb=np.array([link["coulomb"] for link in links]),
     )
     return regressor.base_from_physical(physical)
-
-
-def demo_regressor() -> BaseRegressor:
-    """The 57 base parameters of the demo's robot."""
-    return BaseRegressor(load_robot(ROBOT))

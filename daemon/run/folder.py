@@ -21,8 +21,6 @@ from fri_client.loop.channel import UdpChannel
 from identification.export.kinematic_urdf import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
 
-__all__ = ["make_room", "nothing_moved", "prepare_folder"]
-
 _BEFORE_MOTION = ("no_robot", "not_started", "version_mismatch", "port_in_use", "refused")
 _AT_REST = ("WAITING", "LATCHED", "DONE")
 _RESULTS = (REPORT_NAME, LAST_SAMPLES_NAME, RUN_NAME)

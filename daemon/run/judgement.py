@@ -17,8 +17,6 @@ import msgspec
 from daemon.api import RunOutcome
 from daemon.children import child_environment
 
-__all__ = ["judge_recording", "judged", "judgement_remarks"]
-
 _ALLOWANCE_S = 600.0
 """A run of an hour takes two minutes."""
 _JUDGED = (0, 1)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from daemon.api import RunRequest
 
-__all__ = ["RUNGS", "highest_allowed", "needs_ladder", "tags"]
-
 RUNGS = (0.1, 0.25, 0.5, 1.0)
 
 

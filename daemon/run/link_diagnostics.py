@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from daemon.live.event_text import phase_name
 from daemon.log.cdr import DiagnosticStatus
+from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
-
-__all__ = ["diagnostics_of"]
+from fri_client.messages import name_or_number
 
 _COUNTS = ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
 
@@ -18,7 +17,7 @@ def diagnostics_of(ring: HandoverRing, samples: int) -> list[DiagnosticStatus]:
         DiagnosticStatus(
             int(status.late + status.missing > 0),
             "FRI link",
-            f"{phase_name(status.phase)}, {status.missing} missing, {status.late} late",
+            f"{name_or_number(MotionPhase, status.phase)}, {status.missing} missing, {status.late} late",
             tuple((name, str(getattr(status, name))) for name in _COUNTS),
         ),
         DiagnosticStatus(

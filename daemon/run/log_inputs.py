@@ -19,8 +19,6 @@ from daemon.run.ladder import tags
 from daemon.run.spare_folder import find_run_file
 from daemon.times import now_text
 
-__all__ = ["DESCRIPTION_NAME", "attachments_of", "closing_attachments_of", "description_of", "metadata_of"]
-
 DESCRIPTION_NAME = "robot.urdf"
 """What the run's folder calls the description of a built-in arm, which has no URDF of its own."""
 

@@ -39,6 +39,7 @@ from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingIn
 from daemon.json_files import read_json
 from daemon.run.spare_folder import write_run_file
 from daemon.run.supervision import Supervision
+from daemon.stop_handle import handled
 from fri_client.errors import FriError
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
@@ -50,8 +51,6 @@ from fri_client.motion.program import MotionProgram
 from fri_client.realtime import RealtimeReport, RealtimeSettings, realtime
 from safety.errors import SafetyError
 from safety.limits import JointLimits, limits_for
-
-__all__ = ["bind", "load_table", "main", "motion_of", "run_loop"]
 
 STANDING = np.zeros((16, 7))
 """In place of a motion where none is driven, rad: a row for each command period, whatever that is."""
@@ -115,12 +114,11 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
             loop = _make_loop(request, channel, version, limits, table, ring)
         except (DaemonError, FriError, SafetyError) as error:
             return _not_run("refused", error), error.exit_code
-        handlers = {number: signal.signal(number, loop.stop_from_signal) for number in STOP_SIGNALS}
         settings = RealtimeSettings(
             priority=request.realtime_priority or None, cpus=None if request.loop_cpu is None else (request.loop_cpu,)
         )
         try:
-            with realtime(settings) as obtained:
+            with handled(STOP_SIGNALS, loop.stop_from_signal), realtime(settings) as obtained:
                 # Last of all: what comes before the loop listens would be answered late, and count against the link.
                 bind(channel, request.bind_host, request.bind_port)
                 result = loop.run()
@@ -128,9 +126,6 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
             return _not_run("port_in_use", error), error.exit_code
         except ConfigurationError as error:
             return _not_run("refused", error), error.exit_code
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
     _write_last_samples(request, result)
     code = loop.refusal_exit_code or EXIT_CODES[result.outcome]
     return _report(loop, result, obtained, ring), code

@@ -15,9 +15,7 @@ from daemon.api import RunEvent, RunRequest
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRing
 from fri_client.loop.version_evidence import version_doubt
-from fri_client.messages import FriVersion, SessionState
-
-__all__ = ["Observer", "RunNarrator", "unfailing"]
+from fri_client.messages import FriVersion, SessionState, name_or_number
 
 PROGRESS_S = 10.0
 Observer = Callable[[RunEvent], None]
@@ -58,18 +56,17 @@ class RunNarrator:
         self._last_period = -1
         self._next_progress = 0.0
 
-    def tell(self, kind: str, sentence: str, *, period: int = -1, rate: float = 0.0) -> None:
+    def tell(self, kind: str, sentence: str, *, period: int = -1) -> None:
         """One event."""
         status = self._ring.status
         self._observe(
             RunEvent(
                 kind=kind,
                 sentence=sentence,
-                phase=_name(MotionPhase, status.phase),
+                phase=name_or_number(MotionPhase, status.phase),
                 period=period,
                 periods=self._periods,
                 samples=status.received,
-                rate=rate,
                 missing=status.missing,
                 lost_in_handover=self._ring.lost,
                 port=self._port,
@@ -104,10 +101,10 @@ class RunNarrator:
             return
         if status.session_state != self._last_state:
             self._last_state = status.session_state
-            self.tell("session", f"Session state: {_name(SessionState, status.session_state)}.")
+            self.tell("session", f"Session state: {name_or_number(SessionState, status.session_state)}.")
         if status.phase != self._last_phase:
             self._last_phase = status.phase
-            phase = _name(MotionPhase, status.phase).lower().replace("_", " ")
+            phase = name_or_number(MotionPhase, status.phase).lower().replace("_", " ")
             self.tell("phase", "Recording; nothing is commanded." if self._watches_only else f"Motion: {phase}.")
         now = time.monotonic()
         begun = status.period != self._last_period and status.period >= 0
@@ -122,12 +119,4 @@ class RunNarrator:
                 "progress",
                 f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
                 period=status.period,
-                rate=rate,
             )
-
-
-def _name(kind: type[SessionState] | type[MotionPhase], value: int) -> str:
-    try:
-        return kind(value).name
-    except ValueError:
-        return str(value)

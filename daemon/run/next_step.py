@@ -8,8 +8,6 @@ from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.run.spare_folder import find_run_file
 
-__all__ = ["moved_away", "next_step"]
-
 
 def moved_away(outcome: RunOutcome) -> str:
     """Of a run whose folder is not there any more: where its account is, and what makes the rest whole."""

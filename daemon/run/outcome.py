@@ -20,16 +20,6 @@ from fri_client.handover.ring import HandoverRing
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import Codec
 
-__all__ = [
-    "digests_of",
-    "keep_last_samples",
-    "loop_report_without_loop",
-    "lost_between",
-    "outcome_sentences",
-    "report_of_loop",
-    "tidy",
-]
-
 
 def digests_of(folder: Path, recording: Path) -> tuple[FileDigest, ...]:
     """Size and SHA-256 of the run's files; those outside the folder by their full path. The folder may be gone."""

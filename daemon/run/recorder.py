@@ -56,8 +56,6 @@ from fri_client.session.refusal import UNREADABLE, Refusal
 from fri_client.session.replayed_counter import ReplayedCounter
 from fri_client.wire.codec import Codec
 
-__all__ = ["Recorder", "main"]
-
 BATCH = 512
 IDLE_SLEEP_S = 0.002
 PROGRESS_S = 0.5
@@ -99,10 +97,7 @@ class Recorder:
         self._reserve = DiskReserve(path.parent, f".{path.name}.reserve", RESERVE_BYTES)
         try:
             self._writer = LogWriter(
-                path,
-                metadata=metadata_of(job),
-                attachments=attachments_of(job),
-                robot_description=description_of(job),
+                path, metadata=metadata_of(job), attachments=attachments_of(job), robot_description=description_of(job)
             )
         except LogIOError:
             self._reserve.give_back()
@@ -119,7 +114,7 @@ class Recorder:
         self._undecodable = 0
         self._next_progress = 0.0
         self._next_diagnostics = time.monotonic() + DIAGNOSTICS_S
-        report(RecorderReady(part=job.part, path=job.path, pid=os.getpid()))
+        report(RecorderReady(part=job.part))
 
     def run(self) -> int:
         """Drain until the loop has finished and everything is in the file. Returns 0, or 74 when the disk refused."""
@@ -260,17 +255,7 @@ class Recorder:
         now = time.monotonic()
         if now >= self._next_progress:
             self._next_progress = now + PROGRESS_S
-            self._report(
-                RecorderProgress(
-                    part=self._job.part,
-                    samples=self._writer.samples,
-                    sequence_gaps=self._counter.missing,
-                    handover_gaps=self._handover_gaps,
-                    undecodable=self._undecodable,
-                    bytes=self._writer.bytes_on_disk,
-                    backlog=self._ring.backlog,
-                )
-            )
+            self._report(RecorderProgress(part=self._job.part, samples=self._writer.samples))
         if now >= self._next_diagnostics:
             self._next_diagnostics = now + DIAGNOSTICS_S
             statuses = diagnostics_of(self._ring, self._writer.samples)
@@ -316,7 +301,6 @@ class Recorder:
         self._report(
             RecorderFinished(
                 part=self._job.part,
-                path=self._job.path,
                 samples=self._writer.samples,
                 counted=counted,
                 samples_in_periods=self._samples_in_periods,
@@ -325,7 +309,6 @@ class Recorder:
                 sequence_gaps=self._counter.missing,
                 handover_gaps=self._handover_gaps,
                 undecodable=self._undecodable,
-                bytes=self._writer.bytes_on_disk,
             )
         )
         return 0
@@ -333,12 +316,7 @@ class Recorder:
     def _give_up(self, error: LogIOError) -> int:
         self._report(
             RecorderFailed(
-                part=self._job.part,
-                path=self._job.path,
-                sentence=str(error),
-                errno=error.errno,
-                samples=self._writer.samples,
-                first_unwritten_index=self._safe_index + 1,
+                part=self._job.part, sentence=str(error), errno=error.errno, first_unwritten_index=self._safe_index + 1
             )
         )
         return error.exit_code

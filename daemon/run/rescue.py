@@ -14,7 +14,6 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -27,15 +26,15 @@ from daemon.log.stream import is_being_written
 from daemon.run.account import leave_outcome
 from daemon.run.recorder import Recorder
 from daemon.run.spare_folder import spare_folder
+from daemon.stop_handle import handled
 from fri_client.handover.ring import HandoverRing
-
-__all__ = ["close_books_alone", "rescue_if_abandoned"]
 
 RECORDER_PATIENCE_S = 10.0
 """A recorder that takes nothing out of a ring that holds something for so long does not come back."""
 CLOSING_PATIENCE_S = 60.0
 """So long it may take to close its file once the ring is empty."""
 POLL_S = 0.1
+_STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 def close_books_alone(request: RunRequest, ring: HandoverRing, report: LoopReport | None, exit_code: int) -> None:
@@ -45,7 +44,7 @@ def close_books_alone(request: RunRequest, ring: HandoverRing, report: LoopRepor
     """
     rescue_if_abandoned(request, ring)
     if report is not None:
-        with _deaf_to_stops():
+        with handled(_STOPS, signal.SIG_IGN):  # what is written meanwhile stands nowhere else
             leave_outcome(request, report, exit_code, writer="the loop's process", ring=ring)
 
 
@@ -61,7 +60,7 @@ def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverRepor
     if not ring.backlog:
         return None
     try:
-        with _deaf_to_stops():
+        with handled(_STOPS, signal.SIG_IGN):
             parts = _write_rest(request, ring, folder)
             report = join_parts(parts) if len(parts) > 1 else None
     except (DaemonError, OSError) as error:
@@ -70,17 +69,6 @@ def rescue_if_abandoned(request: RunRequest, ring: HandoverRing) -> RecoverRepor
     if report is not None:
         print(f"Supervisor and recorder were gone: {' '.join(report.sentences)}", file=sys.stderr)
     return report
-
-
-@contextlib.contextmanager
-def _deaf_to_stops() -> Iterator[None]:
-    """Stops are ignored meanwhile: what is written then stands nowhere else."""
-    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def _wait_for_recorder(folder: Path, ring: HandoverRing) -> None:

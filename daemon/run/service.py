@@ -71,8 +71,6 @@ from daemon.stop_handle import StopHandle
 from daemon.times import now_text
 from fri_client.handover.ring import EventCode, HandoverRing
 
-__all__ = ["run_acquisition"]
-
 RECORDER_START_S = 60.0
 RECORDER_SILENCE_S = 120.0
 STOPPED_S = 10.0

@@ -21,8 +21,6 @@ from daemon.api import Message, RunRequest
 from daemon.errors import LogIOError
 from daemon.json_files import write_bytes_atomically
 
-__all__ = ["files_elsewhere", "find_run_file", "spare_folder", "write_run_file"]
-
 
 def spare_folder(request: RunRequest) -> Path:
     """Create the run's spare folder, or take the one another process of the run has created.

@@ -27,8 +27,6 @@ from safety.limits import limits_for
 from safety.preflight import RAMP_SAMPLES_S, stops_on_path
 from safety.preflight_distance import SampledPath
 
-__all__ = ["StartCheck"]
-
 _MESSAGES, _RECORDS = 100, 2000
 STOP_STRIDE_S = 0.01
 """Stops on the ramp are planned from commands so far apart at first."""

@@ -11,8 +11,6 @@ import time
 
 from fri_client.handover.ring import HandoverRing
 
-__all__ = ["Supervision"]
-
 PATIENCE_S = 5.0
 """A supervisor that is stopped (SIGSTOP) may come back; for so long after the loop's end it is waited for."""
 POLL_S = 0.02

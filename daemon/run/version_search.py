@@ -16,8 +16,6 @@ from daemon.stop_handle import StopHandle
 from fri_client.loop.channel import UdpChannel
 from fri_client.messages import FriVersion
 
-__all__ = ["hear_version"]
-
 _UNDECIDED_S = 1.0
 """So long messages that 1.x and 2.5 would both send are listened to; then they are taken as 1.15, which reads them."""
 _MAXIMUM_DATAGRAM_BYTES = 2048

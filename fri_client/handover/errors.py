@@ -6,8 +6,6 @@ import errno
 
 from fri_client.errors import FriError
 
-__all__ = ["HandoverError", "NoMemoryForHandover"]
-
 
 class HandoverError(FriError):
     """The ring cannot be created or attached: wrong descriptor, wrong layout, no memory, unsuited processor."""

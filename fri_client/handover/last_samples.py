@@ -13,10 +13,8 @@ from typing import Any
 from fri_client.errors import CodecError
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
-from fri_client.messages import ConnectionInfo, IpoData, MonitorData
+from fri_client.messages import ConnectionInfo, IpoData, MonitorData, name_or_number
 from fri_client.wire.codec import Codec
-
-__all__ = ["AFTERWARDS_S", "LAST_SAMPLES_S", "LastSamples", "read_last_samples"]
 
 LAST_SAMPLES_S = 2.0
 
@@ -62,8 +60,8 @@ class LastSamples:
         return asdict(self)
 
 
-def read_last_samples(ring: HandoverRing, codec: Codec, duration_s: float = LAST_SAMPLES_S) -> LastSamples:
-    """The records from duration_s before the stop or drop to AFTERWARDS_S after it; without either, the last ones.
+def read_last_samples(ring: HandoverRing, codec: Codec) -> LastSamples:
+    """The records from LAST_SAMPLES_S before the stop or drop to AFTERWARDS_S after it; without either, the last ones.
 
     Why the run ended is filled in by the caller.
     """
@@ -71,7 +69,7 @@ def read_last_samples(ring: HandoverRing, codec: Codec, duration_s: float = LAST
     if records:
         ends = [record.receive_ns for record in records if _is_end(record.event_code)]
         end_ns = ends[0] if ends else records[-1].receive_ns
-        since, until = end_ns - duration_s * 1e9, end_ns + AFTERWARDS_S * 1e9
+        since, until = end_ns - LAST_SAMPLES_S * 1e9, end_ns + AFTERWARDS_S * 1e9
         records = [record for record in records if since <= record.receive_ns <= until]
     rows = [_row(record, codec, ring.epoch_offset_ns) for record in records]
     names = rows[0].keys() if rows else ()
@@ -100,7 +98,7 @@ def _row(record: HandoverRecord, codec: Codec, epoch_offset_ns: int) -> dict[str
         "host_receive_time_ns": record.receive_ns + epoch_offset_ns,
         "host_send_time_ns": record.send_ns + epoch_offset_ns if record.send_ns else 0,
         "sequence_counter": counter,
-        "phase": _name(MotionPhase, record.phase),
+        "phase": name_or_number(MotionPhase, record.phase),
         "period": record.period,
         "sample_in_period": record.sample_in_period,
         "session_state": connection.session_state if known else None,
@@ -111,8 +109,8 @@ def _row(record: HandoverRecord, codec: Codec, epoch_offset_ns: int) -> dict[str
         "robot_commanded_position": _listed(monitor.commanded_joint_position),
         "measured_torque": _listed(monitor.measured_torque),
         "external_torque": _listed(monitor.external_torque),
-        "disposition": _name(Disposition, record.disposition),
-        "event": _name(EventCode, record.event_code) if record.event_code else None,
+        "disposition": name_or_number(Disposition, record.disposition),
+        "event": name_or_number(EventCode, record.event_code) if record.event_code else None,
         "event_joint": record.event_joint,
         "event_value": record.event_value,
         "event_limit": record.event_limit,
@@ -125,10 +123,3 @@ def _is_end(code: int) -> bool:
 
 def _listed(values: tuple[float, ...] | None) -> list[float] | None:
     return None if values is None else list(values)
-
-
-def _name(kind: type[MotionPhase] | type[Disposition] | type[EventCode], value: int) -> str:
-    try:
-        return kind(value).name
-    except ValueError:
-        return str(value)

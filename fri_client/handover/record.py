@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["Disposition", "EventCode", "HandoverRecord", "LoopStatus"]
-
 
 class EventCode(IntEnum):
     """What happened at a record. `event_joint` counts from 1 (0: no joint); the two numbers are named per code."""

@@ -44,7 +44,6 @@ from fri_client.handover.start_gate import StartGate
 
 __all__ = [
     "COMMAND_CAPACITY",
-    "DEFAULT_SLOTS",
     "MONITORING_CAPACITY",
     "SLOT_BYTES",
     "Disposition",
@@ -57,8 +56,6 @@ __all__ = [
 ]
 
 SLOT_BYTES = 2048
-DEFAULT_SLOTS = 32768
-"""32.8 s at 1 kHz in 64 MiB."""
 MONITORING_CAPACITY = 1500
 """No FRI datagram is longer (PROTOCOL §1); of a longer one the first 1500 bytes are kept."""
 
@@ -121,7 +118,7 @@ class HandoverRing:
         self._cursor = words[_W_CONSUMED]
 
     @classmethod
-    def create(cls, slots: int = DEFAULT_SLOTS) -> HandoverRing:
+    def create(cls, slots: int) -> HandoverRing:
         """Make an empty ring of `slots` slots; its `fd` is to be inherited by the loop and the recorder (pass_fds).
 
         All its memory is reserved now, so that a machine short of memory says so here and not as a bus error in the
@@ -211,23 +208,9 @@ class HandoverRing:
         # A command is stored with its length plus one, so that "not answered" and "empty" stay apart.
         command_mark = 0 if command is None else min(len(command), COMMAND_CAPACITY) + 1
         _SLOT.pack_into(
-            self._bytes,
-            start,
-            index,
-            receive_ns,
-            send_ns,
-            phase,
-            period,
-            sample_in_period,
-            event_code,
-            event_joint,
-            disposition,
-            event_value,
-            event_limit,
-            monitoring_length,
-            command_mark,
-            0,
-        )
+            self._bytes, start, index, receive_ns, send_ns, phase, period, sample_in_period, event_code, event_joint,
+            disposition, event_value, event_limit, monitoring_length, command_mark, 0,
+        )  # fmt: skip
         place = start + _PAYLOAD_OFFSET
         if monitoring_length:
             self._bytes[place : place + monitoring_length] = monitoring
@@ -286,40 +269,17 @@ class HandoverRing:
     def _record(self, position: int) -> HandoverRecord:
         start = _HEADER_BYTES + position % self._slots * SLOT_BYTES
         (
-            index,
-            receive_ns,
-            send_ns,
-            phase,
-            period,
-            sample_in_period,
-            event_code,
-            event_joint,
-            disposition,
-            event_value,
-            event_limit,
-            monitoring_length,
-            command_mark,
-            _,
-        ) = _SLOT.unpack_from(self._bytes, start)
+            index, receive_ns, send_ns, phase, period, sample_in_period, event_code, event_joint, disposition,
+            event_value, event_limit, monitoring_length, command_mark, _,
+        ) = _SLOT.unpack_from(self._bytes, start)  # fmt: skip
         place = start + _PAYLOAD_OFFSET
         monitoring = bytes(self._bytes[place : place + monitoring_length])
         place += MONITORING_CAPACITY
         command = bytes(self._bytes[place : place + command_mark - 1]) if command_mark else None
         return HandoverRecord(
-            index,
-            receive_ns,
-            send_ns,
-            phase,
-            period,
-            sample_in_period,
-            event_code,
-            event_joint,
-            event_value,
-            event_limit,
-            monitoring,
-            command,
-            disposition,
-        )
+            index, receive_ns, send_ns, phase, period, sample_in_period, event_code, event_joint, event_value,
+            event_limit, monitoring, command, disposition,
+        )  # fmt: skip
 
     @property
     def backlog(self) -> int:

@@ -21,8 +21,6 @@ from dataclasses import dataclass
 
 from fri_client.errors import FriError
 
-__all__ = ["StartGate", "StartQuestion", "StartRefused"]
-
 _W_CLOSED, _W_NUMBER, _W_PERIOD, _W_SAMPLES = 72, 73, 74, 75
 _POSITION_OFFSET = 608
 _POSITION = struct.Struct("@7d")

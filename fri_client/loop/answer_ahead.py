@@ -21,8 +21,6 @@ from fri_client.wire.frame import unframed
 from fri_client.wire.glance import Glance
 from fri_client.wire.primitives import varint
 
-__all__ = ["AnswerAhead"]
-
 _ACTIVE = int(SessionState.COMMANDING_ACTIVE)
 _MOST_GLANCES = 256
 """Made in one run. A robot that shows ever new ones gains nothing by them, and each costs 0.2 ms."""

@@ -11,8 +11,6 @@ import socket
 import struct
 from typing import Protocol
 
-__all__ = ["Address", "Channel", "UdpChannel", "open_channel"]
-
 Address = tuple[str, int]
 
 RECEIVE_BUFFER_BYTES = 64 * 1024

@@ -13,8 +13,6 @@ from fri_client.loop.version_evidence import VersionEvidence
 from fri_client.messages import SessionState
 from fri_client.session.session import Session
 
-__all__ = ["MOST_FAULTS", "Ending"]
-
 MOST_FAULTS = 1
 """Internal errors that a run survives: with the first the arm ramps down."""
 

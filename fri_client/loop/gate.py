@@ -33,8 +33,6 @@ from fri_client.session.robot_clock import EARLY_NS, Moment, RobotClock
 from fri_client.session.robot_counter import WRAP
 from safety.guard import CommandGuard, Judged
 
-__all__ = ["CommandGate", "Pace"]
-
 _IN_CYCLE = 0.8
 """Share of a send period within which an answer still reaches the cycle of its message: what is left is twice the way
 through the network, 0.1 ms each on a plain cable. Two commands have reached two cycles for sure if they left no nearer

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 from fri_client.session.robot_counter import WRAP
 
-__all__ = ["STILL_MESSAGES", "STILL_RAD", "IpoWatch"]
-
 STILL_RAD = 2e-7
 """A joint counts as still within this: three steps of the robot's position numbers (6e-8 rad)."""
 

@@ -16,8 +16,6 @@ from fri_client.motion.program import MotionProgram, StopKind
 from fri_client.session.link_memory import LinkMemory
 from fri_client.session.session import DropReason, Session
 
-__all__ = ["Journal"]
-
 _EVENT_ONLY = int(Disposition.EVENT_ONLY)
 _WAITING = int(MotionPhase.WAITING)
 

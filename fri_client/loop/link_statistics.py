@@ -17,8 +17,6 @@ from typing import Any
 
 from fri_client.session.robot_counter import WRAP
 
-__all__ = ["Arrival", "Histogram", "LinkStatistics"]
-
 _HALF = 1 << 31
 _WINDOW = 64
 _WINDOW_MASK = (1 << _WINDOW) - 1

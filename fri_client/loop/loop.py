@@ -34,19 +34,11 @@ from fri_client.loop.rehearsal import Rehearsal
 from fri_client.loop.result import LoopResult, LoopSettings, Outcome
 from fri_client.loop.stop_watch import RecorderPatience, StopWatch
 from fri_client.loop.version_evidence import VersionEvidence
-from fri_client.messages import (
-    COMMAND_IDENTIFIER,
-    CommandMessage,
-    FriVersion,
-    MessageHeader,
-    MonitoringMessage,
-)
+from fri_client.messages import COMMAND_IDENTIFIER, CommandMessage, FriVersion, MessageHeader, MonitoringMessage
 from fri_client.motion.program import MotionProgram, StopReason
 from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
 from safety.guard import Judged
-
-__all__ = ["FriLoop"]
 
 _MOST_AT_ONCE = 256
 """Datagrams taken out of the channel before something is decided; its buffer holds fewer unless somebody floods it."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from fri_client.loop.channel import Address
 
-__all__ = ["Peer"]
-
 RIVAL_DATAGRAMS = 10
 """So many of another machine are no stray packet: something sends there as a robot does."""
 _MOST_RIVALS = 16

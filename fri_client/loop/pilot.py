@@ -37,8 +37,6 @@ from fri_client.session.session import Session
 from safety.errors import SafetyError
 from safety.guard import Judged
 
-__all__ = ["HEADER", "Answer", "Echo", "Pilot", "monitoring_echo"]
-
 _IDLE, _COMMANDING_WAIT, _ACTIVE = (
     int(state) for state in (SessionState.IDLE, SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE)
 )

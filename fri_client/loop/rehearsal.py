@@ -13,8 +13,6 @@ from fri_client.loop.gate import CommandGate
 from fri_client.loop.stop_watch import StopWatch
 from fri_client.session.session import Session
 
-__all__ = ["Rehearsal"]
-
 _BEFORE_NS = 200_000
 """So long before the next message is due: ten times what an answer takes, and more than the kernel is late with a
 time-out."""

@@ -7,75 +7,15 @@ the result into its report.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Literal
 
-from fri_client.errors import SessionError
 from fri_client.handover.last_samples import LastSamples
 from fri_client.messages import SessionState
 from fri_client.motion.program import MotionProgram, StopKind
 from fri_client.session.session import Session
 
-__all__ = [
-    "LoopResult",
-    "LoopSettings",
-    "MotionEnded",
-    "MotionStopped",
-    "Outcome",
-    "PhaseTicks",
-    "SessionDropped",
-    "explain",
-]
-
-Outcome = Literal[
-    "completed",
-    "stopped",
-    "dropped",
-    "no_robot",
-    "not_started",
-    "version_mismatch",
-    "refused",
-    "fault",
-]
+Outcome = Literal["completed", "stopped", "dropped", "no_robot", "not_started", "version_mismatch", "refused", "fault"]
 """How a run of the loop ended."""
-
-
-class MotionEnded(SessionError):
-    """A motion ended before its end. reason: name of the event or drop; criterion: of the guard's, where it was one.
-
-    joint: from 1, None where it concerns none; value and limit as the reason has them; tick: the fresh message at which
-    it happened, from 1; last_samples: the two seconds before.
-    """
-
-    exit_code: ClassVar[int] = 1
-
-    def __init__(
-        self,
-        sentence: str,
-        *,
-        reason: str,
-        criterion: str = "",
-        joint: int | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        tick: int | None = None,
-        last_samples: LastSamples | None = None,
-    ) -> None:
-        super().__init__(sentence)
-        self.reason = reason
-        self.criterion = criterion
-        self.joint = joint
-        self.value = value
-        self.limit = limit
-        self.tick = tick
-        self.last_samples = last_samples
-
-
-class MotionStopped(MotionEnded):
-    """The motion was stopped from this side: guard, operator, torque, lost process, full disk, internal error."""
-
-
-class SessionDropped(MotionEnded):
-    """The robot left the commanding states."""
 
 
 SILENCE_S = 0.5
@@ -152,22 +92,6 @@ class LoopResult:
     duration_s: float = 0.0
     phases: list[PhaseTicks] = field(default_factory=list)
 
-    def error(self) -> MotionEnded | None:
-        """The exception for a motion that was stopped, dropped or broken off by a fault; None for every other end."""
-        if self.outcome not in ("stopped", "dropped", "fault"):
-            return None
-        kind = SessionDropped if self.outcome == "dropped" else MotionStopped
-        return kind(
-            self.sentence,
-            reason=self.reason,
-            criterion=self.criterion,
-            joint=self.joint,
-            value=self.value,
-            limit=self.limit,
-            tick=self.tick,
-            last_samples=self.last_samples,
-        )
-
     def keep_last_samples(self, last: LastSamples) -> None:
         """Take the two seconds before the end, and write into them why it came."""
         last.reason, last.sentence, last.criterion = self.reason, self.sentence, self.criterion
@@ -231,12 +155,7 @@ def _explain(
         if settings.monitor_only:
             after = "No motion was commanded."
         return LoopResult(
-            outcome,
-            reason.code.name,
-            f"{reason.sentence} {after}",
-            reason.joint or None,
-            reason.value,
-            reason.limit,
+            outcome, reason.code.name, f"{reason.sentence} {after}", reason.joint or None, reason.value, reason.limit
         )
     if outcome == "version_mismatch":
         return LoopResult(outcome, outcome, version)

@@ -12,8 +12,6 @@ import time
 from fri_client.handover.ring import EventCode, HandoverRing
 from fri_client.motion.program import StopReason
 
-__all__ = ["ENDED_BY_SOMEBODY", "RecorderPatience", "StopWatch"]
-
 _PATIENCE_S = 1.5
 
 _SENTENCES = {

@@ -6,8 +6,6 @@ from fri_client.errors import CodecError
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
 
-__all__ = ["VersionEvidence", "version_doubt", "version_sentence"]
-
 
 class VersionEvidence:
     """The first message that could be read, and the first datagram that could not; judged once the run is over."""

@@ -22,8 +22,6 @@ from safety.limits import JointLimits
 from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
 
-__all__ = ["Course"]
-
 FloatArray = NDArray[np.float64]
 
 _ROWS_BEFORE_PATH_STOP = 3
@@ -68,7 +66,7 @@ class Course:
         self._start_state = state_of_row(table, first, table_period_s)
         self.end_ramp = plan_stop_ramp(*state_of_row(table, len(table) - stride, table_period_s), limits)
         self._stops = PathStops(table, table_period_s, stride, limits)
-        self._path = MotionPath(self._stops, len(self._rows), self._first, stride, command_period_s)
+        self._path = MotionPath(self._stops, self._first, stride, command_period_s)
         self._table_total = self._lead_in + periods * len(self._rows)
         self._periods = periods
         self._start_ramp: Ramp | None = None
@@ -78,7 +76,7 @@ class Course:
         self._on_table = 0  # and of the table
         self._re_entry: ReEntry | None = None
         self._re_entry_step = 0
-        self._re_entries: list[_Pace] = []
+        self._last_re_entry: _Pace | None = None
         self._straight_from = 0  # commands on the table that were no part of the last re-entry begin here
 
     @property
@@ -149,7 +147,7 @@ class Course:
         if self._re_entry is not None:
             ended = self._pace_of(self._re_entry)
             start = float(re_entry_steps(ended.start, ended.ticks)[ended.sent - 1])
-            self._re_entries.append(ended)
+            self._last_re_entry = ended
         self._re_entry_step = 0
         # Broken off again and again, past the end; or nothing fits, and the stop finds an arm that stands.
         stand = ReEntry(start, 0, [])
@@ -174,20 +172,13 @@ class Course:
             return lambda: self._stops.plan(row)
         if self._re_entry is not None:
             pace, straight = self._pace_of(self._re_entry), 0
-        elif self._straight_from:
-            pace = self._re_entries[-1]
+        elif self._straight_from and self._last_re_entry is not None:
+            pace = self._last_re_entry
         else:
             return None
         steps = re_entry_steps(pace.start, pace.ticks)[: pace.sent]
         recent = np.concatenate(([pace.start] * 4, steps, steps[-1] + np.arange(1.0, straight + 1.0)))[-4:]
         return lambda: plan_braking(recent, self._command_period_s, self._path.positions_at, self._stops.fits)
-
-    def commanded(self, stop: Sequence[Sequence[float]]) -> list[FloatArray]:
-        """All commands so far and those of the stop, (M, n) rad each, rebuilt from the plan; see `MotionPath`."""
-        entries = list(self._re_entries)
-        if self._re_entry is not None:
-            entries.append(self._pace_of(self._re_entry))
-        return self._path.stretches(self._start_position, entries, self._on_ramp + self._on_table, stop)
 
     def _pace_of(self, re_entry: ReEntry) -> _Pace:
         return _Pace(re_entry.start, len(re_entry.positions), self._re_entry_step)
@@ -196,7 +187,7 @@ class Course:
         self._re_entry_step += 1
         if self._re_entry_step < len(re_entry.positions):
             return
-        self._re_entries.append(self._pace_of(re_entry))
+        self._last_re_entry = self._pace_of(re_entry)
         self._re_entry = None
         done = re_entry.landing + 1
         self._on_ramp = min(done, self._start_ticks)

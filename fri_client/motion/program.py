@@ -279,10 +279,6 @@ class MotionProgram:
         self.period = self.sample_in_period = -1
         self.standstill.reset()
 
-    def commanded_paths(self) -> list[FloatArray]:
-        """All commands of the motion so far, (M, 7) rad each, rebuilt from the plan, not stored; see `MotionPath`."""
-        return self._course.commanded(self._stop.commands()) if self._last else []
-
     def _advance(self) -> None:
         """The command of the path went out: the labels move with it."""
         place = self._course.advance()

@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from safety.path_stop import PathStop
 
-__all__ = ["BRIDGED_S", "ReEntry", "plan_braking", "plan_re_entry", "re_entry_steps"]
-
 FloatArray = NDArray[np.float64]
 
 BRIDGED_S = 0.01

@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-__all__ = ["STANDSTILL_SPREAD_RAD", "STANDSTILL_TIMEOUT_S", "STANDSTILL_WINDOW_S", "Standstill"]
-
 STANDSTILL_SPREAD_RAD = 5e-4
 """Largest spread (maximum minus minimum) of any joint's position within the window: at most 2.5 mrad/s on average.
 

@@ -28,13 +28,7 @@ class MotionStop:
     follow. is_refused: the guard does not let the next command of the stop go out.
     """
 
-    def __init__(
-        self,
-        limits: JointLimits,
-        guard: CommandGuard,
-        end_ramp: Ramp,
-        command_period_s: float,
-    ) -> None:
+    def __init__(self, limits: JointLimits, guard: CommandGuard, end_ramp: Ramp, command_period_s: float) -> None:
         """end_ramp: the stop from the last row of the last period, planned ahead."""
         self._limits = limits
         self._guard = guard
@@ -127,12 +121,6 @@ class MotionStop:
         self._steps += 1
         self.overruled += self._objected
         self._is_over = self._steps * self._command_period_s >= ramp.duration_s
-
-    def commands(self) -> list[Sequence[float]]:
-        """All commands of the stop so far, rebuilt from the plan, not stored."""
-        if self._ramp is None:
-            return []
-        return [self._ramp.position_at((step + 1) * self._command_period_s) for step in range(self._steps)]
 
     def _on_path(self, plan: Callable[[], PathStop | None]) -> PathStop | None:
         """The stop that keeps to the path, or None; tried once: a fault in it costs a tick and not the stop."""

@@ -11,8 +11,6 @@ from typing import Literal
 from fri_client.handover.ring import EventCode
 from safety.guard import GuardVerdict
 
-__all__ = ["StopKind", "StopReason", "too_much_torque"]
-
 StopKind = Literal["path", "joint_space"]
 """How a stop is driven: on the table's own path, slowed; or each joint on its own, off the path."""
 _READABLE_NM = 1e6

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from fri_client.errors import FriError
 
-__all__ = ["MotionError", "checked_table", "command_stride", "state_of_row"]
-
 FloatArray = NDArray[np.float64]
 
 _RELATIVE_GRID_TOLERANCE = 1e-6

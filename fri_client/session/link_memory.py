@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 from fri_client.messages import ConnectionQuality, name_of
 
-__all__ = ["LinkMemory", "RecentLink"]
-
 _TICKS = 2048
 """More than a second's messages at 1 kHz, duplicates and garbage included."""
 

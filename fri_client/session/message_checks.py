@@ -10,8 +10,6 @@ from typing import TypeAlias
 from fri_client.messages import ConnectionInfo, ConnectionQuality, DriveState, IpoData, MonitorData, RobotInfo
 from fri_client.session.refusal import Refusal
 
-__all__ = ["NamedArrays", "changed", "command_period", "is_good", "joint_not_driven", "positions", "torques"]
-
 NamedArrays: TypeAlias = tuple[tuple[Refusal, tuple[float, ...] | None], ...]
 
 

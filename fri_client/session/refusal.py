@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["UNREADABLE", "Refusal", "refusal_sentence"]
-
 
 class Refusal(IntEnum):
     """What is wrong with a message. The joint counts from 1 (0: none), the value is the number that cannot be used."""

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from fri_client.session.robot_counter import RESTART_RUN, WRAP, Order, RobotCounter
 
-__all__ = ["ReplayedCounter"]
-
 
 class ReplayedCounter:
     """`take` the counter of each recorded message in its order; missing: gaps, less what arrived late after all.

@@ -15,8 +15,6 @@ from typing import NamedTuple
 
 from fri_client.messages import MonitoringMessage
 
-__all__ = ["Moment", "RobotClock"]
-
 _WINDOW = 512
 """Messages over which the earliest arrival is looked for: the clocks of two machines drift apart by some 50 µs in so
 many milliseconds, and a robot that paused goes on later for good."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["COUNTER_WINDOW", "RESTART_RUN", "WRAP", "Order", "RobotCounter"]
-
 COUNTER_WINDOW = 1000
 """A sequence counter further away than this from the last one (1 s at 1 kHz) is not believed from one message alone."""
 

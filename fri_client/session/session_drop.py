@@ -20,8 +20,6 @@ from fri_client.messages import (
 )
 from fri_client.session.link_memory import RecentLink
 
-__all__ = ["DropReason", "SessionDrop"]
-
 
 class DropReason(IntEnum):
     """Why the session of a motion was lost."""

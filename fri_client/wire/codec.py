@@ -37,8 +37,6 @@ from fri_client.wire.primitives import varint
 from fri_client.wire.reader import GroupReader
 from fri_client.wire.writer import GroupWriter, joint_values
 
-__all__ = ["MAXIMUM_DATAGRAM_BYTES", "Codec"]
-
 MAXIMUM_DATAGRAM_BYTES = 1500
 """Size of the vendor's receive and send buffers (PROTOCOL section 1); 2.7 leaves 1492 for the payload."""
 

@@ -11,8 +11,6 @@ from zlib import crc32
 
 from fri_client.errors import WrongChecksum, WrongFrameLength
 
-__all__ = ["FRAME_BYTES", "framed", "unframed"]
-
 FRAME_BYTES = 8
 """Bytes the frame adds to the payload."""
 

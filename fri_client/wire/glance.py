@@ -19,8 +19,6 @@ from fri_client.messages import FriVersion, MonitoringMessage
 from fri_client.wire.layout import Sketch, sketch_group
 from fri_client.wire.schema import Field
 
-__all__ = ["Glance"]
-
 _FREE = frozenset({"sequence_counter", "reflected_sequence_counter", "sec", "nanosec"})
 """Integers that may change without a change of anything the session watches."""
 

@@ -22,8 +22,6 @@ from fri_client.messages import CommandMessage, FriVersion, MonitoringMessage
 from fri_client.wire.codec import Codec
 from fri_client.wire.schema import Field, Kind, Rule, group_name, rows_of
 
-__all__ = ["decode_line", "encode_line", "fields_of", "message_from_fields"]
-
 _NON_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _MESSAGES: dict[str, type[Any]] = {"monitoring": MonitoringMessage, "command": CommandMessage}
 

@@ -22,8 +22,6 @@ from fri_client.messages import JOINT_COUNT, FriVersion
 from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, varint
 from fri_client.wire.schema import Field, Kind, Rule, rows_of
 
-__all__ = ["Layout", "LayoutBook", "Sketch", "sketch_group"]
-
 Values = tuple[Any, ...]
 
 _WIDEST_FREE = 5

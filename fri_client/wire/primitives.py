@@ -10,18 +10,6 @@ from typing import Final
 
 from fri_client.errors import InvalidFieldNumber, MalformedVarint, TruncatedMessage, WrongWireType
 
-__all__ = [
-    "FIXED32",
-    "FIXED64",
-    "LENGTH_DELIMITED",
-    "VARINT",
-    "read_length",
-    "read_tag",
-    "read_varint",
-    "skip_field",
-    "varint",
-]
-
 VARINT: Final = 0
 FIXED64: Final = 1
 LENGTH_DELIMITED: Final = 2

@@ -22,9 +22,7 @@ from typing import Any
 from fri_client.errors import MissingRequiredField, TextTooLong, TruncatedMessage, WrongValueCount, WrongWireType
 from fri_client.messages import JOINT_COUNT, FriVersion
 from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, read_length, read_tag, read_varint, skip_field
-from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
-
-__all__ = ["GroupReader"]
+from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, check_count, group_name, rows_of
 
 Slots = list[Any]
 Action = Callable[[bytes, int, int, Slots], int]
@@ -177,7 +175,7 @@ def _group_action(row: Field, slot: int, message: str, version: FriVersion) -> A
 
         def append(data: bytes, position: int, end: int, slots: Slots) -> int:
             start, stop = read_length(data, position, end, message)
-            _check_count(row, message, len(slots[slot]) + 1)
+            check_count(row, message, len(slots[slot]) + 1)
             slots[slot] = (*slots[slot], reader.read(data, start, stop))
             return stop
 
@@ -194,7 +192,7 @@ def _group_action(row: Field, slot: int, message: str, version: FriVersion) -> A
 def _integer_element_action(row: Field, slot: int, message: str) -> Action:
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
         value, position = read_varint(data, position, end, message)
-        _check_count(row, message, len(slots[slot]) + 1)
+        check_count(row, message, len(slots[slot]) + 1)
         slots[slot] = (*slots[slot], _to_int32(value))
         return position
 
@@ -208,7 +206,7 @@ def _packed_integers_action(row: Field, slot: int, message: str) -> Action:
         while position < stop:
             value, position = read_varint(data, position, stop, message)
             values.append(_to_int32(value))
-        _check_count(row, message, len(values))
+        check_count(row, message, len(values))
         slots[slot] = tuple(values)
         return stop
 
@@ -219,7 +217,7 @@ def _double_element_action(row: Field, slot: int, message: str) -> Action:
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
         if position + 8 > end:
             raise TruncatedMessage(message=message, offset=end)
-        _check_count(row, message, len(slots[slot]) + 1)
+        check_count(row, message, len(slots[slot]) + 1)
         slots[slot] = (*slots[slot], *_DOUBLE.unpack_from(data, position))
         return position + 8
 
@@ -232,7 +230,7 @@ def _packed_doubles_action(row: Field, slot: int, message: str) -> Action:
         count, remainder = divmod(stop - start, 8)
         if remainder:
             raise TruncatedMessage(message=message, offset=stop)
-        _check_count(row, message, len(slots[slot]) + count)
+        check_count(row, message, len(slots[slot]) + count)
         slots[slot] = (*slots[slot], *struct.unpack_from(f"<{count}d", data, start))
         return stop
 
@@ -274,8 +272,3 @@ def _doubles_message_action(row: Field, slot: int, message: str) -> Action:
         return stop
 
     return action
-
-
-def _check_count(row: Field, message: str, count: int) -> None:
-    if count > row.limit:
-        raise WrongValueCount(message=message, field=row.name, count=count, limit=row.limit, exact=False)

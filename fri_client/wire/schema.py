@@ -13,27 +13,9 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
 
-from fri_client.messages import (
-    JOINT_COUNT,
-    Checksum,
-    CommandData,
-    CommandMessage,
-    ConnectionInfo,
-    EndOfMessageData,
-    FriVersion,
-    IoValue,
-    IpoData,
-    MessageHeader,
-    MonitorData,
-    MonitoringMessage,
-    QuaternionTransformation,
-    RedundancyInformation,
-    RobotInfo,
-    TimeStamp,
-    Transformation,
-)
-
-__all__ = ["MAXIMUM_NAME_BYTES", "Field", "Kind", "Rule", "group_name", "rows_of"]
+from fri_client import messages
+from fri_client.errors import WrongValueCount
+from fri_client.messages import JOINT_COUNT, FriVersion
 
 MAXIMUM_NAME_BYTES = 63
 """A name lies in a 64-byte buffer with a closing zero byte."""
@@ -113,18 +95,18 @@ def _part(number: int, name: str, group: type[Any], versions: frozenset[FriVersi
 
 
 def _header() -> Field:
-    return Field(1, "header", Kind.GROUP, _REQ, _EVERY, 0, MessageHeader)
+    return Field(1, "header", Kind.GROUP, _REQ, _EVERY, 0, messages.MessageHeader)
 
 
 def _transformations(number: int, name: str) -> tuple[Field, Field]:
     return (
-        Field(number, name, Kind.GROUP, _REP, _ONE, 5, Transformation),
-        Field(number, name, Kind.GROUP, _REP, _TWO, 5, QuaternionTransformation),
+        Field(number, name, Kind.GROUP, _REP, _ONE, 5, messages.Transformation),
+        Field(number, name, Kind.GROUP, _REP, _TWO, 5, messages.QuaternionTransformation),
     )
 
 
 def _ios(number: int, name: str) -> Field:
-    return Field(number, name, Kind.GROUP, _REP, _WITH_IO, 10, IoValue)
+    return Field(number, name, Kind.GROUP, _REP, _WITH_IO, 10, messages.IoValue)
 
 
 def _number(number: int, name: str, kind: Kind, rule: Rule = _OPT, versions: frozenset[FriVersion] = _EVERY) -> Field:
@@ -135,33 +117,33 @@ def _frame(list_name: str, limit: int, versions: frozenset[FriVersion]) -> tuple
     return (
         _number(1, "name", Kind.TEXT, _REQ, versions),
         Field(2, list_name, Kind.DOUBLE_LIST, _REP, versions, limit),
-        _part(3, "timestamp", TimeStamp, versions),
+        _part(3, "timestamp", messages.TimeStamp, versions),
     )
 
 
 _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
-    MonitoringMessage: (
+    messages.MonitoringMessage: (
         "FRIMonitoringMessage",
         (
             _header(),
-            _part(2, "robotInfo", RobotInfo),
-            _part(3, "monitorData", MonitorData),
-            _part(4, "connectionInfo", ConnectionInfo),
-            _part(5, "ipoData", IpoData),
+            _part(2, "robotInfo", messages.RobotInfo),
+            _part(3, "monitorData", messages.MonitorData),
+            _part(4, "connectionInfo", messages.ConnectionInfo),
+            _part(5, "ipoData", messages.IpoData),
             *_transformations(6, "requestedTransformations"),
-            _part(15, "endOfMessageData", EndOfMessageData, _WITH_ENDING),
+            _part(15, "endOfMessageData", messages.EndOfMessageData, _WITH_ENDING),
             _number(2047, "announcement", Kind.TEXT),  # ours: no cabinet sends it
         ),
     ),
-    CommandMessage: (
+    messages.CommandMessage: (
         "FRICommandMessage",
         (
             _header(),
-            _part(2, "commandData", CommandData),
-            _part(15, "endOfMessageData", EndOfMessageData, _WITH_ENDING),
+            _part(2, "commandData", messages.CommandData),
+            _part(15, "endOfMessageData", messages.EndOfMessageData, _WITH_ENDING),
         ),
     ),
-    MessageHeader: (
+    messages.MessageHeader: (
         "MessageHeader",
         (
             _number(1, "messageIdentifier", Kind.UINT32, _REQ),
@@ -169,7 +151,7 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _number(3, "reflectedSequenceCounter", Kind.UINT32, _REQ),
         ),
     ),
-    RobotInfo: (
+    messages.RobotInfo: (
         "RobotInfo",
         (
             _number(1, "numberOfJoints", Kind.INT32),
@@ -179,7 +161,7 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _number(7, "controlMode", Kind.INT32),
         ),
     ),
-    MonitorData: (
+    messages.MonitorData: (
         "MessageMonitorData",
         (
             _joints(1, "measuredJointPosition"),
@@ -189,12 +171,12 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _joints(5, "externalTorque"),
             _vector(6, "externalForce", _ONLY_2_7),
             _ios(8, "readIORequest"),
-            _part(9, "measuredCartesianPose", QuaternionTransformation, _TWO),
-            _part(10, "measuredRedundancyInformation", RedundancyInformation, _TWO),
-            _part(15, "timestamp", TimeStamp),
+            _part(9, "measuredCartesianPose", messages.QuaternionTransformation, _TWO),
+            _part(10, "measuredRedundancyInformation", messages.RedundancyInformation, _TWO),
+            _part(15, "timestamp", messages.TimeStamp),
         ),
     ),
-    ConnectionInfo: (
+    messages.ConnectionInfo: (
         "ConnectionInfo",
         (
             _number(1, "sessionState", Kind.INT32, _REQ),
@@ -203,18 +185,18 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _number(4, "receiveMultiplier", Kind.UINT32),
         ),
     ),
-    IpoData: (
+    messages.IpoData: (
         "MessageIpoData",
         (
             _joints(1, "jointPosition"),
-            _part(2, "cartesianPose", QuaternionTransformation, _TWO),
-            _part(3, "redundancyInformation", RedundancyInformation, _TWO),
+            _part(2, "cartesianPose", messages.QuaternionTransformation, _TWO),
+            _part(3, "redundancyInformation", messages.RedundancyInformation, _TWO),
             _number(10, "clientCommandMode", Kind.INT32),
             _number(11, "overlayType", Kind.INT32),
             _number(12, "trackingPerformance", Kind.DOUBLE),
         ),
     ),
-    CommandData: (
+    messages.CommandData: (
         "MessageCommandData",
         (
             _joints(1, "jointPosition"),
@@ -222,15 +204,12 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _joints(3, "jointTorque"),
             *_transformations(4, "commandedTransformations"),
             _ios(5, "writeIORequest"),
-            _part(6, "cartesianPose", QuaternionTransformation, _TWO),
-            _part(7, "redundancyInformation", RedundancyInformation, _TWO),
+            _part(6, "cartesianPose", messages.QuaternionTransformation, _TWO),
+            _part(7, "redundancyInformation", messages.RedundancyInformation, _TWO),
         ),
     ),
-    TimeStamp: (
-        "TimeStamp",
-        (_number(1, "sec", Kind.UINT32, _REQ), _number(2, "nanosec", Kind.UINT32, _REQ)),
-    ),
-    IoValue: (
+    messages.TimeStamp: ("TimeStamp", (_number(1, "sec", Kind.UINT32, _REQ), _number(2, "nanosec", Kind.UINT32, _REQ))),
+    messages.IoValue: (
         "FriIOValue",
         (
             _number(1, "name", Kind.TEXT, _REQ, _WITH_IO),
@@ -240,23 +219,20 @@ _TABLE: dict[type[Any], tuple[str, tuple[Field, ...]]] = {
             _number(5, "analogValue", Kind.DOUBLE, _OPT, _WITH_IO),
         ),
     ),
-    Transformation: ("Transformation", _frame("matrix", 12, _ONE)),
-    QuaternionTransformation: ("QuaternionTransformation", _frame("element", 7, _TWO)),
-    RedundancyInformation: (
+    messages.Transformation: ("Transformation", _frame("matrix", 12, _ONE)),
+    messages.QuaternionTransformation: ("QuaternionTransformation", _frame("element", 7, _TWO)),
+    messages.RedundancyInformation: (
         "RedundancyInformation",
-        (
-            _number(1, "strategy", Kind.INT32, _REQ, _TWO),
-            _number(2, "value", Kind.DOUBLE, _REQ, _TWO),
-        ),
+        (_number(1, "strategy", Kind.INT32, _REQ, _TWO), _number(2, "value", Kind.DOUBLE, _REQ, _TWO)),
     ),
-    EndOfMessageData: (
+    messages.EndOfMessageData: (
         "MessageEndOf",
         (
             _number(1, "messageLength", Kind.INT32, _OPT, _WITH_ENDING),
-            _part(2, "messageChecksum", Checksum, _WITH_ENDING),
+            _part(2, "messageChecksum", messages.Checksum, _WITH_ENDING),
         ),
     ),
-    Checksum: ("Checksum", (_number(1, "crc32", Kind.INT32, _OPT, _WITH_ENDING),)),
+    messages.Checksum: ("Checksum", (_number(1, "crc32", Kind.INT32, _OPT, _WITH_ENDING),)),
 }
 
 
@@ -268,6 +244,12 @@ def group_name(group: type[Any]) -> str:
 def rows_of(group: type[Any], version: FriVersion) -> tuple[Field, ...]:
     """The rows of `group` that `version` has, in ascending field number: the order in which they are written."""
     return _ROWS[group, version]
+
+
+def check_count(row: Field, message: str, count: int) -> None:
+    """Raises WrongValueCount for more values than the row allows."""
+    if count > row.limit:
+        raise WrongValueCount(message=message, field=row.name, count=count, limit=row.limit, exact=False)
 
 
 def _rows(group: type[Any], version: FriVersion) -> tuple[Field, ...]:

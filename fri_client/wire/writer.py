@@ -23,9 +23,7 @@ from fri_client.errors import (
 )
 from fri_client.messages import FriVersion
 from fri_client.wire.primitives import FIXED64, LENGTH_DELIMITED, VARINT, varint
-from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, group_name, rows_of
-
-__all__ = ["GroupWriter", "joint_values"]
+from fri_client.wire.schema import MAXIMUM_NAME_BYTES, Field, Kind, Rule, check_count, group_name, rows_of
 
 Emit = Callable[[Any], bytes]
 """The bytes of one present field, tag included."""
@@ -143,7 +141,7 @@ def _group_emitter(row: Field, message: str, version: FriVersion) -> Emit:
 
 def _repeated(row: Field, message: str, emit: Emit) -> Emit:
     def emit_each(values: Any) -> bytes:
-        _check_count(row, message, len(values))
+        check_count(row, message, len(values))
         return b"".join([emit(value) for value in values])
 
     return emit_each
@@ -154,7 +152,7 @@ def _packed_emitter(row: Field, message: str) -> Emit:
 
     def emit(values: Any) -> bytes:
         count = len(values)
-        _check_count(row, message, count)
+        check_count(row, message, count)
         return tag + varint(8 * count) + struct.pack(f"<{count}d", *values) if count else b""
 
     return emit
@@ -176,13 +174,8 @@ def _doubles_message_emitter(row: Field, message: str) -> Emit:
     packed = _packed_emitter(element, message)
 
     def emit_vector(values: Any) -> bytes:
-        _check_count(row, message, len(values))
+        check_count(row, message, len(values))
         body = packed(values)
         return tag + varint(len(body)) + body
 
     return emit_vector
-
-
-def _check_count(row: Field, message: str, count: int) -> None:
-    if count > row.limit:
-        raise WrongValueCount(message=message, field=row.name, count=count, limit=row.limit, exact=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,9 +9,8 @@ import pytest
 
 from fri_client.handover.ring import HandoverRing
 from tests.ports import free_udp_port
-from tests.watchdog import WATCHDOG_S
 
-from .service_runs import REPOSITORY
+from .service_process import fake_robot
 
 
 @pytest.fixture
@@ -28,14 +25,5 @@ def ring() -> Iterator[HandoverRing]:
 def robot(tmp_path: Path) -> Iterator[tuple[int, Path]]:
     """Port that the fake robot sends to, and the file of its summary."""
     port, summary = free_udp_port(), tmp_path / "robot.json"
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3", "--json", str(summary)),
-        ],
-        cwd=REPOSITORY,
-        stderr=subprocess.DEVNULL,
-    )
-    yield port, summary
-    process.terminate()
-    process.wait(WATCHDOG_S)
+    with fake_robot(port, "--json", summary):
+        yield port, summary

@@ -136,18 +136,14 @@ def service(folder: Path, **fri: Any) -> Iterator[ServiceProcess]:
 
 
 @contextlib.contextmanager
-def fake_robot(port: int, summary: Path) -> Iterator[None]:
+def fake_robot(port: int, *options: object) -> Iterator[subprocess.Popen[bytes]]:
     """A fake robot in lockstep that sends to `port`."""
+    words = ["--client", f"127.0.0.1:{port}", "--lockstep", "--duration", 600, "--seed", 3, *options]
     process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3", "--json", str(summary)),
-        ],
-        cwd=REPOSITORY,
-        stderr=subprocess.DEVNULL,
+        [sys.executable, "-m", "fixtures.fake_robot", *map(str, words)], cwd=REPOSITORY, stderr=subprocess.DEVNULL
     )
     try:
-        yield
+        yield process
     finally:
         process.terminate()
         process.wait(WATCHDOG_S)

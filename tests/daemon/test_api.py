@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.api import LoopReport, RunRequest, WorkerStatus
+from daemon.api import LoopReport, RunRequest
 from daemon.control_messages import (
     MAXIMUM_CONTROL_BYTES,
     RecorderFailed,
@@ -19,7 +19,6 @@ from daemon.control_messages import (
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,
-    WorkerProgress,
     decode_control,
     encode_control,
 )
@@ -31,21 +30,11 @@ REQUEST = RunRequest(run_id="r", robot="iiwa14", table_file="/t.npy", trajectory
 counts = st.integers(0, 2**53)
 text = st.text(max_size=30)
 control_messages = st.one_of(
-    st.builds(RecorderReady, part=counts, path=text, pid=counts),
-    st.builds(
-        RecorderProgress,
-        part=counts,
-        samples=counts,
-        sequence_gaps=counts,
-        handover_gaps=counts,
-        undecodable=counts,
-        bytes=counts,
-        backlog=counts,
-    ),
+    st.builds(RecorderReady, part=counts),
+    st.builds(RecorderProgress, part=counts, samples=counts),
     st.builds(
         RecorderFinished,
         part=counts,
-        path=text,
         samples=counts,
         counted=counts,
         samples_in_periods=counts,
@@ -54,19 +43,15 @@ control_messages = st.one_of(
         sequence_gaps=counts,
         handover_gaps=counts,
         undecodable=counts,
-        bytes=counts,
     ),
     st.builds(RecorderTrouble, part=counts, sentence=text, errno=st.none() | counts, reserve_opened=st.booleans()),
     st.builds(
         RecorderFailed,
         part=counts,
-        path=text,
         sentence=text,
         errno=st.none() | counts,
-        samples=counts,
         first_unwritten_index=counts,
     ),
-    st.builds(WorkerProgress, status=st.builds(WorkerStatus, job_id=text, phase=st.just("fitting"), sentence=text)),
 )
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.cli.app import main
 from daemon.jobs.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
 from identification.audit.difference import Difference, Number
@@ -23,20 +22,13 @@ from identification.recordings import read_recording
 from identification.robots import load_robot
 from identification.robots.flange import IIWA_FLANGE
 from identification.robots.simulator_models import read_simulator_model
+from tests.daemon.command_line import run
 from tests.identification.exported import consistent, model_of
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
 NOISE_NM, EXTRA_KG, OFFSET_NM = 0.05, 1.5, 0.4
 OUT_M = np.array([0.06, 0.03, 0.1])
 """Aside of the last axis: on it the mass could as well be the link's before."""
-
-
-def run(*words: object) -> int:
-    try:
-        main([str(word) for word in words])
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

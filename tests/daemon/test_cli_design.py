@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.cli import main
 from daemon.cli.design import show_verified
 from identification.excitation import load_trajectory
+from tests.daemon.command_line import run
 
 SLED = """<robot name="sled"><link name="base"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="3"/>
 <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.3"/></inertial></link>
@@ -17,17 +17,11 @@ SLED = """<robot name="sled"><link name="base"/><link name="sled"><inertial><ori
 <limit lower="-1" upper="1" velocity="2" effort="50"/></joint></robot>"""
 
 
-def run(words: list[str]) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(words)
-    return int(caught.value.code or 0)
-
-
 @pytest.mark.parametrize("kind", ["sine_series", "polynomial_10", "polynomial_20"])
 def test_a_reference_motion_of_any_robot_is_written_inside_its_limits(kind: str, tmp_path: Path) -> None:
     (tmp_path / "sled.urdf").write_text(SLED, encoding="utf-8")
     words = ["design", "--reference", kind, "--robot", str(tmp_path / "sled.urdf"), "--out", str(tmp_path / "m.json")]
-    assert run(words) == 0
+    assert run(*words) == 0
     table = load_trajectory(tmp_path / "m.json").table(1000.0)
     assert table.shape[1] == 1
     assert np.max(np.abs(table)) <= 1.0
@@ -51,7 +45,7 @@ def test_a_reference_motion_of_any_robot_is_written_inside_its_limits(kind: str,
 def test_what_cannot_be_designed_ends_with_the_contracts_exit_code(
     words: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["design", *words, "--out", str(tmp_path / "m.json")]) == code
+    assert run("design", *words, "--out", tmp_path / "m.json") == code
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "m.json").exists()
 

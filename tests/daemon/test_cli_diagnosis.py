@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from daemon.api import RunRequest
-from daemon.cli.app import main
 from daemon.cli.diagnosis import finding_lines
 from daemon.errors import ConfigurationError
 from daemon.jobs.batch import BatchItem, executor_of, folder_names, run_batch
@@ -29,6 +28,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import read_model
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
+from tests.daemon.command_line import run
 from tests.identification.mismatch.plant import on_joint, record
 
 STIFFNESS, REST = 2.0, 0.3
@@ -37,14 +37,6 @@ STIFFNESS, REST = 2.0, 0.3
 def spring(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
     del dq, torque
     return on_joint(6, STIFFNESS * (q[:, 5] - REST))
-
-
-def run(*words: str) -> int:
-    try:
-        main(list(words))
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

@@ -13,19 +13,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from daemon.cli.app import main
 from fixtures.physics import iiwa14_table_three
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
+from tests.daemon.command_line import run
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
-
-
-def run(*words: str) -> int:
-    try:
-        main(list(words))
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

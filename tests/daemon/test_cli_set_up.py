@@ -16,24 +16,16 @@ import numpy as np
 import pinocchio
 import pytest
 
-from daemon.cli.app import main
 from fixtures.physics import iiwa14_table_three
 from identification.mismatch.set_up import set_up_checks
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
+from tests.daemon.command_line import run
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 from tests.reference import recording_file
 
 UNKNOWN_KG = 0.8
-
-
-def run(*words: object) -> int:
-    try:
-        main([str(word) for word in words])
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

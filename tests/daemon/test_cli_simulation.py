@@ -9,18 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from daemon.cli import main
 from identification.excitation import default_trajectory
 from identification.physical_parameters import PhysicalParameters
+from tests.daemon.command_line import run
 from tests.identification.exported import model_of, random_bodies
-
-
-def run(*arguments: object) -> int:
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture

@@ -156,7 +156,7 @@ def test_what_an_operator_did_for_one_arm_is_no_part_of_the_recordings_of_the_ot
         return msgspec.structs.replace(start, steps=(step(SPRING),))
 
     monkeypatch.setattr(closed_loop, "_ARMS", dict.fromkeys(ARMS, arm))
-    case = closed_loop._one_case(Robot(), 1, 0, tmp_path / "case", ARMS, lambda _: None)  # type: ignore[arg-type]
+    case = closed_loop._one_case(Robot(), 1, 0, tmp_path / "case", lambda _: None)  # type: ignore[arg-type]
     assert warm == [False] * 5
     assert [answer.arm for answer in case.answers] == list(ARMS)
 

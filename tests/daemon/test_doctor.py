@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from daemon.cli import main
-from daemon.doctor.doctor import DoctorCheck, DoctorReport, check_address, check_interfaces, examine, port_holder
+from daemon.doctor.doctor import DoctorReport, check_address, check_interfaces, examine, port_holder
 from daemon.doctor.fri_guess import guess_version
+from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation
 from fri_client.messages import FriVersion
+from tests.daemon.command_line import run
 from tests.reference import golden_datagrams
 
 from .producer import Producer
@@ -242,9 +243,7 @@ def test_a_robot_that_sends_to_another_address_of_this_machine_is_found() -> Non
 def test_address_and_folder_come_from_a_configuration_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "robot.yaml"
     config.write_text(f"fri: {{bind_host: 127.0.0.3, bind_port: 0, version: '2.5'}}\noutput: {tmp_path}/data/runs\n")
-    with pytest.raises(SystemExit) as ending:
-        main(["doctor", "--config", str(config), "--listen", "0.1", "--json", "-"])
-    assert ending.value.code == 1
+    assert run("doctor", "--config", config, "--listen", "0.1", "--json", "-") == 1
     found = {check["name"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
     assert "127.0.0.3" in found["port"]["sentence"]
     assert f"in {tmp_path}:" in found["disk"]["sentence"]

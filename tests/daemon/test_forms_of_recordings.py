@@ -13,7 +13,7 @@ import pinocchio
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from daemon.cli.app import main
+from tests.daemon.command_line import run
 from tests.identification.bags import messages_of, write_bag, write_mcap
 from tests.identification.synthetic import fourier_motion
 
@@ -30,14 +30,6 @@ NAMES = ("shoulder", "elbow")
 STEP_S, SAMPLES = 0.01, 1200
 TOOL_KG = 2.0
 FORMS = ("npz", "csv", "mcap", "db3", "database folder", "bag folder", "run folder")
-
-
-def run(*words: object) -> int:
-    try:
-        main([str(word) for word in words])
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,7 @@ from daemon.run.spare_folder import find_run_file
 from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
+from .service_process import fake_robot
 from .service_runs import (
     REPOSITORY,
     WATCHDOG_S,
@@ -77,21 +78,11 @@ sys.exit(outcome.exit_code)
 
 
 @pytest.fixture
-def robot(tmp_path: Path) -> Iterator[int]:
+def robot() -> Iterator[int]:
     """The port that a fake robot sends to."""
     port = free_udp_port()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3"),
-        ],
-        cwd=REPOSITORY,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    yield port
-    process.terminate()
-    process.wait(WATCHDOG_S)
+    with fake_robot(port):
+        yield port
 
 
 def run_on(options: str, request: RunRequest, folder: Path, code: str) -> tuple[subprocess.CompletedProcess[str], Path]:

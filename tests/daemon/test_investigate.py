@@ -14,13 +14,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from daemon.cli.app import main
 from daemon.errors import ConfigurationError
 from daemon.investigate import steps as steps_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.loop import Investigation, refuse_other_arms
 from daemon.investigate.states import TABLE, Event, State, TransitionError, after
 from daemon.investigate.story import write_story
+from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ScriptedDriver, begun, investigation, scripted_study
 
 WAYS = """
@@ -272,14 +272,6 @@ def test_a_workspace_without_an_admissible_motion_is_said(tmp_path: Path) -> Non
     assert account.state is State.BLOCKED
     assert "Link 6 meets the wall." in account.sentence
     assert driver.driven == 0
-
-
-def run(*words: str) -> int:
-    try:
-        main(list(words))
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 def recording(file: Path, seed: int = 0, robot: str = "iiwa14") -> Path:

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from daemon.cli.app import main
 from daemon.investigate import driver as driver_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
@@ -19,6 +18,7 @@ from daemon.investigate.states import State
 from daemon.json_files import write_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion
 from daemon.queue.investigation_step import ORDER_NAME, Order
+from tests.daemon.command_line import run
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,7 @@ def _nothing_is_driven(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def investigate(folder: Path, *words: str) -> int:
-    with pytest.raises(SystemExit) as end:
-        main(["investigate", "--out", str(folder), *words])
-    return int(end.value.code or 0)
+    return run("investigate", "--out", folder, *words)
 
 
 def test_a_post_that_is_named_after_the_planning_is_not_driven_into(

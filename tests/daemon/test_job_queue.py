@@ -5,10 +5,13 @@ A restart is a second queue on the same folder; nothing of the first is handed o
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 
 from daemon.api import RunOutcome
@@ -18,7 +21,7 @@ from daemon.queue.control_api import JobPhase, RefusedRequestError, SubmitRun
 from daemon.queue.job_preparation import Verdict
 from daemon.queue.job_queue import JobQueue
 from daemon.queue.job_store import MAXIMUM_KEPT, MAXIMUM_WAITING
-from daemon.queue.job_work import FitEnded, RunEnded
+from daemon.queue.job_work import FitEnded, RunEnded, fit_is_alive
 from tests.watchdog import WATCHDOG_S
 
 SAFE = Verdict(safe=True, sentence="Safe.")
@@ -245,3 +248,14 @@ def test_a_fit_that_ended_says_how(tmp_path: Path) -> None:
     unwanted = submitted(jobs, fit=False)
     jobs.queue_fit(unwanted)
     assert f"{unwanted}-fit" not in jobs.store.jobs
+
+
+def test_a_fit_that_the_system_is_still_starting_is_alive_and_a_thread_of_the_system_is_no_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    monkeypatch.setattr(psutil.Process, "cmdline", lambda _: [])
+    assert fit_is_alive(child.pid, tmp_path)
+    assert not fit_is_alive(1, tmp_path)
+    child.communicate(b"\n", WATCHDOG_S)
+    assert not fit_is_alive(child.pid, tmp_path)

@@ -55,13 +55,6 @@ def private(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return runtime_folder()
 
 
-@pytest.fixture
-def ring() -> Iterator[HandoverRing]:
-    handover = HandoverRing.create(4096)
-    yield handover
-    handover.close()
-
-
 def frame(**changes: Any) -> LiveFrame:
     known: dict[str, Any] = {
         "run_id": "one", "robot": "iiwa14", "folder": "", "timestamp": 0.0, "position": (0.1,) * 7,

@@ -14,7 +14,6 @@ import pinocchio
 import pytest
 
 from daemon.api import RecorderJob
-from daemon.cli.app import main
 from daemon.config import load_config
 from daemon.errors import ConfigurationError
 from daemon.motion.preparation import prepare_motion, write_run_request
@@ -25,6 +24,7 @@ from identification.errors import ModelFileError
 from identification.excitation.nominal import nominal_parameters
 from identification.recordings.fri_log import installation_in
 from identification.robots import Installation, RobotModel, load_robot
+from tests.daemon.command_line import run
 
 STANDS = {
     # mount: A, B, C of the cabinet in rad, turns about z, y and x one after the other
@@ -54,12 +54,6 @@ def torque_of_turned_base(mount: str, q: np.ndarray) -> np.ndarray:
     model.gravity.linear = np.array([0.0, 0.0, -9.81])
     data, rest = model.createData(), np.zeros(7)
     return np.array([pinocchio.rnea(model, data, row, rest, rest) for row in q])
-
-
-def run(*words: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(list(words))
-    return int(caught.value.code or 0)
 
 
 @pytest.mark.parametrize("mount", STANDS)

@@ -297,9 +297,9 @@ def test_when_the_time_is_up_no_case_is_begun(tmp_path: Path) -> None:
 
 def test_a_label_that_was_changed_after_sealing_voids_the_proof() -> None:
     text = json.dumps({"group": "negative"})
-    case = {"name": "a", "index": 0, "commitment": hashlib.sha256(("salt" + text).encode()).hexdigest(), "answer": {}}
+    commitment = hashlib.sha256(("salt" + text).encode()).hexdigest()
     with pytest.raises(SealBrokenError, match="void"):
-        proof._opened(case, {"salt": "salt", "label": text.replace("negative", "single")})
+        proof.opened("a", commitment, {"salt": "salt", "label": text.replace("negative", "single")})
 
 
 def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:

@@ -340,7 +340,7 @@ def test_a_motion_that_was_declined_or_refused_is_asked_for_again(tmp_path: Path
 
 
 def test_by_the_service_a_motion_is_asked_for_driven_stopped_and_found_again_after_a_kill(tmp_path: Path) -> None:
-    with service(tmp_path) as running, fake_robot(running.port, tmp_path / "robot.json"):
+    with service(tmp_path) as running, fake_robot(running.port, "--json", tmp_path / "robot.json"):
 
         def told(*words: object) -> Any:
             done = iiwa_ident(*words, "--port", running.port, "--json", "-")

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from daemon.cli import service as commands
-from daemon.cli.app import main
 from daemon.queue.control_api import ControlRequest, GetJobs, GetStatus, JobsReply, JobView, Resumed, ResumeQueue
 from daemon.queue.control_api import StatusReply as Status
+from tests.daemon.command_line import run
 
 OLD, NEW, DONE = "20261101T080000000Z", "20261122T170400731Z", "20261122T100000000Z"
 
@@ -27,10 +27,8 @@ def job(number: str, phase: Any, name: str) -> JobView:
 class Service:
     """A service of a real arm with two held runs, the older of them of last month."""
 
-    sent: list[ControlRequest]
-
-    def __init__(self, *_: object) -> None:
-        type(self).sent = []
+    def __init__(self) -> None:
+        self.sent: list[ControlRequest] = []
 
     def ask(self, request: ControlRequest, _: type) -> Any:
         self.sent.append(request)
@@ -47,44 +45,47 @@ class Service:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def service() -> Service:
+    return Service()
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch, service: Service) -> list[str]:
     """What was asked before the arm may move; every answer is yes."""
     questions: list[str] = []
-    monkeypatch.setattr(commands, "Connection", Service)
+    monkeypatch.setattr(commands.Connection, "ask", lambda _, *told: service.ask(*told))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr(commands.typer, "confirm", lambda text, **_: questions.append(text))
     return questions
 
 
-def resume(*words: str) -> int:
-    with pytest.raises(SystemExit) as end:
-        main(["resume", *words])
-    return int(end.value.code or 0)
-
-
 def test_all_that_will_move_is_named_before_anybody_agrees(
-    asked: list[str], capsys: pytest.CaptureFixture[str]
+    asked: list[str], service: Service, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert resume() == 0
+    assert run("resume") == 0
     said = " ".join(capsys.readouterr().err.split())
     assert said.index(f"{OLD}: forgotten.json, amplitude 0.5, 8 periods.") < said.index(f"{NEW}: motion 3")
     assert "WILL MOVE as soon as the queue comes to these 2 runs, one after the other," in said
     assert DONE not in said
     assert len(asked) == 1
-    assert Service.sent[-1] == ResumeQueue(confirmed=True, jobs=(OLD, NEW))
+    assert service.sent[-1] == ResumeQueue(confirmed=True, jobs=(OLD, NEW))
 
 
-def test_one_of_several_can_be_let_go_alone(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert resume(NEW) == 0
+def test_one_of_several_can_be_let_go_alone(
+    asked: list[str], service: Service, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("resume", NEW) == 0
     said = " ".join(capsys.readouterr().err.split())
     assert OLD not in said
     assert "comes to this run without" in said
-    assert Service.sent[-1] == ResumeQueue(confirmed=True, jobs=(NEW,))
+    assert service.sent[-1] == ResumeQueue(confirmed=True, jobs=(NEW,))
     assert len(asked) == 1
 
 
-def test_a_run_that_is_not_held_is_not_let_go(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert resume(DONE) == 2
+def test_a_run_that_is_not_held_is_not_let_go(
+    asked: list[str], service: Service, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("resume", DONE) == 2
     assert f"no run {DONE} is held here" in " ".join(capsys.readouterr().err.split())
     assert not asked
-    assert not any(isinstance(request, ResumeQueue) for request in Service.sent)
+    assert not any(isinstance(request, ResumeQueue) for request in service.sent)

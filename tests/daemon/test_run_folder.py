@@ -8,11 +8,11 @@ import pinocchio
 import pytest
 
 from daemon.api import LoopReport, PhaseSpan, RunOutcome
-from daemon.cli import main
 from daemon.errors import ConfigurationError
 from daemon.json_files import write_json
 from daemon.log.cdr import JOINT_NAMES
 from daemon.run.folder import make_room, prepare_folder
+from tests.daemon.command_line import run
 
 from .producer import make_request
 
@@ -92,8 +92,6 @@ def test_a_run_that_may_have_moved_the_arm_is_never_set_aside(
 
 def test_the_inputs_of_an_earlier_run_are_not_written_over_by_one_that_is_refused(tmp_path: Path) -> None:
     leave_run(tmp_path / "run", "completed", "START_RAMP")
-    with pytest.raises(SystemExit) as refusal:
-        main(["run", "--amplitude", "0.1", "--out", str(tmp_path / "run")])
-    assert refusal.value.code == 78
+    assert run("run", "--amplitude", "0.1", "--out", tmp_path / "run") == 78
     assert (tmp_path / "run" / "table.npy").read_text() == "an input"
     assert not (tmp_path / "run" / "trajectory.json").exists()

@@ -79,7 +79,7 @@ def until_excitation(running: ServiceProcess, job_id: str) -> None:
 
 def test_from_submission_to_a_stop_in_the_motion_and_what_waits_stays_where_it_is(tmp_path: Path) -> None:
     trajectory = short_trajectory(tmp_path / "short.json")
-    with service(tmp_path) as running, fake_robot(running.port, tmp_path / "robot.json"):
+    with service(tmp_path) as running, fake_robot(running.port, "--json", tmp_path / "robot.json"):
         assert iiwa_ident("ping", "--port", running.port).returncode == 0
         told = iiwa_ident("submit", trajectory, "--periods", 500, "--port", running.port, "--json", "-")
         assert told.returncode == 0, told.stderr
@@ -112,7 +112,7 @@ def test_from_submission_to_a_stop_in_the_motion_and_what_waits_stays_where_it_i
 
 def test_a_killed_service_leaves_an_arm_at_rest_and_finds_its_jobs_again(tmp_path: Path) -> None:
     trajectory = short_trajectory(tmp_path / "short.json")
-    with service(tmp_path) as running, fake_robot(running.port, tmp_path / "robot.json"):
+    with service(tmp_path) as running, fake_robot(running.port, "--json", tmp_path / "robot.json"):
         first = submit(running, trajectory, periods=500)
         second = submit(running, trajectory, periods=1)
         running.wait_phase(second, "queued")
@@ -159,7 +159,7 @@ def test_sigterm_ramps_the_arm_down_and_then_the_service_ends_and_systemd_is_tol
         running = ServiceProcess(tmp_path)
         running.start(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="400000")
         try:
-            with fake_robot(running.port, tmp_path / "robot.json"):
+            with fake_robot(running.port, "--json", tmp_path / "robot.json"):
                 job = submit(running, trajectory, periods=500)
                 until_excitation(running, job)
                 running.process.terminate()
@@ -192,7 +192,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
         if event.kind == "progress" and event.period >= 1:
             hangs.set()
 
-    with fake_robot(port, tmp_path / "robot.json"):
+    with fake_robot(port, "--json", tmp_path / "robot.json"):
         request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=4.0)
         outcome = run_acquisition(request, observe=observe, stop=Unheard())
     assert outcome.loop is not None
@@ -203,7 +203,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
 def test_a_finished_run_is_fitted_and_a_fit_survives_the_service(tmp_path: Path) -> None:
     trajectory = short_trajectory(tmp_path / "short.json", scale=0.15, offset=None)
     with service(tmp_path) as running:
-        with fake_robot(running.port, tmp_path / "robot.json"):
+        with fake_robot(running.port, "--json", tmp_path / "robot.json"):
             job = submit(running, trajectory, periods=3, fit=True)
             assert running.wait_phase(job, "done", "failed", "stopped", "refused").phase == "done"
         running.wait_phase(f"{job}-fit", "running", "done")

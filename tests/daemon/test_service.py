@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,10 +28,9 @@ from daemon.run.service import run_acquisition
 from tests.ports import free_udp_port
 
 from .recorder_results import read_states
+from .service_process import fake_robot
 from .service_runs import (
     PERIOD_SAMPLES,
-    REPOSITORY,
-    WATCHDOG_S,
     assert_nothing_missing,
     commands_of,
     gentle_request,
@@ -129,17 +127,8 @@ def test_a_start_that_failed_can_be_repeated_into_the_same_folder(tmp_path: Path
 @pytest.fixture(params=["2.5", "2.7"])
 def newer_robot(request: pytest.FixtureRequest) -> Iterator[tuple[int, str]]:
     port = free_udp_port()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3", "--fri-version", request.param),
-        ],
-        cwd=REPOSITORY,
-        stderr=subprocess.DEVNULL,
-    )
-    yield port, request.param
-    process.terminate()
-    process.wait(WATCHDOG_S)
+    with fake_robot(port, "--fri-version", request.param):
+        yield port, request.param
 
 
 def test_the_version_is_heard_before_anything_is_started(newer_robot: tuple[int, str], tmp_path: Path) -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -33,8 +31,7 @@ from safety.ramps import plan_stop_ramp
 from tests.ports import free_udp_port
 
 from .producer import make_request
-
-REPOSITORY = Path(__file__).resolve().parents[2]
+from .service_process import fake_robot
 
 REST = (0.0, 0.3, 0.0, -1.2, 0.0, 0.8, 0.0)
 
@@ -187,24 +184,15 @@ def robot(tmp_path: Path) -> Iterator[tuple[int, Callable[[], dict[str, Any]]]]:
     """Port that a fake robot in T1 sends to, and how to end it and hear what it was commanded."""
     port, summary, mode = free_udp_port(), tmp_path / "robot.json", tmp_path / "t1.yaml"
     mode.write_text("session: {operation_mode: 0}\n")
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "fixtures.fake_robot", "--client", f"127.0.0.1:{port}", "--lockstep"),
-            *("--duration", "600", "--seed", "3", "--json", str(summary), "--physics", str(mode)),
-        ],
-        cwd=REPOSITORY,
-        stderr=subprocess.DEVNULL,
-    )
+    with fake_robot(port, "--json", summary, "--physics", mode) as process:
 
-    def ended() -> dict[str, Any]:
-        process.terminate()
-        process.wait(600)
-        account: dict[str, Any] = json.loads(summary.read_text())
-        return account
+        def ended() -> dict[str, Any]:
+            process.terminate()
+            process.wait(600)
+            account: dict[str, Any] = json.loads(summary.read_text())
+            return account
 
-    yield port, ended
-    process.terminate()
-    process.wait(600)
+        yield port, ended
 
 
 def real_request(tmp_path: Path, port: int, **changes: Any) -> RunRequest:

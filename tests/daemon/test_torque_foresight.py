@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio
 import pytest
 
-from daemon.cli import main
 from daemon.motion import torque_foresight as torque_foresight_module
 from daemon.motion.preparation import TABLE_RATE_HZ, prepare_motion
 from daemon.motion.torque_foresight import torque_foresight
@@ -21,6 +20,7 @@ from identification.excitation.nominal import nominal_parameters
 from identification.model_file import MODEL_FORMAT
 from identification.robots import load_robot
 from identification.robots.model import build_pinocchio_model
+from tests.daemon.command_line import run
 
 PERIOD = 1.0 / TABLE_RATE_HZ
 
@@ -39,12 +39,6 @@ def model_of(robot: str, scale: float, file: Path) -> Path:
     document: dict[str, Any] = {"format": MODEL_FORMAT, "robot": robot, "base_parameters": rows}
     file.write_text(json.dumps(document), encoding="utf-8")
     return file
-
-
-def exit_code(words: list[str]) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(words)
-    return int(caught.value.code or 0)
 
 
 def test_an_arm_that_stands_stretched_out_needs_the_torque_of_its_weight() -> None:
@@ -90,21 +84,21 @@ def test_a_motion_within_all_other_limits_is_refused_for_its_torque(
 ) -> None:
     motion = str(sway(tmp_path / "sway.npz"))
     light, heavy = (str(model_of("iiwa14", scale, tmp_path / f"{scale}.json")) for scale in (1.0, 10.0))
-    assert exit_code(["check", motion, "--model", light]) == 0
+    assert run("check", motion, "--model", light) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert light in shown
     assert "Foreseen: joint 2 reaches" in shown
-    assert exit_code(["check", motion, "--model", heavy, "--json", "-"]) == 1
+    assert run("check", motion, "--model", heavy, "--json", "-") == 1
     failed = [check for check in json.loads(capsys.readouterr().out)["checks"] if not check["passed"]]
     assert [(check["name"], check["joint"], check["limit"]) for check in failed] == [("torque", 2, 320.0)]
-    assert exit_code(["run", motion, "--model", heavy, "--out", str(tmp_path / "run")]) == 1
+    assert run("run", motion, "--model", heavy, "--out", str(tmp_path / "run")) == 1
     assert not (tmp_path / "run").exists()
 
 
 def test_a_model_of_another_arm_or_none_at_all_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelFileError, match="iiwa7"):
         torque_foresight("iiwa14", model_of("iiwa7", 1.0, tmp_path / "other.json"))
-    assert exit_code(["check", "--model", str(tmp_path / "nowhere.json")]) == 66
+    assert run("check", "--model", str(tmp_path / "nowhere.json")) == 66
 
 
 def test_where_nothing_is_known_of_the_arm_no_torque_is_claimed(tmp_path: Path) -> None:
@@ -120,7 +114,7 @@ def test_a_motion_with_its_times_in_ms_is_refused_before_its_table_fills_the_mem
     """Four seconds in ms are 4000 s: a table of 4 million rows, whose regressor alone would take 12 GB."""
     file = tmp_path / "ms.npz"
     np.savez(file, t=1000.0 * np.arange(0.0, 4.0, 0.001), q=np.zeros((4000, 7)))
-    assert exit_code(["check", str(file)]) == 65
+    assert run("check", str(file)) == 65
     assert "at most 600 s can be driven" in capsys.readouterr().err
 
 

@@ -99,7 +99,7 @@ def test_a_recording_that_cannot_be_used_ends_in_a_sentence_and_no_model(
     recording = tmp_path / "recording.mcap"
     recording.write_bytes(content)
     job = make_job(tmp_path, str(recording))
-    assert run_job(job, StatusFile(job, lambda _: None)) == exit_code
+    assert run_job(job, StatusFile(job)) == exit_code
     status = read_json(job.status_file, WorkerStatus)
     assert (status.phase, status.exit_code) == ("failed", exit_code)
     assert recording.name in status.sentence
@@ -117,20 +117,18 @@ def test_a_broken_job_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_the_status_file_tells_phases_in_order_and_is_never_half_written(tmp_path: Path) -> None:
     job = make_job(tmp_path, "x")
-    said: list[bytes] = []
-    status = StatusFile(job, said.append)
+    status = StatusFile(job)
     for phase, fraction in (("loading", 0.0), ("averaging", 0.1), ("fitting", 0.5), ("writing", 2.0), ("done", 1.0)):
         status.write(phase, f"{phase}.", fraction)  # type: ignore[arg-type]
         now = read_json(job.status_file, WorkerStatus)
         assert (now.phase, now.pid) == (phase, os.getpid())
         assert 0.0 <= now.fraction <= 1.0
-    assert len(said) == 5
     assert read_json(job.status_file, WorkerStatus).model_file == job.model_file
 
 
 def test_a_status_that_cannot_be_written_does_not_stop_the_fit(tmp_path: Path) -> None:
     job = make_job(tmp_path / "no such folder", "x")
-    assert StatusFile(job, lambda _: None).write("fitting", "…", 0.5).phase == "fitting"
+    assert StatusFile(job).write("fitting", "…", 0.5).phase == "fitting"
 
 
 def test_a_diagnosis_that_fails_leaves_the_job_done_and_its_model(tmp_path: Path) -> None:
@@ -146,7 +144,7 @@ def test_a_diagnosis_that_fails_leaves_the_job_done_and_its_model(tmp_path: Path
         diagnosis_folder=str(tmp_path / "diagnosis"),
         heldout=(str(tmp_path / "absent.mcap"),),
     )
-    assert run_job(job, StatusFile(job, lambda _: None)) == 0
+    assert run_job(job, StatusFile(job)) == 0
     status = read_json(job.status_file, WorkerStatus)
     assert (status.phase, status.exit_code, status.model_file) == ("done", 0, job.model_file)
     assert json.loads(Path(job.model_file).read_text())["base_parameters"]

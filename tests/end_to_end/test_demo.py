@@ -22,7 +22,7 @@ from tests.ports import free_udp_port
 
 def test_the_fake_robot_publishes_the_hash_of_what_its_summary_opens(tmp_path: Path) -> None:
     summary = tmp_path / "fake_robot.json"
-    with fake_robot(free_udp_port(), summary, seed=1, hidden_effect=7, realtime=True, fri_version="1.15") as commitment:
+    with fake_robot(free_udp_port(), summary, seed=1, hidden_effect=7, realtime=True) as commitment:
         assert commitment is not None
         assert not summary.exists()
     label = opened_effect(summary, commitment)

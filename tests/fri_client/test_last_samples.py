@@ -8,7 +8,7 @@ import pytest
 
 from fri_client.handover.last_samples import read_last_samples
 from fri_client.handover.ring import Disposition, EventCode, HandoverRing
-from fri_client.loop.result import LoopResult, MotionStopped, SessionDropped
+from fri_client.loop.result import LoopResult
 from fri_client.messages import (
     MONITORING_IDENTIFIER,
     ConnectionInfo,
@@ -77,20 +77,14 @@ def test_a_ring_that_went_round_and_records_without_a_message_are_no_obstacle() 
     ring.close()
 
 
-def test_the_exception_carries_them_with_the_reason() -> None:
+def test_the_result_carries_them_with_the_reason() -> None:
     ring = HandoverRing.create(4096)
     fill(ring, 3000, 2500)
     result = LoopResult("stopped", "GUARD", "Joint 2 was too fast.", 2, 9.0, 8.0, tick=2501, criterion="velocity")
     result.keep_last_samples(read_last_samples(ring, Codec(FriVersion.V1_15)))
-    error = result.error()
-    assert isinstance(error, MotionStopped)
-    assert (error.reason, error.criterion, error.joint, error.tick) == ("GUARD", "velocity", 2, 2501)
-    assert (error.exit_code, str(error)) == (1, "Joint 2 was too fast.")
-    kept = error.last_samples
+    kept = result.last_samples
     assert kept is not None
     assert len(kept) == 2500
+    assert (kept.reason, kept.sentence) == ("GUARD", "Joint 2 was too fast.")
     assert (kept.criterion, kept.joint, kept.tick, kept.limit) == ("velocity", 2, 2501, 8.0)
-    assert isinstance(LoopResult("dropped", "SILENCE", "Session dropped.").error(), SessionDropped)
-    for outcome in ("completed", "no_robot", "not_started", "refused"):
-        assert LoopResult(outcome, "", "").error() is None  # type: ignore[arg-type]
     ring.close()

@@ -254,18 +254,6 @@ def test_after_silence_the_last_command_is_held_because_the_arm_has_come_to_rest
     assert tuple(drive.motion.tick(drive.commands[-1])) == drive.commands[-1]
 
 
-def test_the_rebuilt_path_is_what_was_commanded() -> None:
-    for ticks in (0, 100, 3000, 60000):
-        drive = Drive(program(periods=1))
-        drive.tick(ticks)
-        drive.motion.stop(OPERATOR)
-        drive.finish()
-        (rebuilt,) = drive.motion.commanded_paths()
-        moving = len(rebuilt) - 3
-        assert np.array_equal(rebuilt[3:], np.array(drive.commands[:moving]))
-        assert all(command == drive.commands[-1] for command in drive.commands[moving:])
-
-
 def test_standstill_needs_a_whole_quiet_window_and_says_when_there_is_none() -> None:
     quiet, moving = Standstill(0.001), Standstill(0.001)
     for _ in range(199):

@@ -59,11 +59,9 @@ def test_after_each_pause_the_robot_sees_a_motion_inside_every_limit_that_drives
 ) -> None:
     drive = Drive(program())
     drive.tick(first)
-    pauses, begins = [], []
+    pauses = []
     for ticks in (*later, 60_000):
         pauses.append(len(drive.commands))
-        if drive.motion.moving and drive.motion.phase < MotionPhase.STOP_RAMP:
-            begins.append(len(drive.commands))
         drive.motion.resume_from_rest()
         drive.tick(ticks)
     assert drive.motion.phase == MotionPhase.DONE
@@ -76,11 +74,6 @@ def test_after_each_pause_the_robot_sees_a_motion_inside_every_limit_that_drives
         if sample >= 0:
             assert phase == MotionPhase.EXCITATION
             assert command == tuple(table[sample])
-    rebuilt = drive.motion.commanded_paths()
-    paths = from_rest(drive, begins)
-    assert len(rebuilt) == len(paths)
-    for mine, theirs in zip(paths, rebuilt, strict=True):
-        assert mine[: len(theirs)] == pytest.approx(theirs, abs=1e-12)
 
 
 def test_re_entries_that_break_off_again_and_again_end_where_the_path_does() -> None:

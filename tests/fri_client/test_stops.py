@@ -88,17 +88,6 @@ def test_an_error_while_a_path_stop_is_planned_costs_one_tick_and_not_the_stop()
     assert drive.motion.stop_kind == "joint_space"
 
 
-def test_the_peaks_of_a_long_run_that_was_stopped_are_those_of_its_commands() -> None:
-    """The rebuilt path leaves out whole periods only: no step where the stop begins."""
-    drive = Drive(program(periods=5))
-    drive.until(MotionPhase.EXCITATION)
-    drive.tick(3 * 2000 + 700)
-    drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
-    drive.finish()
-    (rebuilt,) = drive.motion.commanded_paths()
-    assert abs(rebuilt[1:] - rebuilt[:-1]).max() <= abs(sine_table()[1:] - sine_table()[:-1]).max() * 1.001
-
-
 def test_a_torque_of_flipped_bits_is_said_in_few_digits() -> None:
     assert "is 31.4 Nm" in too_much_torque(4, 31.41, 30.0).sentence
     assert "is -6.5e+304 Nm" in too_much_torque(1, -6.5e304, 60.0).sentence

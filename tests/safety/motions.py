@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from safety.limits import JointLimits
+from safety.guard import CommandGuard, GuardVerdict
+from safety.limits import FloatArray, JointLimits
 
 
 def random_fourier_table(
@@ -38,3 +41,15 @@ def random_fourier_table(
     offset = generator.choice([-1.0, 0.0, 1.0], n) * (0.999 * half - np.abs(q).max(axis=0))
     table: np.ndarray = q + middle + offset
     return table
+
+
+def judged(
+    guard: CommandGuard, command: Sequence[float] | FloatArray, measured: Sequence[float] | FloatArray, *,
+    stopping: bool = False,
+) -> GuardVerdict | None:  # fmt: skip
+    """`examine` and, where nothing speaks against the command, `accept`: as for one that is sure to go out."""
+    outcome = guard.examine(command, measured, stopping=stopping)
+    if isinstance(outcome, GuardVerdict):
+        return outcome
+    guard.accept(outcome)
+    return None

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from safety.errors import TrajectoryShapeError
 from safety.guard import CommandGuard
 from safety.limits import IIWA14_R820
+from tests.safety.motions import judged
 
 PERIOD = 0.001
 LIMITS = IIWA14_R820
@@ -31,7 +32,7 @@ def _moved(joint: int, by: float, start: np.ndarray | None = None) -> np.ndarray
 
 def test_a_guard_that_was_never_anchored_refuses_everything() -> None:
     guard = CommandGuard(LIMITS, PERIOD)
-    verdict = guard.judge([0.0] * 7, [0.0] * 7)
+    verdict = judged(guard, [0.0] * 7, [0.0] * 7)
     assert verdict is not None
     assert verdict.criterion == "anchor"
     assert "has not been told" in verdict.sentence()
@@ -39,9 +40,9 @@ def test_a_guard_that_was_never_anchored_refuses_everything() -> None:
 
 def test_a_released_guard_refuses_again() -> None:
     guard = _guard()
-    assert guard.judge(np.zeros(7), np.zeros(7)) is None
+    assert judged(guard, np.zeros(7), np.zeros(7)) is None
     guard.release()
-    verdict = guard.judge(np.zeros(7), np.zeros(7))
+    verdict = judged(guard, np.zeros(7), np.zeros(7))
     assert verdict is not None
     assert verdict.criterion == "anchor"
 
@@ -50,13 +51,13 @@ def test_a_released_guard_refuses_again() -> None:
 def test_a_command_that_is_not_finite_is_refused_and_the_joint_named(bad: float) -> None:
     command = np.zeros(7)
     command[4] = bad
-    verdict = _guard().judge(command, np.zeros(7))
+    verdict = judged(_guard(), command, np.zeros(7))
     assert verdict is not None
     assert (verdict.criterion, verdict.joint) == ("finite", 5)
 
 
 def test_a_measured_position_that_is_not_finite_is_refused() -> None:
-    verdict = _guard().judge(np.zeros(7), [0.0, math.nan, 0, 0, 0, 0, 0])
+    verdict = judged(_guard(), np.zeros(7), [0.0, math.nan, 0, 0, 0, 0, 0])
     assert verdict is not None
     assert (verdict.criterion, verdict.joint) == ("distance_to_measured", 2)
 
@@ -67,7 +68,7 @@ def test_a_command_past_a_position_limit_is_refused_with_both_numbers(side: floa
     position[3] = side * 2.0943
     command = position.copy()
     command[3] = side * 2.13
-    verdict = _guard(position).judge(command, command)
+    verdict = judged(_guard(position), command, command)
     assert verdict is not None
     assert (verdict.criterion, verdict.joint, verdict.value) == ("position", 4, command[3])
     assert verdict.limit == pytest.approx(side * math.radians(120))
@@ -75,13 +76,13 @@ def test_a_command_past_a_position_limit_is_refused_with_both_numbers(side: floa
 
 
 def test_a_step_larger_than_the_velocity_limit_is_refused() -> None:
-    verdict = _guard().judge(_moved(1, 1.4835 * PERIOD * 1.01), np.zeros(7))
+    verdict = judged(_guard(), _moved(1, 1.4835 * PERIOD * 1.01), np.zeros(7))
     assert verdict is not None
     assert (verdict.criterion, verdict.joint, verdict.unit) == ("velocity", 1, "rad/s")
 
 
 def test_a_jump_within_the_velocity_limit_is_refused_for_its_acceleration() -> None:
-    verdict = _guard().judge(_moved(1, 1.4 * PERIOD), np.zeros(7))
+    verdict = judged(_guard(), _moved(1, 1.4 * PERIOD), np.zeros(7))
     assert verdict is not None
     assert (verdict.criterion, verdict.joint) == ("acceleration", 1)
     assert verdict.value == pytest.approx(1.4 / PERIOD)
@@ -89,8 +90,8 @@ def test_a_jump_within_the_velocity_limit_is_refused_for_its_acceleration() -> N
 
 def test_the_distance_to_the_measured_position_is_limited() -> None:
     guard = _guard()
-    assert guard.judge(np.zeros(7), _moved(7, 0.099)) is None
-    verdict = guard.judge(np.zeros(7), _moved(7, 0.101))
+    assert judged(guard, np.zeros(7), _moved(7, 0.099)) is None
+    verdict = judged(guard, np.zeros(7), _moved(7, 0.101))
     assert verdict is not None
     assert (verdict.criterion, verdict.joint, verdict.limit) == ("distance_to_measured", 7, 0.1)
 
@@ -99,20 +100,20 @@ def test_measurement_noise_never_trips_the_guard() -> None:
     guard = _guard()
     generator = np.random.default_rng(20)
     for _ in range(2000):  # noise of 10 mrad is 28 rad/s when differenced at 1 ms
-        assert guard.judge(np.zeros(7), generator.uniform(-0.01, 0.01, 7)) is None
+        assert judged(guard, np.zeros(7), generator.uniform(-0.01, 0.01, 7)) is None
 
 
 def test_a_refused_command_leaves_no_trace() -> None:
     guard = _guard()
-    assert guard.judge(_moved(2, 2e-6), np.zeros(7)) is None
+    assert judged(guard, _moved(2, 2e-6), np.zeros(7)) is None
     before = (guard.position, guard.velocity, guard.acceleration)
-    assert guard.judge(_moved(2, 0.5), np.zeros(7)) is not None
+    assert judged(guard, _moved(2, 0.5), np.zeros(7)) is not None
     for old, new in zip(before, (guard.position, guard.velocity, guard.acceleration), strict=True):
         assert np.array_equal(old, new)
 
 
 def test_a_wrong_number_of_joints_is_refused() -> None:
-    verdict = _guard().judge([0.0] * 6, [0.0] * 7)
+    verdict = judged(_guard(), [0.0] * 6, [0.0] * 7)
     assert verdict is not None
     assert verdict.criterion == "shape"
     with pytest.raises(TrajectoryShapeError, match="6 numbers"):
@@ -135,7 +136,7 @@ def test_a_motion_exactly_at_the_limits_of_velocity_acceleration_and_jerk_passes
             s = min(t, duration)
             q, v, a, t = q + s * (v + s * (a / 2 + s * j / 6)), v + s * (a + s * j / 2), a + s * j, t - s
         command = _moved(4, q)
-        verdict = guard.judge(command, command)
+        verdict = judged(guard, command, command)
         assert verdict is None, verdict.sentence() if verdict else ""
     assert v == pytest.approx(0.0, abs=1e-9)
 
@@ -151,7 +152,7 @@ def test_a_sine_with_its_peak_velocity_exactly_at_the_limit_passes(frequency: fl
         # The amplitude grows smoothly from rest to full over the first second.
         growth = min(1.0, t) ** 3 * (10 - 15 * min(1.0, t) + 6 * min(1.0, t) ** 2)
         command = _moved(4, scale * amplitude * (-1.0 + growth * (1.0 - math.cos(omega * max(0.0, t - 1.0)))))
-        verdict = guard.judge(command, command)
+        verdict = judged(guard, command, command)
         assert verdict is None, verdict.sentence() if verdict else ""
 
 
@@ -162,7 +163,7 @@ def test_a_command_from_which_no_stop_fits_is_refused_before_the_limit_is_reache
     for _ in range(4000):
         speed = min(1.4, speed + 2.0 * PERIOD)
         position = _moved(1, speed * PERIOD, position)
-        verdict = guard.judge(position, position)
+        verdict = judged(guard, position, position)
         if verdict is not None:
             break
     assert verdict is not None
@@ -176,7 +177,7 @@ def test_the_stopping_state_is_the_parabola_with_one_period_of_braking_at_full_j
     guard = _guard()
     for k in range(1, 50):
         t = k * PERIOD
-        assert guard.judge(_moved(6, 0.5 * 3.0 * t * t), np.zeros(7)) is None
+        assert judged(guard, _moved(6, 0.5 * 3.0 * t * t), np.zeros(7)) is None
     jerk = 157.2  # of joint 6
     assert guard.acceleration[5] == pytest.approx(3.0 - jerk * PERIOD, rel=1e-6)
     assert guard.velocity[5] == pytest.approx(3.0 * 0.049 - jerk * PERIOD**2 / 3, rel=1e-6)
@@ -184,7 +185,7 @@ def test_the_stopping_state_is_the_parabola_with_one_period_of_braking_at_full_j
 
 def test_the_stopping_state_of_an_arm_at_rest_is_rest() -> None:
     guard = _guard()
-    assert guard.judge(np.zeros(7), np.zeros(7)) is None
+    assert judged(guard, np.zeros(7), np.zeros(7)) is None
     assert not guard.velocity.any()
     assert not guard.acceleration.any()
 
@@ -193,7 +194,7 @@ def test_lists_tuples_and_arrays_are_judged_alike() -> None:
     command = _moved(3, 3e-6)
     guards = [_guard(), _guard(), _guard()]
     for guard, form in zip(guards, (command, command.tolist(), tuple(command)), strict=True):
-        assert guard.judge(form, form) is None
+        assert judged(guard, form, form) is None
     assert np.array_equal(guards[0].position, guards[1].position)
     assert np.array_equal(guards[0].position, guards[2].position)
 
@@ -207,7 +208,7 @@ def test_whatever_is_accepted_lies_within_the_limits(seed: int, size: float) -> 
     accepted = [np.zeros(7), np.zeros(7)]
     for _ in range(200):
         wish = 2 * accepted[-1] - accepted[-2] + generator.normal(0.0, size, 7) * generator.choice([0.01, 1.0], 7)
-        if guard.judge(wish, wish) is None:
+        if judged(guard, wish, wish) is None:
             accepted.append(wish)
     stream = np.array(accepted)
     assert np.all(np.abs(stream) <= LIMITS.position_upper + 1e-9)

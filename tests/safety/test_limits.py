@@ -1,4 +1,4 @@
-"""Joint limits: the published values, margins as a step of their own, contradictions refused with both numbers."""
+"""Joint limits: the published values, contradictions refused with both numbers."""
 
 from __future__ import annotations
 
@@ -54,28 +54,6 @@ def test_limits_do_not_follow_the_array_they_were_made_from() -> None:
     limits = _limits(velocity=velocity)
     velocity[0] = 7.0
     assert limits.velocity[0] == 1.0
-
-
-def test_a_margin_moves_positions_inwards_and_scales_the_rest() -> None:
-    tight = IIWA14_R820.with_margin(position_margin_rad=0.1, velocity_fraction=0.5, torque_fraction=[0.9] * 7)
-    assert tight.position_upper == pytest.approx(IIWA14_R820.position_upper - 0.1)
-    assert tight.position_lower == pytest.approx(IIWA14_R820.position_lower + 0.1)
-    assert tight.velocity == pytest.approx(IIWA14_R820.velocity / 2)
-    assert tight.torque == pytest.approx(IIWA14_R820.torque * 0.9)
-    assert tight.acceleration == pytest.approx(IIWA14_R820.acceleration)
-
-
-def test_a_margin_that_leaves_no_room_names_the_joint_and_both_numbers() -> None:
-    with pytest.raises(LimitsError, match=r"Joint 2 .* 0\.2 rad.* -0\.2 rad") as caught:
-        _limits().with_margin(position_margin_rad=[0.1, 1.2])
-    assert caught.value.joint == 2
-    assert caught.value.exit_code == 78
-
-
-@pytest.mark.parametrize("fraction", [0.0, -0.5, 1.01, float("nan")])
-def test_a_fraction_outside_zero_to_one_is_refused(fraction: float) -> None:
-    with pytest.raises(LimitsError, match="joint 1"):
-        _limits().with_margin(velocity_fraction=fraction)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -16,7 +18,7 @@ PERIOD = 0.001
 
 def gentle_limits() -> JointLimits:
     """What random tables are made for here: a stop needs some room beyond the motion itself."""
-    return IIWA14_R820.with_margin(velocity_fraction=0.7, acceleration_fraction=0.6)
+    return replace(IIWA14_R820, velocity=0.7 * IIWA14_R820.velocity, acceleration=0.6 * IIWA14_R820.acceleration)
 
 
 def positions_of(stops: PathStops, row: int, period: float = PERIOD) -> np.ndarray:
@@ -95,7 +97,7 @@ def test_there_is_none_where_the_path_leaves_no_room() -> None:
     """A sawtooth of accelerations at the limit: whatever slows the parameter adds to an acceleration at its limit."""
     table = random_fourier_table(np.random.default_rng(4), IIWA14_R820)
     speed = np.abs(np.diff(table[:, 0], append=table[0, 0])) / PERIOD
-    tight = IIWA14_R820.with_margin(acceleration_fraction=0.02)
+    tight = replace(IIWA14_R820, acceleration=0.02 * IIWA14_R820.acceleration)
     assert PathStops(table, PERIOD, 1, tight).plan(int(speed.argmax())) is None
 
 

@@ -6,6 +6,7 @@ Every command is judged by the guard, and the stream is differenced here, indepe
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from safety.guard import CommandGuard
 from safety.limits import IIWA7_R800, IIWA14_R820, JointLimits
 from safety.preflight import preflight
 from safety.ramps import plan_start_ramp, plan_stop_ramp
-from tests.safety.motions import random_fourier_table
+from tests.safety.motions import judged, random_fourier_table
 
 PERIOD = 0.001
 STOPS_PER_MOTION = 170
@@ -47,7 +48,7 @@ def test_at_any_tick_the_stop_stays_inside_every_limit_and_ends_at_rest(seed: in
     guard.anchor(begin)
     stop_ticks = set(generator.choice(len(stream), STOPS_PER_MOTION, replace=False).tolist())
     for tick, command in enumerate(stream):
-        verdict = guard.judge(command, command)
+        verdict = judged(guard, command, command)
         assert verdict is None, (tick, ticks, verdict.sentence() if verdict else "")
         if tick in stop_ticks:
             _assert_stops_well(guard, stream[max(0, tick - 2) : tick + 1], limits)
@@ -58,7 +59,7 @@ def _assert_stops_well(running: CommandGuard, past: list[np.ndarray], limits: Jo
     stop = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, limits)
     commands = np.array([stop.at(k * PERIOD)[0] for k in range(1, round(stop.duration_s / PERIOD) + 5)])
     for command in commands:
-        verdict = guard.judge(command, command, stopping=True)
+        verdict = judged(guard, command, command, stopping=True)
         assert verdict is None, verdict.sentence() if verdict else ""
     whole = np.vstack([*past, commands])
     assert np.all(whole <= limits.position_upper + 2e-7)
@@ -71,7 +72,13 @@ def _assert_stops_well(running: CommandGuard, past: list[np.ndarray], limits: Jo
 def test_stops_are_accepted_without_being_announced_as_stops_where_the_motion_keeps_a_margin() -> None:
     """With a table made for 98 % of the limits, the guard's stopping criteria never refuse the stop itself."""
     generator = np.random.default_rng(5)
-    tight = IIWA14_R820.with_margin(position_margin_rad=0.02, velocity_fraction=0.98, acceleration_fraction=0.98)
+    tight = replace(
+        IIWA14_R820,
+        position_lower=IIWA14_R820.position_lower + 0.02,
+        position_upper=IIWA14_R820.position_upper - 0.02,
+        velocity=0.98 * IIWA14_R820.velocity,
+        acceleration=0.98 * IIWA14_R820.acceleration,
+    )
     for _ in range(4):
         table = random_fourier_table(generator, tight)
         guard = CommandGuard(IIWA14_R820, PERIOD)
@@ -79,14 +86,14 @@ def test_stops_are_accepted_without_being_announced_as_stops_where_the_motion_ke
         ramp = plan_start_ramp(begin, table[0], *_derivatives(table, 0), IIWA14_R820)
         guard.anchor(begin)
         for k in range(1, round(ramp.duration_s / PERIOD)):
-            assert guard.judge(ramp.at(k * PERIOD)[0], ramp.at(k * PERIOD)[0]) is None
+            assert judged(guard, ramp.at(k * PERIOD)[0], ramp.at(k * PERIOD)[0]) is None
         for k in range(3000):
-            assert guard.judge(table[k], table[k]) is None
+            assert judged(guard, table[k], table[k]) is None
             if k % 100 == 0:
                 trial = copy.copy(guard)
                 stop = plan_stop_ramp(guard.position, guard.velocity, guard.acceleration, IIWA14_R820)
                 for j in range(1, round(stop.duration_s / PERIOD) + 3):
-                    verdict = trial.judge(stop.at(j * PERIOD)[0], stop.at(j * PERIOD)[0])
+                    verdict = judged(trial, stop.at(j * PERIOD)[0], stop.at(j * PERIOD)[0])
                     assert verdict is None, verdict.sentence() if verdict else ""
 
 
@@ -110,7 +117,7 @@ def test_whatever_the_guard_accepts_can_be_stopped(seed: int, period: float) -> 
             if k % int(generator.integers(2, 400)) == 0:
                 rate = generator.uniform(-1, 1, 7) * limits.acceleration * generator.choice([0.0, 0.02, 1.0], 7)
             step = np.clip(step + rate * period**2, -limits.velocity * period, limits.velocity * period)
-            verdict = guard.judge(last + step, last)
+            verdict = judged(guard, last + step, last)
             if verdict is not None:
                 criteria.add(verdict.criterion)
                 break
