@@ -23,6 +23,7 @@ from identification.excitation.design import design_excitation as search_excitat
 from identification.excitation.limits import limits_of_robot
 from identification.excitation.local_search import DesignSettings
 from identification.excitation.nominal import nominal_parameters
+from identification.fitting.misfit import notes_on_models_contradicted
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsTable
 from identification.fitting.settings import FitSettings
@@ -146,7 +147,7 @@ class Validation(_Printed):
         lines = self.result.rows
         joints = len(lines[0].rms_nm) if lines else 0
         rows = tuple((line.label, *(f"{x:.4f}" for x in line.rms_nm), f"{line.total_nm:.4f}") for line in lines)
-        said = tuple(no_check(name) for name in self.fitted_to)
+        said = (*map(no_check, self.fitted_to), *notes_on_models_contradicted(self.result))
         return Table(("RMS", *(f"joint {joint}" for joint in range(1, joints + 1)), "sum"), rows, said)
 
 

@@ -21,6 +21,8 @@ DEVIATIONS = 5.0
 """Of the energy that noise alone leaves, by which a misfit is beyond it."""
 NOISE_ALONE = 1.5
 """Times the noise up to which a joint has no torque that a model could describe."""
+CONTRADICTED = 120.0
+"""% of a joint's RMS torque: a model that leaves more adds torque that is not there; without any, 100 are left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,3 +98,20 @@ def notes_on_joints_missed(rms: RmsTable) -> tuple[str, ...]:
         f"WARNING, the model describes nothing of joint{'s' * (missed.size > 1)} {joints}: it leaves {shares} % of the "
         "RMS torque there; `iiwa-ident doctor --log` checks signs, units, clock and order of the recording",
     )
+
+
+def notes_on_models_contradicted(rms: RmsTable) -> tuple[str, ...]:
+    """A warning for each recording of which a model leaves a joint more than the torque itself: another set-up."""
+    notes: dict[str, str] = {}
+    for row in rms.rows:
+        name = row.label.rpartition(", ")[0]
+        wrong = np.flatnonzero((row.percent >= CONTRADICTED) & ~(row.rms_nm <= NOISE_ALONE * row.noise_floor_nm))
+        if wrong.size and name not in notes:
+            joints = ", ".join(str(joint + 1) for joint in wrong)
+            shares = ", ".join(f"{row.percent[joint]:.0f}" for joint in wrong)
+            notes[name] = (
+                f"WARNING, {name}: the model leaves {shares} % of the RMS torque of joint{'s' * (wrong.size > 1)} "
+                f"{joints}, more than no model would: stand, load, signs or units are others. `iiwa-ident diagnose "
+                "--model` says which"
+            )
+    return tuple(notes.values())

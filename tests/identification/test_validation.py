@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError
+from identification.fitting.misfit import notes_on_models_contradicted
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.robots import load_robot
@@ -62,3 +63,14 @@ def test_logs_of_the_same_name_are_told_apart_by_their_folders(recordings: list[
 def test_folds_that_leave_nothing_to_fit_or_to_score_are_refused(recordings: list[Recording], folds: int) -> None:
     with pytest.raises(EstimationError, match="3 recordings"):
         cross_validate(recordings, load_robot("iiwa14"), BASE_ONLY, folds)
+
+
+def test_a_model_that_leaves_more_than_the_torque_itself_is_said(recordings: list[Recording]) -> None:
+    """Torques of the other sign: the model's make them twice as large."""
+    robot = load_robot("iiwa14")
+    fitted = fit_recordings(recordings[:1], robot, BASE_ONLY)
+    turned = replace(recordings[1], torque=-recordings[1].torque)
+    (said,) = notes_on_models_contradicted(validate_model(fitted, [turned]))
+    assert said.startswith("WARNING, ")
+    assert "more than no model would" in said
+    assert not notes_on_models_contradicted(validate_model(fitted, recordings[1:2]))
