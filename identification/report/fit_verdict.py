@@ -12,10 +12,21 @@ from identification.report.numbers import listed, rounded
 
 # From here on the misfit is larger than the noise that it lies in: squares add.
 MISFIT_AS_LARGE_AS_NOISE = math.sqrt(2.0)
+# How a fit's notes begin that say the recording is not what it states.
+WARNING = "WARNING"
 
 
 def fit_verdict(model: Mapping[str, Any]) -> tuple[str, Tone]:
-    """One or two sentences of `model.json`: is the residual noise, can the parameters be, how many are known."""
+    """A few sentences of `model.json`: what the fit warns of, is the residual noise, can the parameters be, how many
+    are known.
+    """
+    said, tone = _without_warnings(model)
+    notes = (model.get("provenance") or {}).get("notes") or ()
+    warnings = [f"{note}." for note in notes if str(note).startswith(WARNING)]
+    return (" ".join([*warnings, said]), "attention") if warnings else (said, tone)
+
+
+def _without_warnings(model: Mapping[str, Any]) -> tuple[str, Tone]:
     items = model.get("base_parameters", ())
     if not items:
         return "This report holds no fitted model.", "neutral"

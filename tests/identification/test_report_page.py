@@ -170,6 +170,13 @@ def test_the_verdict_of_a_fit_has_the_colour_of_what_it_says(
     assert "1 of 1 base parameters" in text
 
 
+def test_what_a_fit_warns_of_comes_first(fit: FitResult) -> None:
+    model = fit.to_model_json()
+    said, _ = fit_verdict(model)
+    model["provenance"]["notes"] = ["Compared up to 10 Hz", "WARNING, friction of joint 2 came out below zero"]
+    assert fit_verdict(model) == (f"WARNING, friction of joint 2 came out below zero. {said}", "attention")
+
+
 def test_the_title_says_what_the_page_is_and_leads_to_the_other_one(fit: FitResult, tmp_path: Path) -> None:
     write_report(tmp_path / "report.html", fit=fit, links=[("diagnosis/report.html", "The diagnosis")])
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
