@@ -48,6 +48,8 @@ NOT_ITS_OWN, ITS_OWN, CHEAPER = 0.5, 0.2, 0.3
 """Of a torque's square: what stays of one at least under the joint where it stands, and of each at most under the one
 it goes with; and how much less stays in all. The columns of a joint near the base take much of any torque.
 """
+DECISIVE, LEAST_LEFT = 0.01, 0.1
+"""As the last, where it is enough by itself, and of how much in all: an arm of few joints takes much of any torque."""
 ORDER_ROWS, ORDER_NOISE = 600, 0.1
 SHORTEST_M = 0.3
 """Between the first axis and the last: what is smaller is a device of its own kind, whose torques nobody foretells."""
@@ -66,6 +68,9 @@ class SetUpCheck:
     sentence: str
 
 
+UNKNOWN_SIGNS = SetUpCheck("torque signs", "warning", "Signs cannot be told while torques stand under other joints.")
+
+
 def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[SetUpCheck, ...]:
     """Every check of some recordings of one robot. Raises RecordingError for those that are too short or at rest."""
     fit = nominal_fit(recordings, robot, DiagnosisSettings())
@@ -82,14 +87,24 @@ def set_up_checks(
     """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit."""
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
     gravity = np.array(robot.gravity) if stand is None or not stand.is_other else stand.gravity
-    return (
+    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
+    order = _order(rows, robot, np.array(robot.gravity), only_decisive=True)
+    if order.status == "ok":
+        order = _order(rows, robot, gravity)
+    checks = (
         _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
-        _order(rows, robot, gravity),
+        order,
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
     )
+    exchanged = order.status == "failed"
+    return tuple(UNKNOWN_SIGNS if exchanged and _is_failed_sign(item) else item for item in checks)
+
+
+def _is_failed_sign(check: SetUpCheck) -> bool:
+    return check.name == UNKNOWN_SIGNS.name and check.status == "failed"
 
 
 def _gravity(found: Mounting | None) -> SetUpCheck:
@@ -151,10 +166,11 @@ def _wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) 
     return f"{said}: too much for an arm of that size. Are they in mNm?" * (torque > HEAVIEST * 9.81 * length**4)
 
 
-def _order(rows: Rows, robot: RobotModel, gravity: FloatArray) -> SetUpCheck:
+def _order(rows: Rows, robot: RobotModel, gravity: FloatArray, *, only_decisive: bool = False) -> SetUpCheck:
     """Which joint's motion each torque goes with: the columns of every joint are fitted to every torque.
 
-    A cost is the share of a torque that a joint's columns leave on blocks that were not fitted.
+    A cost is the share of a torque that a joint's columns leave on blocks that were not fitted. only_decisive: by the
+    stricter of the two bounds.
     """
     n, sizes = robot.n, sizes_of(robot, rows)
     chosen = np.unique(np.linspace(0, len(rows.block) - 1, min(ORDER_ROWS, len(rows.block))).astype(int))
@@ -171,7 +187,14 @@ def _order(rows: Rows, robot: RobotModel, gravity: FloatArray) -> SetUpCheck:
     _, order = linear_sum_assignment(cost)
     moved = [joint for joint in range(n) if order[joint] != joint]
     here, there = cost[moved, moved], cost[moved, order[moved]]
-    if not moved or here.max() < NOT_ITS_OWN or there.max() > ITS_OWN or there.sum() > CHEAPER * here.sum():
+    clear = (here.sum() >= LEAST_LEFT and there.sum() <= DECISIVE * here.sum()) or (
+        bool(moved)
+        and not only_decisive
+        and here.max() >= NOT_ITS_OWN
+        and there.max() <= ITS_OWN
+        and there.sum() <= CHEAPER * here.sum()
+    )
+    if not moved or not clear:
         return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
     which = ", ".join(f"that of joint {joint + 1} stands under joint {order[joint] + 1}" for joint in moved)
     return SetUpCheck("order of joints", "failed", f"The torques are in the order of other joints: {which}.")

@@ -239,8 +239,8 @@ def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
         DataFault(
             "inverted_torque_sign",
             joints,
-            f"{name}: the torque of {which} has the wrong sign: turned, the recording fits one rigid body with "
-            "positive inertia and friction.",
+            f"{name}: the torque of {which} has the wrong sign: turned, the recording goes far better with one "
+            "rigid body of positive inertia and friction.",
         )
     ]
 
