@@ -34,6 +34,8 @@ ENOUGH = 0.7
 """Of what all parameters fitted anew explain: below it a name is not all."""
 STILL_ITS_OWN = 4.0
 """A model that leaves less than so many times what it left of its own recordings holds."""
+MUCH_MORE = 4.0
+"""Times the squares that stay beside a load with all its numbers, above which mass and centre alone do not tell it."""
 TOO_WIDE = 0.5
 """Of the torque's size: a model whose own uncertainty is larger foretells nothing."""
 
@@ -131,6 +133,10 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
         for each in (explanation.holding(now.steps) for explanation in (first, now, found.whole))
     )
     numbers = found_numbers(now)
+    if float(np.sum((after / noise.std) ** 2)) > MUCH_MORE * float(np.sum((least / noise.std) ** 2)):
+        # Far from the link's origin a load's inertia is most of what it does: without it, mass and centre bend to it.
+        whole = {each.hypothesis.place: each for each in found_numbers(found.whole)}
+        numbers, after = [whole[each.hypothesis.place] for each in numbers], least
     for each in numbers:
         if each.hypothesis.effect == "payload" and abs(each.values[0]) > WIDEST * float(given.sizes.mass.mean()):
             raise EstimationError(

@@ -75,8 +75,9 @@ PLANAR = """<robot name="planar"><link name="base"/>
 """
 
 
-def test_what_a_motion_cannot_determine_is_said_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two parallel joints: where along them a load sits makes no torque, and of its inertia only the one about them."""
+@pytest.fixture
+def planar(tmp_path: Path) -> Path:
+    """Recordings of an arm in a plane without and with 1.2 kg, 350 mm from its last joint."""
     (tmp_path / "arm.urdf").write_text(PLANAR)
     bare = pinocchio.buildModelFromXML(PLANAR)
     loaded = pinocchio.buildModelFromXML(PLANAR)
@@ -89,17 +90,36 @@ def test_what_a_motion_cannot_determine_is_said_in_words(tmp_path: Path, capsys:
         torque = np.array([pinocchio.rnea(model, data, *state) for state in zip(*states, strict=True)])
         torque += 0.02 * generator.standard_normal(torque.shape)
         np.savez(tmp_path / f"{name}.npz", t=np.arange(2000) * 0.01, q=states[0], tau=torque, robot="arm.urdf")
-    words = ["payload", str(tmp_path / "bare.npz"), "--", str(tmp_path / "tool.npz")]
-    assert run(*words, "--json", str(tmp_path / "load.json")) == 0
+    return tmp_path
+
+
+def test_what_a_motion_cannot_determine_is_said_in_words(planar: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two parallel joints: where along them a load sits makes no torque, and of its inertia only the one about them."""
+    words = ["payload", str(planar / "bare.npz"), "--", str(planar / "tool.npz")]
+    assert run(*words, "--json", str(planar / "load.json")) == 0
     text = capsys.readouterr().out
     assert max(float(number) for number in re.findall(r"± ([\d.]+)", text)) < 20.0
     assert "not determined mm" in text
     assert "Not determined by these motions: Z, A, B, C, JX, JY." in text
-    found = json.loads((tmp_path / "load.json").read_text())
+    found = json.loads((planar / "load.json").read_text())
     assert found["undetermined"] == ["com_z", *(f"inertia_{entry}" for entry in ("xx", "yy", "xy", "xz", "yz"))]
     assert [name for name, value in found["load_data"].items() if value is None] == ["Z", "A", "B", "C", "JX", "JY"]
     assert found["load_data"]["X"] == pytest.approx(350.0, abs=2.0)
     assert found["mass"]["value"] == pytest.approx(1.2, rel=0.01)
+
+
+def test_compare_weighs_a_load_far_from_its_link_with_its_inertia(planar: Path) -> None:
+    """Its inertia about the last joint is more than that of the link: mass and moment alone would bend to it."""
+    words = ["compare", str(planar / "bare.npz"), str(planar / "tool.npz")]
+    assert run(*words, "--json", str(planar / "changes.json")) == 0
+    (change,) = json.loads((planar / "changes.json").read_text())["changes"]
+    (load,) = change["differences"]
+    assert load["effect"] == "payload"
+    assert load["number"] == pytest.approx(1.2, rel=0.02)
+    low, high = load["interval"]
+    assert low < 1.2 < high
+    assert high - low < 0.2
+    assert sum(change["audit"]["rms_after_nm"]) < 0.1
 
 
 def test_a_load_that_is_too_light_for_its_motion_is_said_with_the_time_that_would_do(
