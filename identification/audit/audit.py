@@ -167,8 +167,9 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     own = np.where(np.isfinite(model.left), model.left, noise.std)
     holds = bool(np.all(np.minimum(least, after) < STILL_ITS_OWN * own))
     verdict = _verdict(differences, before, after, noise.std, holds)
+    unit = given.geometry.robot.torque_unit
     return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
-                 _sentence(model.name, verdict, differences, before, after, given.geometry.robot.torque_unit),
+                 _sentence(model.name, verdict, differences, before, after, unit, model.own),
                  holds)  # fmt: skip
 
 
@@ -185,13 +186,15 @@ def _verdict(differences: list[Difference], before: FloatArray, after: FloatArra
 
 
 def _sentence(source: str, verdict: str, differences: list[Difference], before: FloatArray, after: FloatArray,
-              unit: str) -> str:  # fmt: skip
+              unit: str, own: bool) -> str:  # fmt: skip
     left, stays = (f"{float(np.sqrt(np.sum(values**2))):.3g} {unit}" for values in (before, after))
+    # What a file says of friction is not believed here; the table of a leaderboard has it as the file states it.
+    how = "all joints together" if own else "all joints together, friction and offsets fitted"
     match verdict:
         case "nothing":
-            return f"{source} holds: it leaves {left} RMS (all joints together), and nothing in the set-up differs."
+            return f"{source} holds: it leaves {left} RMS ({how}), and nothing in the set-up differs."
         case "unexplained":
-            return f"{source} leaves {left} RMS (all joints together), and no one thing in the set-up explains it."
+            return f"{source} leaves {left} RMS ({how}), and no one thing in the set-up explains it."
     found = " ".join(item.sentence for item in differences)
     rest = "" if verdict == "named" else " That is not all that differs."
     return f"{found} {left} RMS before, {stays} after, on rows not used for it.{rest}"

@@ -88,6 +88,8 @@ def test_nothing_is_fitted_unless_declared(folder: Path, capsys: pytest.CaptureF
     assert "nothing fitted" in text
     row = next(line for line in text.splitlines() if line.startswith("true.urdf"))
     assert float(row.split()[2]) == pytest.approx(OFFSET_NM, rel=0.05)
+    # What is asked about the set-up is another question, with less left, and says so.
+    assert "(all joints together, friction and offsets fitted)" in text
 
 
 def test_a_model_of_another_arm_has_no_line_and_says_why(
