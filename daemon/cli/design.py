@@ -293,7 +293,8 @@ def show_verified(verified: dict[str, Any]) -> None:
     show_table(
         (f"% of the limit, {verified['samples']} rows", *joints),
         [
-            (title, *(f"{100.0 * value:.1f}" for value in verified[name]))
+            # A joint that moves has more than 0 % of any limit that there is.
+            (title, *(f"{100.0 * value:.1f}" if value else "no limit" for value in verified[name]))
             for name, title in titles.items()
             if name in verified
         ],

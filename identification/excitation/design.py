@@ -253,7 +253,9 @@ def _best_result(
     settings, limits = problem.settings, problem.limits
     regressor = BaseRegressor(robot)
     noise = None if settings.noise_nm is None else np.array(settings.noise_nm)
-    torque_of = None if problem.torque is None or nominal is None else foreseen_torque(regressor, nominal)
+    # Also where the search does not keep to it: "inside the limits of the arm" has to count the torque.
+    bounded = nominal is not None and bool(np.any(np.isfinite(limits.torque_nm)))
+    torque_of = foreseen_torque(regressor, nominal) if bounded and nominal is not None else None
     ranked: list[tuple[float, int, FourierTrajectory, dict[str, float]]] = []
     for start, (_, coefficients) in sorted(candidates.items(), key=lambda entry: (entry[1][0], entry[0]))[:_RANKED]:
         trajectory = _trajectory(problem, robot, coefficients)

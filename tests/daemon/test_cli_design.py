@@ -50,6 +50,14 @@ def test_what_cannot_be_designed_ends_with_the_contracts_exit_code(
     assert not (tmp_path / "m.json").exists()
 
 
+def test_a_joint_without_a_limit_has_no_share_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    show_verified({
+        "samples": 10, "position": [0.5], "velocity": [0.5], "acceleration": [0.0], "rest_at_start": [0.0, 0.0, 0.0],
+        "paper": [1.0], "within_limits": True, "within_paper_limits": True,
+    })  # fmt: skip
+    assert "no limit" in capsys.readouterr().out.splitlines()[4]
+
+
 def test_how_near_the_limits_a_design_comes_is_a_table_in_percent(capsys: pytest.CaptureFixture[str]) -> None:
     """Sixteen digits a joint in brackets nobody reads."""
     show_verified({

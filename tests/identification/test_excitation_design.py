@@ -23,6 +23,7 @@ from identification.excitation.constraints import PaperConstraints, verify
 from identification.excitation.design import DesignProgress, design_excitation
 from identification.excitation.local_search import Descent, DesignSettings, LocalSearch, Problem, Stage
 from identification.excitation.objective import BaseMatrix
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from safety.collision import Workspace
 from safety.geometry import load_geometry
@@ -135,6 +136,19 @@ def test_true_limits_allow_a_better_condition_number_and_hold_at_every_milliseco
     true = design_excitation(robot, limits, replace(QUICK, limits="true"))
     assert true.verified["within_limits"]
     assert true.cond < paper.cond
+
+
+def test_a_motion_that_asks_for_more_torque_than_there_is_is_not_inside_the_limits(table3: PhysicalParameters) -> None:
+    """The paper's own limits know no torque; where the bodies are known it is counted all the same."""
+    robot, limits = load_robot("iiwa14"), limits_of_robot(load_robot("iiwa14"))
+    weak = replace(limits, torque=np.full(7, 20.0))
+    sound, asked = (design_excitation(robot, each, QUICK, nominal=table3) for each in (limits, weak))
+    assert sound.verified["within_limits"]
+    assert max(sound.verified["torque"]) <= 1.0
+    assert max(asked.verified["torque"]) > 1.0
+    assert not asked.verified["within_limits"]
+    assert asked.verified["within_paper_limits"]
+    np.testing.assert_array_equal(asked.trajectory.a, sound.trajectory.a)
 
 
 def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
