@@ -52,7 +52,12 @@ class ExcitationLimits:
             object.__setattr__(self, name, array)
         for joint in range(n[0]):
             low, high = arrays[0][joint], arrays[1][joint]
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise DesignError(
+                    f"joint {joint + 1} has no position limits, as a joint that turns without end; a motion is "
+                    "designed in a range: state lower and upper in its <limit>"
+                )
+            if low >= high:
                 raise DesignError(f"joint {joint + 1} has no usable position range: {low:g} to {high:g} rad")
             if not arrays[4][joint] > 0.0:
                 raise DesignError(f"joint {joint + 1} has no usable torque limit: {arrays[4][joint]:g} Nm")

@@ -151,6 +151,13 @@ def test_a_motion_that_asks_for_more_torque_than_there_is_is_not_inside_the_limi
     np.testing.assert_array_equal(asked.trajectory.a, sound.trajectory.a)
 
 
+def test_a_joint_without_limits_is_refused_in_words() -> None:
+    limits = limits_of_robot(load_robot("iiwa14"))
+    with pytest.raises(DesignError, match=r"joint 3 has no position limits.*state lower and upper") as caught:
+        replace(limits, position_upper=np.where(np.arange(7) == 2, np.nan, limits.position_upper))
+    assert "nan" not in str(caught.value)
+
+
 def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
     robot = load_robot("iiwa14")
     with pytest.raises(DesignError, match="free of collisions"):
