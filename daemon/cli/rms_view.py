@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from daemon.cli.output import data, show_table
@@ -18,8 +19,13 @@ def show_rms(rms: RmsTable, title: str, *, unit: str = "Nm", percent: bool = Tru
     data(f"{title.replace('torque', torque)}, {unit}:")
     show_table(
         ("joint", *heads, "sum"),
-        [(row.label, *(f"{value:.3f}" for value in row.rms_nm), f"{row.total_nm:.3f}") for row in rms.rows],
+        [(row.label, *(_cell(value, 3) for value in row.rms_nm), _cell(row.total_nm, 3)) for row in rms.rows],
     )
     if percent:
         data(f"The same in % of the RMS {torque}:")
-        show_table(("joint", *heads), [(row.label, *(f"{value:.1f}" for value in row.percent)) for row in rms.rows])
+        show_table(("joint", *heads), [(row.label, *(_cell(value, 1) for value in row.percent)) for row in rms.rows])
+
+
+def _cell(value: float, digits: int) -> str:
+    """A number, or a dash where there is none: a joint that follows another has no torque of its own."""
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

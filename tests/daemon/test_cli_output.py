@@ -12,17 +12,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daemon.api import RunEvent
 from daemon.cli import output, progress
 from daemon.cli.output import data, message, prepare_streams, show_table, write_json
 from daemon.cli.progress import bar_put_away, progress_shown
+from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
 from daemon.cli.service import show_jobs
 from daemon.cli.terminal import wrapped
 from daemon.errors import sentence_of
 from daemon.queue.control_api import JobView
+from identification.fitting.rms import RmsRow, RmsTable
 
 SENTENCE = (
     "   - Joint 4 shows torque ripple of 0.517 ± 0.004 Nm that repeats 160.0 times per turn; see "
@@ -269,3 +272,12 @@ def test_no_bar_is_drawn_over_a_question(monkeypatch: pytest.MonkeyPatch) -> Non
             assert not bar.live.is_started
         assert bar.live.is_started
     assert not progress._shown
+
+
+def test_a_joint_without_a_torque_of_its_own_has_a_dash_in_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    """One that follows another by a mimic rule: nobody measured it, and nan is no word."""
+    numbers = np.array([0.5, np.nan])
+    show_rms(RmsTable((RmsRow("fit, base", numbers, 2.0 * numbers, numbers),)), "RMS of torque")
+    said = capsys.readouterr().out
+    assert said.count("–") == 2
+    assert "nan" not in said
