@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.mismatch.prepared import Prepared
+from identification.mismatch.unknown.choice import choose_classes, kept, without_lone_background
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
@@ -45,16 +46,16 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSe
     """The classes of what the nominal model leaves."""
     settings = settings if settings is not None else ClaimSettings()
     every = build_rows(fitted, unseen, settings)
-    together = Selection.of(every, range(every.folds + every.heldout), settings, predicted=True).run()
+    together = choose_classes(Selection.of(every, range(every.folds + every.heldout), settings, predicted=True))
     if every.problem.noise_is_measured or not every.heldout:
         rows = every.limited([state.groups for state in together.states])
         return _found(together, weighed(rows, settings, predicted=True), Left.of(rows), ())
     # Rows whose noise is not known are no proof for each other: there a class has to predict.
     alone, left, dropped = _predicting(together)
-    together = together.kept(alone)
-    if together.without_lone_background():
+    together = kept(together, alone)
+    if without_lone_background(together):
         alone, left, dropped = _predicting(together)
-        together = together.kept(alone)
+        together = kept(together, alone)
     return _found(together, alone, left, dropped)
 
 

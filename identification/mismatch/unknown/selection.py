@@ -1,4 +1,6 @@
-"""Which classes the rows ask for: all of a joint's first, then backwards, the rest estimated anew each time.
+"""The state of all joints, some classes on each: variances, weights, and what the whole is worth.
+
+Here: estimates and their evidence. Not here: which classes are tried (`choice`).
 
 Where the noise is measured, hypotheses are compared by their evidence. Where it is not, rows of one kind are no proof
 for each other, and they are compared by how well each stretch of time is predicted from the others (the chain rule with
@@ -21,10 +23,10 @@ from identification.mismatch.unknown.evidence import (
     Marginal,
     Posterior,
     Shared,
+    as_measured,
     beside,
     largest_gain,
     log_prior,
-    loss_without,
     marginal,
     mean,
     posterior,
@@ -45,10 +47,6 @@ START = 0.1
 """Share of a joint's misfit that each group is given to begin with."""
 GRID = 12
 """Variances that a class is tried with before it is put in."""
-EXCHANGES = 3
-"""Classes of one joint that another may take the place of."""
-WEAK = 0.1
-"""Nats below which several classes are dropped at once."""
 
 
 @dataclass(slots=True, eq=False)
@@ -238,36 +236,6 @@ class Selection:
         hyper = Hyper(np.concatenate([state.hyper.variance, start]), state.hyper.noise)
         return self.state(joint, (*state.groups, *added), hyper)
 
-    def run(self) -> Selection:
-        """Put classes on every joint that asks for one, the worst joint first; twice, as joints share base columns."""
-        order = np.argsort(-self.rows.misfit * np.median(self.rows.problem.weight, axis=1) ** 2)
-        for _ in range(2):
-            for joint in map(int, order):
-                if self.rows.asked[joint] and self.asks(joint):
-                    self.states[joint] = self.eliminated(joint)
-                elif self.states[joint].groups:
-                    self.states[joint] = self.settled(joint, self.states[joint], FEW_ROUNDS)
-        self._exchange(range(self.rows.problem.n))
-        self.without_lone_background()
-        return self
-
-    def without_lone_background(self) -> bool:
-        """A smooth error of one joint alone is no background of the arm: there the particular classes are asked.
-
-        What an unknown error of the whole model would show on every joint, and shows on none or on one, is not there.
-        Whether any joint was asked anew.
-        """
-        smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
-        if len({item.joint for item in self.held if item.number in smooth and item.loss >= self.settings.speak}) > 1:
-            return False
-        self.banned = smooth
-        found = [item.joint for item in self.held if smooth & {item.number, *item.alternatives}]
-        for joint in dict.fromkeys(found):
-            self.states[joint] = self.eliminated(joint)
-            self.held = [item for item in self.held if item.joint != joint]
-            self._exchange([joint])
-        return bool(found)
-
     def asks(self, joint: int) -> bool:
         """Whether a class that a joint does not hold might gain more than it costs.
 
@@ -316,83 +284,6 @@ class Selection:
         """A joint with all classes that its rows hold, not yet estimated."""
         return self.unsettled(joint, range(len(self.rows.joints[joint].bases)))
 
-    def eliminated(self, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
-        """A joint with all classes, taken away one by one, the least missed first, while that costs too little.
-
-        banned: numbers of classes that are left aside.
-        """
-        banned |= self.banned
-        full = self.without(joint, self.full(joint), sorted(banned)) if banned else self.full(joint)
-        state = self.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)
-        while state.groups:
-            now = self.posterior(joint, state)
-            losses = {
-                number: loss_without(state.gram, state.hyper, now, places)
-                for number, places in self.classes(joint, state).items()
-            }
-            weak = [number for number, loss in losses.items() if loss < WEAK]
-            least = min(losses, key=lambda number: losses[number])
-            if losses[least] < self.settings.prior_cost:
-                state = self.settled(joint, self.without(joint, state, weak or [least]), FEW_ROUNDS)
-                continue
-            shorter = self._one_less(joint, state, losses)
-            if shorter is None:
-                break
-            state = shorter
-        return self.settled(joint, state, FULL_ROUNDS)
-
-    def _one_less(self, joint: int, state: JointState, losses: dict[int, float]) -> JointState | None:
-        """The state without the class that is missed least once the others are estimated anew, where that is better."""
-        state = self.settled(joint, state, FEW_ROUNDS)
-        score = self.score(joint, state)
-        options = [
-            self.settled(joint, self.without(joint, state, [number]), FEW_ROUNDS)
-            for number in sorted(losses, key=lambda number: losses[number])[:4]
-        ]
-        best = max(options, key=lambda option: self.score(joint, option))
-        return best if self.score(joint, best) > score else None
-
-    def kept(self, other: Selection) -> Selection:
-        """With the classes that another selection of some of these groups holds, and what each is worth among them."""
-        result = replace(self, states=list(self.states), held=[])
-        for _ in range(2):
-            for joint, state in enumerate(other.states):
-                numbers = set(result.classes(joint, result.states[joint])) - set(other.classes(joint, state))
-                shorter = result.without(joint, result.states[joint], sorted(numbers))
-                result.states[joint] = result.settled(joint, shorter, FEW_ROUNDS)
-        result._exchange(range(len(result.states)), 0)
-        return result
-
-    def _exchange(self, joints: Sequence[int], most: int = EXCHANGES) -> None:
-        """Every class against every other one in its place: the better one stands, those as good are its alternatives.
-
-        Classes that lose less than `speak` nats stay in the model but are not held.
-        """
-        for joint in joints:
-            for turn in range(most + 1):
-                state, score = self.states[joint], self.score(joint, self.states[joint])
-                found: list[Held] = []
-                better: JointState | None = None
-                best = score + WEAK
-                for number, family in self.families(joint, state).items():
-                    shorter = self.settled(joint, self.without(joint, state, family), FULL_ROUNDS)
-                    loss = score + self.settings.prior_cost * len(family) - self.score(joint, shorter)
-                    rest = self.without(joint, state, [number])
-                    as_good = []
-                    gains = self.gains(joint, rest)
-                    least = gains[number] - self.settings.alternative - self.settings.prior_cost
-                    for other in (other for other, gain in gains.items() if other != number and gain > least):
-                        option = self.with_class(joint, rest, other)
-                        option = self.settled(joint, option, FEW_ROUNDS, quiet=FEW_ROUNDS)
-                        value = self.score(joint, option)
-                        if value > best:
-                            best, better = value, option
-                        if value > score - self.settings.alternative:
-                            as_good.append((value, other))
-                    names = tuple(other for _, other in sorted(as_good, reverse=True))
-                    found.append(Held(number, joint, loss, names))
-                if better is None or turn == most:
-                    # What is held is what stands: never the state before the last exchange.
-                    break
-                self.states[joint] = better
-            self.held += found
+    def leaves_noise(self, state: JointState) -> bool:
+        """Whether what a state leaves is the measured noise in every band."""
+        return bool((as_measured(state.hyper.noise, self._noise_rows, self._odds) > 0.5).all())
