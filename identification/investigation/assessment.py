@@ -22,7 +22,7 @@ from identification.investigation.screening import Screened, Weighting, screen, 
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.unknown.choice import best_classes
+from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE, loss_without
 from identification.mismatch.unknown.named import ABSENT
@@ -106,9 +106,9 @@ def _with_classes(plain: Selection) -> Selection:
         for joint in map(int, order):
             if rows.asked[joint] and result.asks(joint):
                 # Whatever else the torque depends on has a mean of its own; a constant alone is a name.
-                state = best_classes(result, joint, _DESCRIBED - {_CONSTANT})
+                state = eliminated(result, joint, _DESCRIBED - {_CONSTANT})
                 only = set(result.classes(joint, state)) == {_CONSTANT}
-                result.states[joint] = best_classes(result, joint, _DESCRIBED) if only else state
+                result.states[joint] = eliminated(result, joint, _DESCRIBED) if only else state
     score = result.total()
     for _ in range(_MOST_PASSES):
         for joint in map(int, order):

@@ -54,30 +54,37 @@ def without_lone_background(selection: Selection) -> bool:
     return bool(found)
 
 
-def best_classes(selection: Selection, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
+def best_classes(selection: Selection, joint: int) -> JointState:
     """A joint with the classes that it asks for: all of them, taken away one by one while that costs too little.
 
     Where the noise is measured also none, put in one by one, and the better of the two: classes that hold many
     functions share a torque among them, and each is missed then. One class that leaves nothing but noise needs no
-    second look. banned: numbers of classes that are left aside.
+    second look.
+    """
+    if not selection.rows.problem.noise_is_measured:
+        return eliminated(selection, joint)
+    forward = _grown(selection, joint)
+    if len(selection.classes(joint, forward)) == 1 and selection.leaves_noise(forward):
+        return forward
+    return max(forward, eliminated(selection, joint), key=lambda state: selection.score(joint, state))
+
+
+def eliminated(selection: Selection, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
+    """A joint with all classes, taken away one by one, the least missed first, while that costs too little.
+
+    banned: numbers of classes that are left aside.
     """
     banned |= selection.banned
-    found = []
-    if selection.rows.problem.noise_is_measured:
-        found.append(_grown(selection, joint, banned))
-        if len(selection.classes(joint, found[0])) == 1 and selection.leaves_noise(found[0]):
-            return found[0]
     full = selection.without(joint, selection.full(joint), sorted(banned)) if banned else selection.full(joint)
-    found.append(_pruned(selection, joint, selection.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)))
-    return max(found, key=lambda state: selection.score(joint, state))
+    return _pruned(selection, joint, selection.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS))
 
 
-def _grown(selection: Selection, joint: int, banned: frozenset[int]) -> JointState:
+def _grown(selection: Selection, joint: int) -> JointState:
     """A joint with the classes that gain most, put in one by one, those taken away that are not missed then."""
     state = selection.unsettled(joint, ())
     score = selection.score(joint, state)
     while True:
-        gains = {number: gain for number, gain in selection.gains(joint, state).items() if number not in banned}
+        gains = selection.gains(joint, state)
         number = max(gains, key=lambda number: gains[number], default=None)
         if number is None or gains[number] < selection.settings.prior_cost:
             return selection.settled(joint, state, FULL_ROUNDS)

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from identification.mismatch.problem import off
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.unknown.choice import best_classes
+from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.rows import Rows
@@ -135,7 +135,7 @@ def _together(
         if not rows.asked[joint] or not whole.asks(joint):
             continue
         if joint in shown or not chosen[joint]:
-            whole.states[joint] = best_classes(whole, joint)
+            whole.states[joint] = eliminated(whole, joint)
         else:
             whole.states[joint] = whole.settled(joint, whole.unsettled(joint, chosen[joint]), FULL_ROUNDS, FULL_ROUNDS)
     return whole
@@ -150,7 +150,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     for joint in name.joints:
         if whole.rows.asked[joint]:
             held = whole.states[joint]
-            rest.states[joint] = best_classes(rest, joint, described)
+            rest.states[joint] = eliminated(rest, joint, described)
             whole = _taken_over(whole, joint, rest.states[joint])
             rest = _taken_over(rest, joint, rest.without(joint, held, sorted(described)))
     odds = whole.total() - rest.total() - cost

@@ -12,7 +12,7 @@ from identification.mismatch import diagnosis
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.choice import best_classes, exchange
+from identification.mismatch.unknown.choice import eliminated, exchange
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.rows import build_rows
@@ -36,7 +36,7 @@ def test_what_is_held_stands_also_where_every_exchange_seems_better(
     fitted = prepare([record(iiwa14, table3, bends)], iiwa14, iiwa14_base, DiagnosisSettings(), None)
     settings = ClaimSettings(alternative=1e9)
     selection = Selection.of(build_rows(fitted, None, settings), [0], settings)
-    selection.states[2] = best_classes(selection, 2)
+    selection.states[2] = eliminated(selection, 2)
     calls = count()
     monkeypatch.setattr(Selection, "score", lambda *_: float(next(calls)))
     exchange(selection, [2])
