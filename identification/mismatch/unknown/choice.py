@@ -1,4 +1,4 @@
-"""Which classes a joint holds: all, taken away one by one, or none, put in one by one; then each against others.
+"""Which classes a joint holds: all of them first, taken away one by one; then each against others in its place.
 
 Here: the search. Not here: what a set of classes is worth (`selection`).
 """
@@ -27,7 +27,7 @@ def choose_classes(selection: Selection) -> Selection:
     for _ in range(2):
         for joint in map(int, order):
             if selection.rows.asked[joint] and selection.asks(joint):
-                selection.states[joint] = best_classes(selection, joint)
+                selection.states[joint] = eliminated(selection, joint)
             elif selection.states[joint].groups:
                 selection.states[joint] = selection.settled(joint, selection.states[joint], FEW_ROUNDS)
     exchange(selection, range(selection.rows.problem.n))
@@ -48,25 +48,10 @@ def without_lone_background(selection: Selection) -> bool:
     selection.banned = smooth
     found = [item.joint for item in selection.held if smooth & {item.number, *item.alternatives}]
     for joint in dict.fromkeys(found):
-        selection.states[joint] = best_classes(selection, joint)
+        selection.states[joint] = eliminated(selection, joint)
         selection.held = [item for item in selection.held if item.joint != joint]
         exchange(selection, [joint])
     return bool(found)
-
-
-def best_classes(selection: Selection, joint: int) -> JointState:
-    """A joint with the classes that it asks for: all of them, taken away one by one while that costs too little.
-
-    Where the noise is measured also none, put in one by one, and the better of the two: classes that hold many
-    functions share a torque among them, and each is missed then. One class that leaves nothing but noise needs no
-    second look.
-    """
-    if not selection.rows.problem.noise_is_measured:
-        return eliminated(selection, joint)
-    forward = _grown(selection, joint)
-    if len(selection.classes(joint, forward)) == 1 and selection.leaves_noise(forward):
-        return forward
-    return max(forward, eliminated(selection, joint), key=lambda state: selection.score(joint, state))
 
 
 def eliminated(selection: Selection, joint: int, banned: frozenset[int] = frozenset()) -> JointState:
@@ -76,27 +61,7 @@ def eliminated(selection: Selection, joint: int, banned: frozenset[int] = frozen
     """
     banned |= selection.banned
     full = selection.without(joint, selection.full(joint), sorted(banned)) if banned else selection.full(joint)
-    return _pruned(selection, joint, selection.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS))
-
-
-def _grown(selection: Selection, joint: int) -> JointState:
-    """A joint with the classes that gain most, put in one by one, those taken away that are not missed then."""
-    state = selection.unsettled(joint, ())
-    score = selection.score(joint, state)
-    while True:
-        gains = selection.gains(joint, state)
-        number = max(gains, key=lambda number: gains[number], default=None)
-        if number is None or gains[number] < selection.settings.prior_cost:
-            return selection.settled(joint, state, FULL_ROUNDS)
-        more = selection.settled(joint, selection.with_class(joint, state, number), FEW_ROUNDS, quiet=FULL_ROUNDS)
-        grown = _pruned(selection, joint, more)
-        if (value := selection.score(joint, grown)) <= score:
-            return selection.settled(joint, state, FULL_ROUNDS)
-        state, score = grown, value
-
-
-def _pruned(selection: Selection, joint: int, state: JointState) -> JointState:
-    """A state without the classes that are not missed, taken away one by one, the least missed first."""
+    state = selection.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)
     while state.groups:
         now = selection.posterior(joint, state)
         losses = {

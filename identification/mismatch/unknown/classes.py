@@ -30,8 +30,6 @@ LOAD_STOP_WIDTHS = np.geomspace(0.01, 0.3, 4)
 LAGS_S = np.geomspace(0.002, 0.2, 5)
 LATE = 4
 """Functions of speed that friction which follows late is made of."""
-GEARS = (0.35, 0.5, 0.7, 1.4, 2.0, 2.8)
-"""Between two joints that turn one shaft; either may be the slower one."""
 RESONANCES_HZ = np.geomspace(3.0, 35.0, 11)
 DAMPING = 0.1
 NOTHING = 1e-18
@@ -219,40 +217,17 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
         for values in (inputs.velocity, inputs.acceleration, inputs.direction)
     )
     both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
-    values = np.concatenate([velocity, acceleration, both, direction, _turning(inputs, joint, (1.0,))], axis=1)
+    own, others = inputs.motion.velocity[:, joint, None], np.delete(inputs.motion.velocity, joint, axis=1)
+    turning = [direction_of(others + sign * own, inputs.motion.coulomb_velocity) for sign in (1.0, -1.0)]
+    values = np.concatenate([velocity, acceleration, both, direction, *turning], axis=1)
     return values, inputs.inside("velocity").prod(axis=1)
 
 
-def _turning(inputs: Inputs, joint: int, gears: Sequence[float]) -> FloatArray:
-    """Direction (S, m) in which a shaft turns that sums a joint and each other one through some gears, both ways."""
-    own, others = inputs.motion.velocity[:, joint, None], np.delete(inputs.motion.velocity, joint, axis=1)
-    sums = [others + sign * gear * own for gear in gears for sign in (1.0, -1.0)]
-    return np.concatenate([direction_of(turns, inputs.motion.coulomb_velocity) for turns in sums], axis=1)
-
-
-def _geared_with_others(inputs: Inputs, joint: int) -> Part:
-    return _turning(inputs, joint, GEARS), inputs.inside("velocity").prod(axis=1)
-
-
-def _bent_torques_of_others(inputs: Inputs, joint: int) -> Part:
-    return _of_each_other(inputs.torque, joint), inputs.inside("torque").prod(axis=1)
-
-
-def _bent_motion_of_others(inputs: Inputs, joint: int) -> Part:
-    return _of_each_other(inputs.velocity, joint), inputs.inside("velocity").prod(axis=1)
-
-
-def _of_each_other(values: FloatArray, joint: int) -> FloatArray:
-    """Bent functions (S, m) of one input of each other joint, one joint at a time."""
-    bent = [_bent(place, LOAD) for place in np.delete(values, joint, axis=1).T]
-    return np.concatenate([np.zeros((len(values), 0)), *bent], axis=1)
-
-
-TOLD_BY_NOISE = (_velocity_late, _bent_torques_of_others, _bent_motion_of_others, _geared_with_others)
+TOLD_BY_NOISE = (_velocity_late,)
 """Groups that are asked only where the noise is measured: what they describe nearly is what others describe.
 
-Friction that follows late is all but what builds up over travel, and functions of six other joints are all but
-anything. Stretches without periods choose the one or the other by chance.
+Friction that follows late is all but what builds up over travel. Stretches without periods choose the one or the other
+by chance.
 """
 
 CLASSES: tuple[DependenceClass, ...] = (
@@ -289,13 +264,8 @@ CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass(
         "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)
     ),
-    DependenceClass(
-        "other_torques", "depends on the torques of other joints", (_other_torques, _bent_torques_of_others)
-    ),
-    DependenceClass(
-        "other_motion", "depends on the motion of other joints",
-        (_other_motion, _bent_motion_of_others, _geared_with_others),
-    ),
+    DependenceClass("other_torques", "depends on the torques of other joints", (_other_torques,)),
+    DependenceClass("other_motion", "depends on the motion of other joints", (_other_motion,)),
 )  # fmt: skip
 
 

@@ -23,7 +23,6 @@ from identification.mismatch.unknown.evidence import (
     Marginal,
     Posterior,
     Shared,
-    as_measured,
     beside,
     largest_gain,
     log_prior,
@@ -283,7 +282,3 @@ class Selection:
     def full(self, joint: int) -> JointState:
         """A joint with all classes that its rows hold, not yet estimated."""
         return self.unsettled(joint, range(len(self.rows.joints[joint].bases)))
-
-    def leaves_noise(self, state: JointState) -> bool:
-        """Whether what a state leaves is the measured noise in every band."""
-        return bool((as_measured(state.hyper.noise, self._noise_rows, self._odds) > 0.5).all())

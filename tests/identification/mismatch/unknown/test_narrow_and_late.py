@@ -37,19 +37,6 @@ def late_friction(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarr
     return on_joint(3, 0.4 * (np.fft.irfft(np.fft.rfft(friction) / (1.0 + 0.06 * omega), n=friction.size) - friction))
 
 
-def bent_by_another(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """A torque of joint 3 that bends with the velocity of joint 6."""
-    del q, torque
-    speed = dq[:, 5] / np.abs(dq[:, 5]).max()
-    return on_joint(3, 0.3 * np.cos(3.0 * speed + 0.5))
-
-
-def geared_shaft(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Friction on joint 5 of a shaft that turns with joint 5 and, through a gear of 1.33, with joint 6."""
-    del q, torque
-    return on_joint(5, 0.15 * np.tanh((dq[:, 4] + 1.33 * dq[:, 5]) / 0.05))
-
-
 @pytest.mark.parametrize(
     ("hidden", "name", "joint"),
     [
@@ -57,8 +44,6 @@ def geared_shaft(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarra
         (dead_zone, "own_load", 2),
         # It was pre-sliding hysteresis, a wrong name, and three classes.
         (late_friction, "own_velocity", 3),
-        (bent_by_another, "other_motion", 3),
-        (geared_shaft, "other_motion", 5),
     ],
 )
 def test_a_narrow_function_of_the_load_and_friction_that_follows_late_are_given_their_class(
