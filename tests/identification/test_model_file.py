@@ -78,8 +78,9 @@ def test_validation_of_the_file_equals_validation_of_the_fit(result: FitResult, 
     for ours, theirs in zip(from_file.rows, from_fit.rows, strict=True):
         assert ours.label == theirs.label
         np.testing.assert_allclose(ours.rms_nm, theirs.rms_nm, rtol=1e-9)
-    assert from_fit.row("synthetic.mcap, base").rms_nm.max() < 0.06
-    assert "sum" in from_fit.text()
+    base = from_fit.row("synthetic.mcap, base")
+    assert base.rms_nm.max() < 0.06
+    assert base.total_nm == pytest.approx(base.rms_nm.sum())
 
 
 def test_rms_is_the_root_mean_square_of_measured_minus_modelled(result: FitResult) -> None:
