@@ -22,6 +22,8 @@ from identification.robots.model import RobotModel
 TURN = 2.0 * math.pi
 NEAR_A_TURN = 1.0
 """rad that a leap may differ from a whole turn: what the joint itself turns between two rows."""
+WITHIN_A_TURN = TURN + 0.1
+"""rad that angles reported within one turn reach over, noise included; degrees that nobody stated reach further."""
 LEAST_RANGE = TURN - 0.02
 """rad between the limits of a joint whose angle may be reported within one turn."""
 OVER_SPEED = 3.0
@@ -66,7 +68,13 @@ def with_whole_turns(table: RawTable, robot: RobotModel) -> RawTable:
 
 
 def _turns(angle: FloatArray) -> tuple[FloatArray, IntArray]:
-    """(R,) whole turns to add to an angle (R,), and the rows (from 0) before which it leaps by one."""
+    """(R,) whole turns to add to an angle (R,), and the rows (from 0) before which it leaps by one.
+
+    None where the angle is not within one turn: it was never reported so.
+    """
+    known = angle[np.isfinite(angle)]
+    if not known.size or np.ptp(known) > WITHIN_A_TURN:
+        return np.zeros(angle.size), np.zeros(0, dtype=np.int64)
     steps = np.diff(angle)
     with np.errstate(invalid="ignore"):
         leaps = np.flatnonzero(np.abs(np.abs(steps) - TURN) < NEAR_A_TURN)

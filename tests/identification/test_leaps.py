@@ -68,6 +68,18 @@ def test_angles_that_start_anew_after_a_turn_are_continued(folder: Path, low: fl
     assert said[0].startswith("joint 1: q starts anew after a whole turn")
 
 
+def test_degrees_that_nobody_stated_are_no_whole_turns(folder: Path) -> None:
+    """Sampled slowly, a joint goes on by about 6 degrees from row to row; 6.28 rad would be taken off each of them."""
+    q, tau = motion()
+    slow = slice(None, None, 13)
+    assert np.abs(np.diff(np.rad2deg(q[slow, 0]))).max() == pytest.approx(6.0, abs=0.7)
+    (folder / "arm.urdf").write_text(ARM.replace('type="revolute"', 'type="continuous"'))
+    file = folder / "degrees.npz"
+    np.savez(file, t=TIME[slow], q=np.rad2deg(q[slow]), tau=tau[slow], robot="arm.urdf")
+    assert read_recording(file).position == pytest.approx(np.rad2deg(q[slow]), abs=1e-9)
+    assert read_recording(file, units={"q": "deg"}).position == pytest.approx(q[slow], abs=1e-9)
+
+
 def test_a_fit_does_not_see_the_turns(folder: Path) -> None:
     q, tau = motion()
     robot = load_robot(folder / "arm.urdf")
