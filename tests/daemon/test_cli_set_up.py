@@ -147,8 +147,8 @@ def test_torques_that_are_a_thousand_times_too_small_fail_their_check(
     ],
 )
 def test_only_newton_metres_pass_for_the_torques_of_real_arms(name: str, robot: str) -> None:
-    recording, arm = read_recording(recording_file(f"{name}.npz")), load_robot(recording_file(robot))
     """A TX40 is so heavy for its length that a wrong prefix goes unseen: better than to refuse a right one."""
+    recording, arm = read_recording(recording_file(f"{name}.npz")), load_robot(recording_file(robot))
     said = {}
     for factor in (1e-3, 1.0, 1e3):
         scaled = replace(recording, torque=factor * recording.torque)
