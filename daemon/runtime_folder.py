@@ -1,8 +1,7 @@
 """The private folder for sockets and locks, one per user: where it is, what may stand in it, and the locks themselves.
 
 Here: `runtime_folder`, the endpoints in it, the locks that keep one UDP port for one supervisor and one folder for one
-command, and what is cleared of those that were killed. Used by the service, by its clients, by the foreground run and
-by its watchers.
+command, and what is cleared of those that were killed.
 """
 
 from __future__ import annotations

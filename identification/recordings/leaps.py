@@ -2,7 +2,7 @@
 
 Drivers of joints that turn without end report angles within one turn. A whole turn makes no torque, so it is put back.
 Any other leap that no joint can make is a place where rows are missing, or where two recordings were joined. Pure
-functions of arrays; called by `reader`.
+functions of arrays.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Are these seconds, radians and newton metres? Stated units are turned to SI, and what cannot be in SI is refused.
 
 Nothing is converted on a suspicion: the error says what the numbers look like, and the unit can be stated (in the file
-as `q_unit`, `t_unit`, `dq_unit`, `tau_unit`, or with `import --unit q=deg`). Pure functions of arrays; called by
-`reader`. What no plausibility can tell (a small motion in degrees) shows in the fit.
+as `q_unit`, `t_unit`, `dq_unit`, `tau_unit`, or with `import --unit q=deg`). Pure functions of arrays.
+What no plausibility can tell (a small motion in degrees) shows in the fit.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """The report's front door: results in, one HTML file out. Here: which sections there are, in which order, and the first
-sentence. The sections are built in their own modules; called by the command line and the worker.
+sentence. The sections are built in their own modules.
 """
 
 from __future__ import annotations
