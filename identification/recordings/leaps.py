@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import Finding, Recording
-from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
 TURN = 2.0 * math.pi
@@ -24,6 +24,8 @@ NEAR_A_TURN = 1.0
 """rad that a leap may differ from a whole turn: what the joint itself turns between two rows."""
 WITHIN_A_TURN = TURN + 0.1
 """rad that angles reported within one turn reach over, noise included; degrees that nobody stated reach further."""
+NEIGHBOURING = 3.5
+"""Sampling periods between two rows that nothing but rows left out stands between; in a longer gap a joint may turn."""
 LEAST_RANGE = TURN - 0.02
 """rad between the limits of a joint whose angle may be reported within one turn."""
 OVER_SPEED = 3.0
@@ -35,64 +37,78 @@ FASTEST_RAD_S = 100.0
 """Of a joint whose description has no limit."""
 
 
-def with_whole_turns(table: RawTable, robot: RobotModel) -> RawTable:
-    """The table with the angles of joints that turn without end continued beyond a turn, and a finding that says so.
+def with_whole_turns(recording: Recording, robot: RobotModel) -> Recording:
+    """The recording with the angles of joints that turn without end continued beyond a turn, and findings that say so.
 
-    Columns are those of the robot's driven joints, in rad. Commanded and second positions stay within half a turn of
-    the measured one.
+    Its columns are the robot's joints, or the driven ones of an arm with followers, in rad. Commanded and second
+    positions of such joints are those within half a turn of the measured one.
     """
-    driven = list(robot.driven)
-    lower, upper = robot.position_lower[driven], robot.position_upper[driven]
+    joints = np.arange(robot.n) if recording.n == robot.n else np.array(robot.driven)
+    lower, upper = robot.position_lower[joints], robot.position_upper[joints]
     # An empty range, or none that is a number, is no limit.
     limited = (lower < upper) & (upper - lower < LEAST_RANGE)
-    endless = robot.kinematics.revolute[driven] & ~limited
-    position, optional, findings = table.position, dict(table.optional), list(table.findings)
-    for joint in np.flatnonzero(endless):
-        turns, leaps = _turns(table.position[:, joint])
-        if not leaps.size:
-            continue
-        position = np.array(position) if position is table.position else position
-        position[:, joint] += TURN * turns
-        for name in ("command_position", "link_position"):
-            if name in optional:
-                optional[name] = values = np.array(optional[name])
-                with np.errstate(invalid="ignore"):
-                    values[:, joint] += TURN * np.round((position[:, joint] - values[:, joint]) / TURN)
-        first, last = int(leaps[0]) + 2, int(leaps[-1]) + 2
-        sentence = (
-            f"joint {joint + 1}: q starts anew after a whole turn, {leaps.size} time{'s' * (leaps.size > 1)} (first at "
-            f"row {first}); it was continued"
+    endless = np.flatnonzero(robot.kinematics.revolute[joints] & ~limited)
+    arrays: dict[str, Any] = {
+        name: np.array(values)
+        for name in ("position", "command_position", "link_position")
+        if (values := getattr(recording, name)) is not None
+    }
+    findings = list(recording.report.findings)
+    for column in endless:
+        position = arrays["position"][:, column]
+        turns, leaps = _turns(
+            position, np.diff(recording.time), recording.sampling_period_s, _fastest(robot, joints[column])
         )
-        findings.append(Finding("whole_turns", first, last, int(leaps.size), sentence, int(joint) + 1))
-    return replace(table, position=position, optional=optional, findings=findings)
+        position += TURN * turns
+        for values in (arrays[name][:, column] for name in arrays if name != "position"):
+            with np.errstate(invalid="ignore"):
+                values += TURN * np.round((position - values) / TURN)
+        if leaps.size:
+            sentence = (
+                f"joint {column + 1}: q starts anew after a whole turn, {leaps.size} time{'s' * (leaps.size > 1)} "
+                f"(first at t = {recording.time[leaps[0] + 1]:.6g} s); it was continued"
+            )
+            rows = int(leaps[0]) + 2, int(leaps[-1]) + 2
+            findings.append(Finding("whole_turns", *rows, int(leaps.size), sentence, int(column) + 1))
+    report = replace(recording.report, findings=tuple(sorted(findings, key=lambda finding: finding.first_row)))
+    return replace(recording, report=report, **arrays)
 
 
-def _turns(angle: FloatArray) -> tuple[FloatArray, IntArray]:
-    """(R,) whole turns to add to an angle (R,), and the rows (from 0) before which it leaps by one.
+def _turns(angle: FloatArray, elapsed: FloatArray, period_s: float, fastest: float) -> tuple[FloatArray, IntArray]:
+    """(R,) whole turns to add to an angle (R,), and the rows (from 0) after which it leaps by one.
 
-    None where the angle is not within one turn: it was never reported so.
+    elapsed: (R - 1,) s between the rows. None where the angle is not within one turn, as it was never reported so, nor
+    across a gap in which the joint can have turned as far.
     """
-    known = angle[np.isfinite(angle)]
-    if not known.size or np.ptp(known) > WITHIN_A_TURN:
+    if np.ptp(angle) > WITHIN_A_TURN:
         return np.zeros(angle.size), np.zeros(0, dtype=np.int64)
     steps = np.diff(angle)
-    with np.errstate(invalid="ignore"):
-        leaps = np.flatnonzero(np.abs(np.abs(steps) - TURN) < NEAR_A_TURN)
+    impossible = (elapsed <= NEIGHBOURING * period_s) | (np.abs(steps) > OVER_SPEED * fastest * elapsed)
+    leaps = np.flatnonzero((np.abs(np.abs(steps) - TURN) < NEAR_A_TURN) & impossible)
     turns = np.zeros(angle.size)
     turns[leaps + 1] = -np.sign(steps[leaps])
     return np.cumsum(turns), leaps
 
 
+def _fastest(robot: RobotModel, joint: int) -> float:
+    limit = float(robot.velocity[joint])
+    return limit if 0.0 < limit < np.inf else FASTEST_RAD_S
+
+
 def refuse_leaps(recording: Recording, robot: RobotModel) -> None:
-    """Raises RecordingError where a joint leaps further between two rows than it can turn, among smaller steps."""
-    period = np.maximum(np.diff(recording.time), recording.sampling_period_s)
+    """Raises RecordingError where a joint leaps further than it can turn since it last moved, among smaller steps.
+
+    Since it last moved: a log may be faster than its sensor, and holds each value for some rows.
+    """
     for joint in range(recording.n):
-        limit = float(robot.velocity[joint]) if 0.0 < robot.velocity[joint] < np.inf else FASTEST_RAD_S
+        limit = _fastest(robot, joint)
         steps = np.abs(np.diff(recording.position[:, joint]))
-        fast = np.flatnonzero(steps > OVER_SPEED * limit * period)
-        if not fast.size:
+        moved = np.flatnonzero(steps > 0.0)
+        if not moved.size:
             continue
-        ordinary = float(np.median(steps[steps > 0.0]))
+        since = np.diff(recording.time[np.concatenate([[0], moved + 1])])
+        fast = moved[steps[moved] > OVER_SPEED * limit * np.maximum(since, recording.sampling_period_s)]
+        ordinary = float(np.median(steps[moved]))
         for row in fast:
             before, after = steps[max(row - NEIGHBOURS, 0) : row], steps[row + 1 : row + NEIGHBOURS + 1]
             around = max(float(before.max(initial=0.0)), float(after.max(initial=0.0)))

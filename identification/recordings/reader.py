@@ -105,14 +105,14 @@ def read_recording(
         found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
     if isinstance(found, Recording):
         arm, notes = _arm(found, robot, installation, model_robot)
-        recording = found if arm is None else for_robot(found, arm, joints)
+        recording = found if arm is None else with_whole_turns(for_robot(found, arm, joints), arm)
         stated = {**dict.fromkeys(found.source.metadata.get("units_stated", "").split(), ""), **(units or {})}
     else:
         table, arm, notes = _chosen(found, robot, installation, joints, model_robot, topic)
         table = in_si(table, arm, units)
-        table = table if arm is None else with_whole_turns(table, arm)
         stated = table.units
         recording = build_recording(table, sha256=digest.result())
+        recording = recording if arm is None else with_whole_turns(recording, arm)
         recording = recording if arm is None or not arm.mimics else for_robot(recording, arm)
         if stated:
             metadata = {**recording.source.metadata, "units_stated": " ".join(stated)}

@@ -13,6 +13,7 @@ import pytest
 from identification.errors import RecordingError
 from identification.recording_fit import fit_recordings
 from identification.recordings import read_recording
+from identification.recordings.writer import write_recording
 from identification.robots import load_robot
 
 ARM = """<robot name="arm"><link name="base"/><link name="one"/><link name="two"/>
@@ -80,6 +81,45 @@ def test_degrees_that_nobody_stated_are_no_whole_turns(folder: Path) -> None:
     assert read_recording(file, units={"q": "deg"}).position == pytest.approx(q[slow], abs=1e-9)
 
 
+def test_turns_are_put_back_beside_rows_that_are_left_out(folder: Path) -> None:
+    """A spike, and rows without a number where the angle starts anew: cleaning takes them away first."""
+    q, tau = motion()
+    wrapped = within_a_turn(q, -np.pi)
+    anew = np.flatnonzero(np.abs(np.diff(wrapped[:, 0])) > 6.0)[0]
+    wrapped[anew], wrapped[700, 0] = np.nan, 50.0
+    found = read_recording(saved(folder / "spoilt.npz", wrapped, tau))
+    kept = np.delete(np.arange(len(q)), [700, anew])
+    assert np.ptp((found.position - q[kept]) / (2.0 * np.pi), axis=0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_recording_that_was_imported_without_its_robot_is_continued_with_it(folder: Path) -> None:
+    q, tau = motion()
+    np.savez(folder / "plain.npz", t=TIME, q=within_a_turn(q, -np.pi), tau=tau)
+    write_recording(read_recording(folder / "plain.npz"), folder / "plain.mcap")
+    found = read_recording(folder / "plain.mcap", robot=str(folder / "arm.urdf"))
+    assert np.ptp((found.position - q) / (2.0 * np.pi), axis=0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_motion_across_a_pause_is_no_whole_turn(folder: Path) -> None:
+    """Five seconds that no row tells of: the joint has time to turn by 5.8 rad."""
+    q, tau = motion()
+    slow = np.column_stack([0.05 * np.sin(q[:, 1]) - 2.7, q[:, 1]])
+    slow[2000:, 0] += 5.8
+    time = TIME + 5.0 * (np.arange(len(q)) >= 2000)
+    np.savez(folder / "pause.npz", t=time, q=slow, tau=tau, robot="arm.urdf")
+    assert read_recording(folder / "pause.npz").position == pytest.approx(slow, abs=1e-9)
+
+
+def test_a_command_that_starts_anew_is_brought_to_the_measured_angle(folder: Path) -> None:
+    q, tau = motion()
+    near = np.column_stack([np.pi - 0.02 + 0.01 * np.sin(q[:, 1]), q[:, 1]])
+    command = within_a_turn(near + np.array([0.02, 0.0]), -np.pi)
+    assert np.ptp(command[:, 0]) > 6.0
+    found = read_recording(saved(folder / "command.npz", near, tau, q_cmd=command))
+    assert found.command_position is not None
+    assert found.command_position - found.position == pytest.approx(np.tile([0.02, 0.0], (len(q), 1)), abs=1e-9)
+
+
 def test_a_fit_does_not_see_the_turns(folder: Path) -> None:
     q, tau = motion()
     robot = load_robot(folder / "arm.urdf")
@@ -105,8 +145,12 @@ def test_what_a_sensor_does_is_no_leap(folder: Path) -> None:
     np.savez(folder / "gap.npz", t=TIME[kept], q=q[kept], tau=tau[kept], robot="arm.urdf")
     coarse = np.column_stack([q[:, 0], np.cumsum(0.1 * (np.arange(len(q)) % 400 == 0))])
     np.savez(folder / "coarse.npz", t=TIME, q=coarse, tau=tau, robot="arm.urdf")
+    # A log five times as fast as its sensor, of an arm that rests for most of the file.
+    updated = np.arange(len(q)) // 5
+    turning = 1e-4 * (updated % 2) + 3.5 * np.maximum(0.025 * updated - 18.0, 0.0)
+    np.savez(folder / "held.npz", t=TIME, q=np.column_stack([turning, q[:, 1]]), tau=tau, robot="arm.urdf")
     late = TIME.copy()
     late[1::2] += 0.00499
     np.savez(folder / "late.npz", t=late, q=q, tau=tau, robot="arm.urdf")
-    for name in ("gap", "coarse", "late"):
+    for name in ("gap", "coarse", "held", "late"):
         read_recording(folder / f"{name}.npz")
