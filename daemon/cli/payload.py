@@ -90,6 +90,10 @@ def _how_much_longer(body: Body) -> str | None:
     needed = body.seconds_for(CENTER_KNOWN_M)
     if needed <= body.seconds:
         return None
+    if not math.isfinite(needed):
+        return (
+            "Where its centre is cannot be said: the load is too light for these motions, or they turn it too little."
+        )
     worst = CENTER_KNOWN_M * math.sqrt(needed / body.seconds)
     return (
         f"The centre is known within ± {1e3 * worst:.1f} mm: the load is too light for ± {1e3 * CENTER_KNOWN_M:g} mm "
@@ -136,6 +140,7 @@ def _set(stated: dict[str, str]) -> tuple[float, tuple[float, ...] | None]:
 def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
     """The result as JSON, and as the cabinet's load data: kg, mm, degrees, kg m²."""
     from identification.audit.payload import cabinet_load_data
+    from identification.json_values import number
 
     return {
         "format": "iiwa-ident/payload/1",
@@ -147,7 +152,7 @@ def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
         "undetermined": list(body.undetermined),
         "set": {name: stated[1][name] for name in SET if name in stated[1]},
         "seconds": body.seconds,
-        "seconds_for_2_mm": body.seconds_for(CENTER_KNOWN_M),
+        "seconds_for_2_mm": number(body.seconds_for(CENTER_KNOWN_M)),
         "comparison": compared(body, stated),
         "rms_nm": {"without": list(body.rms_before), "with": list(body.rms_after)},
     }

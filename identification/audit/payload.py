@@ -29,6 +29,8 @@ from identification.robots.flange import Flange
 from identification.robots.model import RobotModel, refuse_followers
 
 LEAST_SIGMAS = 3.0
+TOOLS_REACH_M = 1.0
+"""Half of an interval that is wider says nothing of where a load sits."""
 _TURNS = 3
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")
 _INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -40,8 +42,8 @@ class Body:
 
     frame: which one it is in, in words: the flange's where the robot has one, else the last link's. rms_before,
     rms_after: (n,) Nm of the recordings with it, without and with the body. seconds: of motion, the shorter side's.
-    reach: m, the longest link. What these motions leave open has no value: an arm whose joints are all parallel never
-    shows where along them a load sits.
+    What these motions leave open has no value: an arm whose joints are all parallel never shows where along them a load
+    sits.
     """
 
     frame: str
@@ -51,22 +53,22 @@ class Body:
     rms_before: tuple[float, ...]
     rms_after: tuple[float, ...]
     seconds: float
-    reach: float = np.inf
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Names of numbers whose interval says nothing: a centre further than a link is long, as much of an inertia."""
-        largest = [*3 * [self.reach], *6 * [abs(self.mass.value) * self.reach**2]]
+        """Names of numbers whose interval says nothing: wider than tools reach, or than the inertia of such a one."""
+        largest = [*3 * [TOOLS_REACH_M], *6 * [abs(self.mass.value) * TOOLS_REACH_M**2]]
         numbers = (*self.center, *self.inertia)
         return tuple(item.name for item, limit in zip(numbers, largest, strict=True) if half_interval(item) > limit)
 
     def seconds_for(self, center_m: float) -> float:
         """How long either motion has to be for the coordinates of the centre to be known within ± center_m, 95 %.
 
-        By noise that averages out: σ goes with one over the root of the time. Of those that the motion determines.
+        By noise that averages out: σ goes with one over the root of the time. Of those that the motion determines;
+        infinite where it determines none.
         """
         known = [half_interval(item) for item in self.center if item.name not in self.undetermined]
-        return self.seconds * (max(known, default=0.0) / center_m) ** 2
+        return self.seconds * (max(known, default=np.inf) / center_m) ** 2
 
 
 def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[Recording]) -> Body:
@@ -103,8 +105,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             "that turns the wrist through its range, without and with the tool."
         )
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    seconds, reach = min(map(_seconds, (without, with_load))), float(sizes.length.max())
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds, reach)
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, min(map(_seconds, (without, with_load))))
 
 
 def _seconds(recordings: Sequence[Recording]) -> float:
@@ -119,15 +120,16 @@ def half_interval(item: Number) -> float:
 def cabinet_load_data(body: Body) -> dict[str, float | None]:
     """M kg; X, Y, Z mm; A, B, C degrees of the principal axes (about z, y', x''); JX, JY, JZ kg m², as KUKA asks.
 
-    Axes are turned only where a product of inertia shows, and an inertia that does not show is that of a point. None
-    for what the motions do not determine.
+    Axes are turned only where a product of inertia shows and all are determined, and an inertia that does not show is
+    that of a point. None for what the motions do not determine.
     """
+    open_ones = _open_load_data(body.undetermined)
     mass, place = body.mass.value, [1e3 * item.value for item in body.center]
     moments, angles = np.zeros(3), np.zeros(3)
     if any(_shows(item) for item in body.inertia):
         xx, yy, zz, xy, xz, yz = (item.value for item in body.inertia)
         moments = np.array([xx, yy, zz])
-        if any(_shows(item) for item in body.inertia[3:]):
+        if any(_shows(item) for item in body.inertia[3:]) and not any(name in open_ones for name in _LOAD_DATA[4:]):
             principal, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
             # Each axis stands for the one that it is nearest to, so that the angles are small.
             _, order = linear_sum_assignment(-np.abs(axes))
@@ -137,7 +139,6 @@ def cabinet_load_data(body: Body) -> dict[str, float | None]:
     # A body that was taken off has these with the other sign; none has moments of both signs.
     moments = np.sign(mass) * np.maximum(np.sign(mass) * moments, 0.0)
     values = (mass, *place, *angles, *moments)
-    open_ones = _open_load_data(body.undetermined)
     return {name: None if name in open_ones else float(v) for name, v in zip(_LOAD_DATA, values, strict=True)}
 
 

@@ -131,12 +131,14 @@ def date_of(recording: Recording) -> datetime | None:
     A date without a zone is taken as UTC.
     """
     tags = recording.source.metadata
-    for text, form in ((tags.get("run_id", "")[:15], "%Y%m%dT%H%M%S"), (tags.get("date", ""), "")):
+    date = tags.get("date", "")
+    # What stands behind the seconds and is no zone, such as a remark, is left aside.
+    for text, form in ((tags.get("run_id", "")[:15], "%Y%m%dT%H%M%S"), (date, ""), (date[:19], "")):
         try:
-            date = datetime.strptime(text, form) if form else datetime.fromisoformat(text)
-        except ValueError:
+            found = datetime.strptime(text, form) if form else datetime.fromisoformat(text)
+            return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+        except (ValueError, OverflowError):
             continue
-        return date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)
     return None
 
 

@@ -29,6 +29,8 @@ _WORTH_SAYING = 1.5
 
 _SMALLEST_RELATIVE_SLACK = 1e-12
 """Slack of the triangle inequality below this share of the largest moment is rounding: simulators may refuse it."""
+_ROUNDING = 1e-9
+"""Nm, Nm s/rad, kg m²: what a solver at a bound of zero leaves below it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,9 +181,9 @@ def refuse_unmovable(parameters: ModelParameters, *, file: str = "") -> None:
     checked = (
         ("the mass of link", "kg", physical.mass, physical.mass <= 0.0),
         ("the smallest principal moment of inertia of link", "kg m²", least, least < 0.0),
-        ("the viscous friction of joint", "Nm s/rad", physical.viscous, physical.viscous < 0.0),
-        ("the Coulomb friction of joint", "Nm", physical.coulomb, physical.coulomb < 0.0),
-        ("the rotor inertia of joint", "kg m²", parameters.rotor_inertia, parameters.rotor_inertia < 0.0),
+        ("the viscous friction of joint", "Nm s/rad", physical.viscous, physical.viscous < -_ROUNDING),
+        ("the Coulomb friction of joint", "Nm", physical.coulomb, physical.coulomb < -_ROUNDING),
+        ("the rotor inertia of joint", "kg m²", parameters.rotor_inertia, parameters.rotor_inertia < -_ROUNDING),
     )
     for what, unit, values, bad in checked:
         if bad.any():

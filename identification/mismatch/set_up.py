@@ -157,7 +157,8 @@ def _wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) 
     Arms of one build are alike in torque / (9.81 m/s² · length⁴), 3.5 to 230 kg/m³ for five arms of 0.45 to 3.1 m.
     """
     kinematics = robot.kinematics
-    length = float(np.linalg.norm(kinematics.translation[kinematics.parent >= 0], axis=1).sum())
+    offsets = np.linalg.norm(kinematics.translation, axis=1)
+    length = float(max(offsets[list(kinematics.upstream(link)[1:])].sum() for link in range(robot.n)))
     if length < SHORTEST_M or not kinematics.revolute.all():
         return ""
     said = f"The torques reach {torque:.3g} Nm, which would hold {torque / (9.81 * length):.2g} kg at {length:.2g} m"

@@ -18,7 +18,9 @@ from identification.robots.installation import Installation
 
 EXCITATION_PHASE = 3
 FARTHEST_STEP = 1000
-"""A sequence counter that leaps farther is believed only where the robot's clock leaps with it."""
+"""A sequence counter that leaps farther is not believed where the robot's clock contradicts it."""
+LONGEST_LOSS_S = 600.0
+"""The same without a clock of the robot: time that a recording which goes on may have lost."""
 JOINTS = 7
 _VECTORS = (
     "measured_joint_position",
@@ -146,14 +148,16 @@ def installation_in(path: Path, metadata: dict[str, str]) -> Installation:
 def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: int, findings: list[Finding]) -> IntArray:
     """(N - 1,) how many messages of the robot lie between one row and the next, by a counter that wraps at 2³².
 
-    One that goes back, or so far ahead that the robot's clock (ns) does not confirm it, was begun anew: nobody knows
-    what was lost there, and 1 is taken.
+    One that goes back, or so far ahead that the robot's clock (ns) contradicts it, was begun anew: nobody knows what
+    was lost there, and 1 is taken.
     """
     steps = np.diff(counters) % 2**32
-    anew = (steps == 0) | (steps > FARTHEST_STEP)
-    if clock is not None:
+    if clock is None:
+        anew = (steps == 0) | (steps * send_period_ms * 1e-3 > LONGEST_LOSS_S)
+    else:
         expected = steps * send_period_ms * 1e6
-        anew &= (steps == 0) | (np.abs(np.diff(clock) - expected) > 0.1 * expected)
+        contradicted = np.abs(np.diff(clock) - expected) > 0.1 * expected
+        anew = (steps == 0) | ((steps > FARTHEST_STEP) & contradicted)
     places = np.flatnonzero(anew)
     if places.size:
         further = f" and {places.size - 1} times more" if places.size > 1 else ""

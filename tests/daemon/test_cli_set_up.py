@@ -263,3 +263,30 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
     assert "Traceback" not in said.err
     assert not out.exists()
     assert not said.out
+
+
+def test_four_arms_on_one_body_are_not_as_long_as_all_of_them_together(tmp_path: Path) -> None:
+    """A torso that turns and four arms of 0.8 m: 20 Nm are what such an arm has."""
+    links, joints = ['<link name="base"/><link name="body"/>'], [joint_of("waist", "base", "body", 0.2)]
+    for arm in range(4):
+        parent = "body"
+        for number in range(3):
+            child = f"arm{arm}_{number}"
+            links.append(f'<link name="{child}"/>')
+            joints.append(joint_of(f"j{child}", parent, child, 0.4 if number else 0.1))
+            parent = child
+    (tmp_path / "torso.urdf").write_text(f'<robot name="torso">{"".join(links)}{"".join(joints)}</robot>')
+    robot = load_robot(tmp_path / "torso.urdf")
+    phase = np.arange(4000)[:, None] * 0.005 * np.linspace(0.8, 2.1, robot.n)
+    torque = 20.0 * np.cos(phase)
+    np.savez(tmp_path / "torso.npz", t=0.005 * np.arange(4000), q=0.5 * np.sin(phase), tau=torque, robot="torso.urdf")
+    checks = set_up_checks([read_recording(tmp_path / "torso.npz")], robot, ())
+    (units,) = (each for each in checks if each.name == "units")
+    assert units.status == "ok", units.sentence
+
+
+def joint_of(name: str, parent: str, child: str, offset: float) -> str:
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{offset} 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="99" velocity="5"/></joint>'
+    )

@@ -135,3 +135,13 @@ def test_what_no_moving_arm_has_is_not_simulated(
     said = capsys.readouterr()
     assert expected in said.err
     assert not said.out
+
+
+def test_what_a_solver_leaves_below_zero_by_rounding_moves(
+    good: Path, short_motion: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = json.loads(good.read_text())
+    model["friction"][1]["viscous"] = -4.4e-14
+    good.write_text(json.dumps(model))
+    assert run("simulate", good, short_motion) == 0
+    assert "no arm that moves" not in capsys.readouterr().err

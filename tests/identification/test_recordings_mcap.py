@@ -147,11 +147,15 @@ def test_a_counter_that_begins_anew_is_no_loss_of_millions(tmp_path: Path, anew:
     assert recording.time[-1] == pytest.approx((ROWS - 1) * 1e-3)
 
 
-def test_a_gap_of_seconds_is_a_loss_where_the_robots_clock_says_so(tmp_path: Path) -> None:
-    states = _states(3200)
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_a_gap_of_seconds_is_a_loss_where_the_robots_clock_says_so_or_there_is_none(
+    tmp_path: Path, has_clock: bool
+) -> None:
+    states = [{**state, "robot_time_valid": has_clock} for state in _states(3200)]
     del states[1000:3000]
     recording = read_recording(_write_log(tmp_path / "run.mcap", states))
     assert [item.count for item in recording.report.of_kind("lost_samples")] == [2000]
+    assert recording.time[-1] - recording.time[0] == pytest.approx(3.199)
 
 
 def test_what_came_too_late_or_without_torque_is_not_called_missing(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.audit.payload import Body, weigh
+from identification.audit.difference import Number
+from identification.audit.payload import Body, cabinet_load_data, weigh
 from identification.errors import EstimationError, RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
@@ -89,6 +90,30 @@ def test_twice_the_time_halves_the_square_of_what_is_not_known_of_the_centre(
     assert found.seconds == pytest.approx(20.0, abs=0.1)
     assert found.seconds_for(worst) == pytest.approx(found.seconds)
     assert found.seconds_for(worst / 2.0) == pytest.approx(4.0 * found.seconds)
+
+
+def body_known_to(center_std: float, inertia: dict[str, tuple[float, float]]) -> Body:
+    """3 kg, its centre known so well, m. inertia: entry → value and deviation, kg m², where not the usual ones."""
+    center = tuple(Number(f"com_{axis}", 0.05, center_std, "m") for axis in "xyz")
+    usual = {"xx": 0.05, "yy": 0.03, "zz": 0.02}
+    names = ("xx", "yy", "zz", "xy", "xz", "yz")
+    values = [inertia.get(name, (usual.get(name, 0.0), 0.001)) for name in names]
+    numbers = tuple(Number(f"inertia_{name}", *own, "kg m^2") for name, own in zip(names, values, strict=True))
+    return Body("the flange", Number("mass", 3.0, 0.01, "kg"), center, numbers, (1.0,), (0.1,), 20.0)
+
+
+def test_no_time_is_enough_where_nothing_of_the_centre_is_known() -> None:
+    assert body_known_to(0.6, {}).seconds_for(0.002) == np.inf
+    assert body_known_to(0.1, {}).seconds_for(0.002) == pytest.approx(20.0 * (0.196 / 0.002) ** 2)
+
+
+def test_axes_are_not_turned_where_one_product_of_inertia_is_not_known() -> None:
+    """Moments of turned axes without the angles of these axes would be typed into a cabinet as they stand."""
+    shown = {"xy": (0.01, 0.001)}
+    assert cabinet_load_data(body_known_to(0.001, shown))["A"] not in (None, 0.0)
+    found = cabinet_load_data(body_known_to(0.001, {**shown, "xz": (0.0, 4.0)}))
+    assert [found[name] for name in "ABC"] == [None] * 3
+    assert [found[name] for name in ("JX", "JY", "JZ")] == [0.05, 0.03, 0.02]
 
 
 def test_a_tool_taken_off_has_a_negative_mass(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
