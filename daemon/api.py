@@ -156,6 +156,7 @@ class RecorderJob(Message, frozen=True, kw_only=True):
 class WorkerJob(Message, frozen=True, kw_only=True):
     """One detached fit: recordings in, model.json out, `status_file` rewritten atomically on the way.
     diagnosis_folder: where a diagnosis goes after the fit, None for none; heldout: recordings that check its names.
+    progress_endpoint: read from older runs, and not used.
     """
 
     job_id: str
@@ -166,6 +167,7 @@ class WorkerJob(Message, frozen=True, kw_only=True):
     pipeline: FitPipeline = "auto"
     diagnosis_folder: str | None = None
     heldout: tuple[str, ...] = ()
+    progress_endpoint: str | None = None
 
 
 # ---- what happened ---------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import psutil
 from daemon.api import WorkerJob, WorkerStatus
 from daemon.cli.output import message
 from daemon.cli.progress import progress_shown
-from daemon.jobs.worker_start import JOB_NAME, note_end
+from daemon.jobs.worker_start import JOB_NAME, command_for, note_end
 from daemon.json_files import read_json
 
 _POLL_S = 0.2
@@ -36,12 +36,14 @@ def wait_for_worker(folder: Path, pid: int) -> WorkerStatus:
 
 
 def settle_fit(folder: Path) -> str:
-    """The sentence for a fit of this run whose process is gone without a word, which its status then says as well;
-    empty where there is none.
+    """The sentence for a fit of this run whose process is gone without a word, which its status then says as well, or
+    that never began because the disk took its job and not its status; empty where there is none.
     """
     if not (folder / JOB_NAME).is_file():
         return ""
     job = read_json(folder / JOB_NAME, WorkerJob)
+    if not Path(job.status_file).exists():
+        return f"The fit of this run never began; `{command_for(job)}` fits it."
     status = read_json(job.status_file, WorkerStatus)
     if status.phase in ("done", "failed") or (status.pid and psutil.pid_exists(status.pid)):
         return ""

@@ -28,8 +28,7 @@ def start_worker(outcome: RunOutcome) -> RunOutcome:
     try:
         pid = launch(job, folder / JOB_NAME)
     except LogIOError as error:
-        repeat = f"iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}"
-        sentence = f"The fit was not started: {error} The recording is whole; `{repeat}` fits it."
+        sentence = f"The fit was not started: {error} The recording is whole; `{command_for(job)}` fits it."
         return msgspec.structs.replace(
             outcome, sentences=(*outcome.sentences, sentence), exit_code=outcome.exit_code or error.exit_code
         )
@@ -50,6 +49,11 @@ def fit_of(outcome: RunOutcome, job_id: str, folder: Path) -> WorkerJob:
         diagnosis_folder=str(folder / "diagnosis") if request.diagnose else None,
         heldout=request.heldout,
     )
+
+
+def command_for(job: WorkerJob) -> str:
+    """What an operator says for the same fit."""
+    return f"iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}"
 
 
 def launch(job: WorkerJob, job_file: Path) -> int:
@@ -86,7 +90,7 @@ def note_end(job: WorkerJob, return_code: int | None) -> WorkerStatus:
         phase="failed",
         sentence=(
             f"The fit's process {how} while {status.phase}; the recording is untouched. Repeat the fit with "
-            f"`iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}`; worker.log has its last words."
+            f"`{command_for(job)}`; worker.log has its last words."
         ),
         updated_at=now_text(),
         exit_code=1 if killed else DaemonError.exit_code,

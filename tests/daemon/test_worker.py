@@ -181,3 +181,18 @@ def test_a_fit_killed_with_all_who_could_tell_is_settled_afterwards(tmp_path: Pa
     assert "iiwa-ident fit" in settle_fit(tmp_path)
     assert read_json(job.status_file, WorkerStatus).phase == "failed"
     assert settle_fit(tmp_path) == ""
+
+
+def test_a_fit_whose_job_alone_reached_the_disk_never_began(tmp_path: Path) -> None:
+    write_json(tmp_path / JOB_NAME, make_job(tmp_path, "recording.mcap"))
+    said = settle_fit(tmp_path)
+    assert said.startswith("The fit of this run never began; ")
+    assert f"`iiwa-ident fit recording.mcap --out {tmp_path}/model.json`" in said
+
+
+def test_the_fit_of_an_older_run_is_read_with_the_field_it_had_then(tmp_path: Path) -> None:
+    job = make_job(tmp_path, "recording.mcap")
+    older = {**msgspec.to_builtins(job), "progress_endpoint": None}
+    (tmp_path / JOB_NAME).write_bytes(msgspec.json.encode(older))
+    write_json(job.status_file, WorkerStatus(job_id=job.job_id, phase="done", sentence="Done."))
+    assert settle_fit(tmp_path) == ""
