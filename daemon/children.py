@@ -12,7 +12,7 @@ from typing import IO
 
 import psutil
 
-from daemon.errors import ChildProcessFailedError, LogIOError
+from daemon.errors import ChildProcessFailedError, DaemonError, LogIOError
 from fri_client.handover.ring import HandoverRing
 
 
@@ -51,9 +51,12 @@ class Child:
             return self._words_file.read_bytes()[-2000:].decode(errors="replace")
         return ""
 
-    def failed(self) -> ChildProcessFailedError:
-        """The error that says how it ended."""
-        return ChildProcessFailedError(self.role, self.process.poll(), self.last_words)
+    def failed(self) -> DaemonError:
+        """The error that says how it ended; its own sentence where the disk refused what it had to write."""
+        code, words = self.process.poll(), self.last_words
+        if code == LogIOError.exit_code and words.strip():
+            return _SpokenError(words.strip().splitlines()[-1], code)
+        return ChildProcessFailedError(self.role, code, words)
 
     def close(self) -> None:
         """Forget its words' file when it said nothing."""
@@ -61,6 +64,14 @@ class Child:
         with contextlib.suppress(OSError):
             if not self._words_file.stat().st_size:
                 self._words_file.unlink()
+
+
+class _SpokenError(DaemonError):
+    """A child's own sentence with its exit code."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        self.exit_code = exit_code
+        super().__init__(sentence)
 
 
 def start_python(

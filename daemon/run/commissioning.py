@@ -113,7 +113,10 @@ def _check_speed(request: RunRequest) -> None:
 
 
 def remember(request: RunRequest, outcome: RunOutcome) -> str:
-    """Write down an amplitude that was completed; the sentence for the operator, empty where nothing was to be done."""
+    """Write down an amplitude that was completed; the sentence for the operator, empty where nothing was to be done.
+
+    outcome: of the motion; a fit that could not be started takes nothing from it.
+    """
     if not needs_ladder(request) or outcome.outcome != "completed" or outcome.exit_code:
         return ""
     try:

@@ -24,16 +24,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.api import (
-    AUTO_VERSION,
-    EXIT_CODES,
-    RUN_NAME,
-    LoopReport,
-    RecorderJob,
-    RunEvent,
-    RunOutcome,
-    RunRequest,
-)
+from daemon.api import AUTO_VERSION, EXIT_CODES, RUN_NAME, LoopReport, RecorderJob, RunEvent, RunOutcome, RunRequest
 from daemon.children import Child
 from daemon.control_messages import RecorderFailed, RecorderFinished, RecorderReady, RecorderTrouble
 from daemon.doctor.load_check import with_load_check
@@ -101,8 +92,10 @@ def run_acquisition(
             version, sentence = hear_version(request, stop)
             _tell_if(observe, sentence)
             request = msgspec.structs.replace(request, fri_version=version.value)
-        outcome = _Acquisition(prepare_folder(request), observe, stop).run()
-    _tell_if(observe, remember(request, outcome))
+        acquisition = _Acquisition(prepare_folder(request), observe, stop)
+        outcome = acquisition.run()
+    motion = msgspec.structs.replace(outcome, exit_code=acquisition.motion_exit_code)
+    _tell_if(observe, remember(request, motion))
     return outcome
 
 
@@ -130,6 +123,8 @@ class _Acquisition:
         self._disk_failed = False
         self._recorder: Child | None = None
         self._ready_parts: set[int] = set()
+        self.motion_exit_code = 0
+        """Of the run without its fit, once `run` has returned."""
 
     def run(self) -> RunOutcome:
         """The whole acquisition."""
@@ -149,6 +144,8 @@ class _Acquisition:
             if outcome is None:
                 self._finish_recording()
                 outcome = self._close_books(report)
+            else:
+                self.motion_exit_code = outcome.exit_code
             self._narrator.tell("finished", outcome.sentences[0])
             return outcome
 
@@ -197,8 +194,6 @@ class _Acquisition:
         while 0 not in self._ready_parts:
             self._listen(POLL_S)
             if not recorder.alive and 0 not in self._ready_parts:
-                if recorder.process.returncode == LogIOError.exit_code:
-                    raise _SpokenError(recorder.last_words.strip().splitlines()[-1], LogIOError.exit_code)
                 raise recorder.failed()
             if time.monotonic() > deadline:
                 recorder.process.kill()
@@ -361,8 +356,11 @@ class _Acquisition:
             words = outcome.sentences[-1] if pid is None else f"The fit runs in a process of its own (pid {pid})."
             self._narrator.tell("worker", words)
         write_run_file(self._request, RUN_NAME, outcome)
-        said = len(outcome.sentences)
-        outcome = with_load_check(judged(outcome))
+        said, run_exit_code = len(outcome.sentences), outcome.exit_code
+        outcome = with_load_check(judged(msgspec.structs.replace(outcome, exit_code=exit_code)))
+        # Before that of a fit which the disk refused: it takes nothing from the motion.
+        self.motion_exit_code = outcome.exit_code
+        outcome = msgspec.structs.replace(outcome, exit_code=outcome.exit_code or run_exit_code)
         for sentence in outcome.sentences[said:]:
             self._narrator.remark(sentence)
         write_run_file(self._request, RUN_NAME, outcome)
@@ -386,11 +384,3 @@ class _Acquisition:
         if self._stop.signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
             return 130
         return code
-
-
-class _SpokenError(DaemonError):
-    """A child's own sentence with its exit code."""
-
-    def __init__(self, sentence: str, exit_code: int) -> None:
-        self.exit_code = exit_code
-        super().__init__(sentence)

@@ -241,3 +241,15 @@ def test_a_real_arm_climbs_the_ladder_and_its_log_names_the_rung(
         metadata = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     assert metadata["iiwa_ident"]["commissioning"] == "0.1"
     assert admit(real_request(tmp_path, port, amplitude=0.25, ladder_file=ladder))
+
+
+def test_a_rung_is_completed_also_where_the_disk_refuses_the_fit_that_follows(
+    robot: tuple[int, Callable[[], dict[str, Any]]], tmp_path: Path
+) -> None:
+    """A folder stands where the fit's job would be written."""
+    ladder = str(tmp_path / "ladder.jsonl")
+    request = real_request(tmp_path, robot[0], amplitude=0.1, ladder_file=ladder, fit=True)
+    (Path(request.out_dir) / "worker_job.json" / "in the way").mkdir(parents=True)
+    outcome = run_acquisition(request, observe=[].append)
+    assert (outcome.outcome, outcome.exit_code) == ("completed", 74), outcome.sentences
+    assert admit(real_request(tmp_path, robot[0], amplitude=0.25, ladder_file=ladder))
