@@ -51,6 +51,14 @@ class Child:
             return self._words_file.read_bytes()[-2000:].decode(errors="replace")
         return ""
 
+    def wait(self, patience_s: float) -> None:
+        """Until it has ended; it is killed where it has not after so many seconds."""
+        try:
+            self.process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
     def failed(self) -> DaemonError:
         """The error that says how it ended; its own sentence where the disk refused what it had to write."""
         code, words = self.process.poll(), self.last_words

@@ -10,11 +10,21 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from daemon.api import EXIT_CODES, LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, FileDigest, LoopReport, RunRequest
+from daemon.api import (
+    EXIT_CODES,
+    LAST_SAMPLES_NAME,
+    REPORT_NAME,
+    RUN_NAME,
+    FileDigest,
+    LoopReport,
+    RunOutcome,
+    RunRequest,
+)
 from daemon.children import Child
 from daemon.errors import DaemonError, FolderGoneError, LogIOError
-from daemon.json_files import read_json
+from daemon.json_files import read_json, write_json
 from daemon.run.spare_folder import find_run_file, write_run_file
+from daemon.times import now_text
 from fri_client.handover.last_samples import read_last_samples
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import FriVersion
@@ -112,6 +122,27 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
     with contextlib.suppress(LogIOError):  # for `recover`, wherever the folder is now
         write_run_file(request, REPORT_NAME, report)
     return report, gone.exit_code
+
+
+def note_no_start(request: RunRequest, error: Exception, started_at: str) -> None:
+    """Write run.json of a run whose processes could not be started, so that its folder may be written to again; as far
+    as the disk allows.
+    """
+    folder, sentence = Path(request.out_dir), str(error)
+    tidy(folder)
+    outcome = RunOutcome(
+        run_id=request.run_id,
+        outcome="refused",
+        exit_code=error.exit_code if isinstance(error, DaemonError) else LogIOError.exit_code,
+        sentences=(sentence,),
+        out_dir=request.out_dir,
+        loop=LoopReport(outcome="refused", reason=type(error).__name__, sentence=sentence),
+        request=request,
+        started_at=started_at,
+        finished_at=now_text(),
+    )
+    with contextlib.suppress(OSError):
+        write_json(folder / RUN_NAME, outcome)
 
 
 def outcome_sentences(

@@ -50,6 +50,7 @@ from daemon.run.outcome import (
     digests_of,
     keep_last_samples,
     lost_between,
+    note_no_start,
     outcome_sentences,
     report_of_loop,
     tidy,
@@ -160,8 +161,12 @@ class _Acquisition:
             return Child("loop", "daemon.run.loop_process", arguments, self._ring, self._folder)
         except (DaemonError, OSError) as error:
             self._ring.finish()  # no loop will: a recorder that was started is to close its file and go
+            if self._recorder is not None:
+                self._recorder.wait(RECORDER_START_S)
+                self._recorder.close()
             if not self._folder.is_dir():
                 raise FolderGoneError(str(self._folder)) from error
+            note_no_start(self._request, error, self._started_at)
             raise
 
     def _start_recorder(self) -> None:
@@ -196,8 +201,7 @@ class _Acquisition:
             if not recorder.alive and 0 not in self._ready_parts:
                 raise recorder.failed()
             if time.monotonic() > deadline:
-                recorder.process.kill()
-                recorder.process.wait()
+                recorder.wait(0.0)
                 raise ChildProcessFailedError("recorder", None, f"it was not ready within {RECORDER_START_S:g} s")
 
     def _run_loop(self, loop: Child) -> LoopReport:
@@ -268,8 +272,7 @@ class _Acquisition:
                 self._listen(POLL_S)
                 patience_s = STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
                 if time.monotonic() - self._last_heard > patience_s:
-                    self._recorder.process.kill()
-                    self._recorder.process.wait()
+                    self._recorder.wait(0.0)
                 continue
             self._listen(0.0)
             self._recorder.close()

@@ -7,6 +7,7 @@ outside. Truth: the robot's counters in the recorded messages, and what the loop
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import subprocess
 import sys
@@ -21,8 +22,9 @@ import pytest
 
 from daemon.api import RUN_NAME, RunEvent, RunOutcome, RunRequest
 from daemon.children import Child
-from daemon.errors import FolderGoneError
+from daemon.errors import DaemonError, FolderGoneError, LogIOError
 from daemon.json_files import read_json, write_json
+from daemon.run.folder import make_room
 from daemon.run.next_step import moved_away
 from daemon.run.service import run_acquisition
 from daemon.run.spare_folder import find_run_file
@@ -234,23 +236,32 @@ def test_a_folder_that_is_moved_away_before_the_loop_begins_is_said_and_nothing_
     assert f"{folder} was moved or removed before the robot was listened to; nothing was moved" in sentence
 
 
+@pytest.mark.parametrize("refusal", [FolderGoneError, LogIOError])
 def test_a_loop_that_cannot_be_started_leaves_no_recorder_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: type[DaemonError]
 ) -> None:
-    """The folder goes between the two; in a service the recorder's parent lives on, so nothing else would end it."""
+    """The folder goes between the two, or the disk refuses the loop's log; in a service the recorder's parent lives on,
+    so nothing else would end it. The folder takes the same command again.
+    """
     request = gentle_request(tmp_path, free_udp_port())
+    folder = Path(request.out_dir)
     recorders: list[psutil.Process] = []
 
     def start(role: str, *others: Any) -> Child:
         if role == "loop":
             recorders.append(child_of(psutil.Process(), "daemon.run.recorder"))
-            Path(request.out_dir).rename(tmp_path / "away")
+            if refusal is LogIOError:
+                raise LogIOError(str(folder / "loop.log"), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+            folder.rename(tmp_path / "away")
         return Child(role, *others)
 
     monkeypatch.setattr("daemon.run.service.Child", start)
-    with pytest.raises(FolderGoneError):
+    with pytest.raises(refusal):
         run_acquisition(request, observe=lambda _: None)
-    recorders[0].wait(WATCHDOG_S)
+    assert not recorders[0].is_running()
+    make_room(folder)
+    assert not list(folder.glob("rec*"))
+    assert (folder / "failed-start-1" / "recording.mcap").is_file() == (refusal is LogIOError)
 
 
 def invoke(*words: str) -> str:
