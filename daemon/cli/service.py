@@ -283,8 +283,8 @@ def resume(
     Example: iiwa-ident resume
     """
     state = service.ask(api.GetStatus(), api.StatusReply)
-    listed = reversed(service.ask(api.GetJobs(limit=500), api.JobsReply).jobs)
-    waiting = {each.job_id: each for each in listed if each.kind == "run" and each.phase in ("held", "checking")}
+    listed = reversed(service.ask(api.GetJobs(limit=500, held=True), api.JobsReply).jobs)
+    waiting = {each.job_id: each for each in listed}
     for number in job or ():
         if number not in waiting:
             raise typer.BadParameter(f"no run {number} is held here; `iiwa-ident jobs` lists those that are.")

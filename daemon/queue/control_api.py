@@ -55,9 +55,13 @@ class GetStatus(_Request, frozen=True, kw_only=True, tag="status"):
 
 
 class GetJobs(_Request, frozen=True, kw_only=True, tag="jobs"):
-    """The newest jobs, at most `limit` of them, or the one named."""
+    """The newest jobs, at most `limit` of them, or the one named.
+
+    held: only runs that wait for `resume`, and those that will once their check has ended.
+    """
 
     job_id: _JobId | None = None
+    held: bool = False
     limit: Annotated[int, Meta(ge=1, le=500)] = 100
 
 

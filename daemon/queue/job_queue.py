@@ -252,15 +252,20 @@ class JobQueue:
 
     # ---- views
 
-    def views(self, limit: int, job_id: str | None) -> tuple[JobView, ...]:
-        """The newest jobs first, or the one named."""
+    def views(self, limit: int, job_id: str | None = None, *, held: bool = False) -> tuple[JobView, ...]:
+        """The newest jobs first, or the one named; held: only those that `release` lets go."""
         if job_id is not None:
             job = self.store.jobs.get(job_id)
             if job is None:
                 raise RefusedRequestError("no_such_job", f"There is no job {job_id} here.", 66)
             return (job.view(),)
-        newest: Sequence[Job] = list(self.store.jobs.values())[-limit:]
-        return tuple(job.view() for job in reversed(newest))
+        listed = [job for job in self.store.jobs.values() if not held or self._is_held(job)]
+        return tuple(job.view() for job in reversed(listed[-limit:]))
+
+    def _is_held(self, job: Job) -> bool:
+        """Whether a run is held, or will be once its check has ended."""
+        checked = job.phase == "checking" and job.job_id in self._hold_when_checked
+        return job.kind == "run" and (job.phase == "held" or checked)
 
     def waiting(self) -> int:
         """Runs that will begin by themselves."""

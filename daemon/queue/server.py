@@ -154,9 +154,8 @@ class Service:
             case api.GetStatus():
                 return self._status()
             case api.GetJobs():
-                return api.JobsReply(
-                    jobs=self._jobs.views(request.limit, request.job_id), total=len(self._jobs.store.jobs)
-                )
+                listed = self._jobs.views(request.limit, request.job_id, held=request.held)
+                return api.JobsReply(jobs=listed, total=len(self._jobs.store.jobs))
             case api.SubmitRun():
                 # Answered when it is on the disk.
                 self._submit(request, address)

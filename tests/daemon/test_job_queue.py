@@ -129,6 +129,20 @@ def test_a_stop_holds_what_waits_also_what_is_still_being_checked_and_new_runs_a
     assert phases(jobs) == {ready: "queued", unchecked: "queued", later: "queued"}
 
 
+def test_those_that_wait_for_the_operator_are_found_behind_any_number_of_newer_jobs(tmp_path: Path) -> None:
+    """Those that are held, and those that are to be once they are checked; no run that nobody holds."""
+    jobs = queue_in(tmp_path)
+    held, unchecked = submitted(jobs), submitted(jobs, check=False)
+    jobs.hold_waiting()
+    newer = [submitted(jobs), submitted(jobs, check=False)]
+    assert [view.job_id for view in jobs.views(2, held=True)] == [unchecked, held]
+    assert [view.job_id for view in jobs.views(2)] == newer[::-1]
+    jobs.cancel(unchecked)
+    assert [view.job_id for view in jobs.views(2, held=True)] == [held]
+    assert jobs.release((held,)) == 1
+    assert jobs.views(2, held=True) == ()
+
+
 def test_a_word_for_some_runs_leaves_the_others_held(tmp_path: Path) -> None:
     jobs = queue_in(tmp_path)
     first, second, unchecked = submitted(jobs), submitted(jobs), submitted(jobs, check=False)

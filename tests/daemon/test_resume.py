@@ -40,7 +40,7 @@ class Service:
             )  # fmt: skip
         if isinstance(request, GetJobs):
             listed = (job(NEW, "held", "motion 3"), job(DONE, "done", "other"), job(OLD, "held", "forgotten.json"))
-            return JobsReply(jobs=listed, total=3)
+            return JobsReply(jobs=tuple(each for each in listed if not request.held or each.phase == "held"), total=3)
         return Resumed(released=len(request.jobs or ()), sentence="Done.")  # type: ignore[union-attr]
 
 
