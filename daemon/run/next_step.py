@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
-from daemon.errors import LogIOError
+from daemon.errors import FolderGoneError, LogIOError
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.run.spare_folder import find_run_file
 
+_AGAIN = "Next: nothing moved; the same command can be given again."
+
 
 def moved_away(outcome: RunOutcome) -> str:
     """Of a run whose folder is not there any more: where its account is, and what makes the rest whole."""
+    if _never_began(outcome):
+        return _AGAIN
     account = (
         "" if outcome.request is None else f" The account of the run is {find_run_file(outcome.request, RUN_NAME)}."
     )
@@ -33,8 +37,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
         )
     if outcome.outcome in ("no_robot", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
-    if outcome.outcome == "stopped" and nothing_moved(outcome):
-        return "Next: nothing moved; the same command can be given again."
+    if _never_began(outcome) or (outcome.outcome == "stopped" and nothing_moved(outcome)):
+        return _AGAIN
     recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
     if request is not None and request.monitor_only and outcome.samples:
         return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
@@ -68,3 +72,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     return (
         f"Next: record another motion, then `iiwa-ident diagnose {recording} --heldout OTHER.mcap` names what is left."
     )
+
+
+def _never_began(outcome: RunOutcome) -> bool:
+    """Whether the folder went before the loop began."""
+    return outcome.loop is not None and outcome.loop.reason == FolderGoneError.__name__

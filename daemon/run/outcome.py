@@ -153,7 +153,11 @@ def outcome_sentences(
     handover_gaps: int,
     remarks: Sequence[str],
 ) -> tuple[str, ...]:
-    """What the operator reads at the end: the result first, then the count, then what was remarkable."""
+    """What the operator reads at the end: the result first, then the count, then what was remarkable. The result alone
+    where the folder went before the loop began: there is nothing to count.
+    """
+    if report.reason == FolderGoneError.__name__:
+        return (report.sentence,)
     sentences = [report.sentence]
     lost = (
         f"{sequence_gaps} missing on the way from the robot, {handover_gaps} lost between loop and file"

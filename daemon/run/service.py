@@ -254,13 +254,20 @@ class _Acquisition:
         self._listen(0.0)
         if part in self._finished:
             return
-        recorder.close()
         self._request_stop(EventCode.DISK_FULL if self._disk_failed else EventCode.RECORDER_LOST)
-        self._narrator.remark(
+        self._replace_recorder(
             f"The recorder ended during the run (return code {recorder.process.returncode}); the motion was stopped "
             "and another recorder took over."
         )
+
+    def _replace_recorder(self, remark: str) -> None:
+        """By another one, unless there is nothing to record."""
+        assert self._recorder is not None
+        self._recorder.close()
         self._recorder = None
+        if self._gone_unheard():
+            return
+        self._narrator.remark(remark)
         if len(self._parts) < MAXIMUM_PARTS:
             self._start_recorder()
 
@@ -275,15 +282,16 @@ class _Acquisition:
                     self._recorder.wait(0.0)
                 continue
             self._listen(0.0)
-            self._recorder.close()
             if len(self._parts) - 1 in self._finished:
+                self._recorder.close()
                 return
-            self._narrator.remark(
+            self._replace_recorder(
                 f"A recorder ended before its file was closed (return code {self._recorder.process.returncode})."
             )
-            self._recorder = None
-            if len(self._parts) < MAXIMUM_PARTS:
-                self._start_recorder()
+
+    def _gone_unheard(self) -> bool:
+        """Whether the folder went before any message of a robot came."""
+        return not self._ring.status.received and not self._folder.is_dir()
 
     # ---- what is heard
 
@@ -372,6 +380,8 @@ class _Acquisition:
     def _join_parts(self) -> tuple[Path, int, int, int]:
         """recording.mcap from what several recorders left; the broken first part is kept as recording.broken.mcap."""
         existing = [part for part in self._parts if part.is_file()]
+        if not existing and self._gone_unheard():
+            return self._parts[0], 0, 0, 0
         try:
             if not existing:
                 raise MissingInputError(str(self._parts[0]), "the recording of this run")

@@ -25,7 +25,7 @@ from daemon.children import Child
 from daemon.errors import DaemonError, FolderGoneError, LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.run.folder import make_room
-from daemon.run.next_step import moved_away
+from daemon.run.next_step import moved_away, next_step
 from daemon.run.service import run_acquisition
 from daemon.run.spare_folder import find_run_file
 from tests.ports import free_udp_port
@@ -222,18 +222,25 @@ def test_a_folder_that_is_moved_away_before_the_loop_begins_is_said_and_nothing_
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
     request = gentle_request(tmp_path, free_udp_port())
     folder, away = Path(request.out_dir), tmp_path / "away"
+    said: list[str] = []
 
     def observe(event: RunEvent) -> None:
+        said.append(event.sentence)
         if event.kind == moment:
             folder.rename(away)
 
     try:
         outcome = run_acquisition(request, observe=observe)
-        code, sentence = outcome.exit_code, outcome.sentences[0]
+        code, (sentence,) = outcome.exit_code, outcome.sentences
+        assert moved_away(outcome) == next_step(outcome, None)
+        assert moved_away(outcome) == "Next: nothing moved; the same command can be given again."
     except FolderGoneError as error:
         code, sentence = error.exit_code, str(error)
     assert code == 74
     assert f"{folder} was moved or removed before the robot was listened to; nothing was moved" in sentence
+    # Nothing is said or begun for a motion that never was.
+    assert not any("record" in each for each in said if each not in (sentence, said[0]))
+    assert not list(temporary.rglob("*.mcap"))
 
 
 @pytest.mark.parametrize("refusal", [FolderGoneError, LogIOError])
