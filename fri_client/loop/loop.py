@@ -233,8 +233,7 @@ class FriLoop:
         if disposition != _FRESH and not session.answer_due:
             self._not_fresh(disposition, message, datagram, receive_ns)
             return before
-        if peer.address is None:  # whoever sends a whole message with seven positions that an arm can have
-            peer.address = address
+        peer.heard(address)  # whoever sends a whole message with seven positions that an arm can have
         if before is not None:
             self._unanswered += before.due
             self._finish(before, 0, None)
@@ -346,7 +345,7 @@ class FriLoop:
         self.statistics.restart()
         self._journal.event(EventCode.SILENCE, 0, silence_ns / 1e9, limit)
         if session.drop is None:
-            self._peer.address = None  # before a motion the robot may come back from another port
+            self._peer.release()  # before a motion
         elif self.motion.phase < _LATCHED:
             self._drop(now)
 

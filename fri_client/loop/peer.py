@@ -16,7 +16,7 @@ class Peer:
     named, or one alone sends.
     """
 
-    __slots__ = ("_host", "_rivals", "address", "doubt", "foreign")
+    __slots__ = ("_host", "_rival_heard", "_rivals", "address", "doubt", "foreign")
 
     def __init__(self, host: str | None) -> None:
         self._host = host
@@ -24,15 +24,38 @@ class Peer:
         self.foreign = 0
         self.doubt = ""
         self._rivals: dict[str, int] = {}
+        self._rival_heard = False  # since the robot's last message
 
     def may_be(self, address: Address) -> bool:
         """Whether a datagram from there may be the robot's; one that cannot be is counted."""
         if address == self.address or (self.address is None and self._host in (None, address[0])):
             return True
         self.foreign += 1
-        if self._host is None and self.address is not None and address[0] != self.address[0] and not self.doubt:
-            self._note_rival(address[0], self.address[0])
+        if self._host is None and self.address is not None and address[0] != self.address[0]:
+            self._rival_heard = True
+            if not self.doubt:
+                self._note_rival(address[0], self.address[0])
         return False
+
+    def heard(self, address: Address) -> None:
+        """A message that counts came from there: whoever is not known yet is the robot from now on."""
+        if self.address is None:
+            self.address = address
+        self._rival_heard = False
+
+    def release(self) -> None:
+        """After a silence the robot may come back from another port, or another one may come.
+
+        The doubt goes where the other machine was silent as well. Of either, one datagram is then enough to bring it
+        back: before a motion more of the robot's own have to come.
+        """
+        known = [host for host, count in self._rivals.items() if count >= RIVAL_DATAGRAMS]
+        if self.address is not None:
+            known.append(self.address[0])
+        self._rivals = dict.fromkeys(known, RIVAL_DATAGRAMS - 1)
+        if not self._rival_heard:
+            self.doubt = ""
+        self.address = None
 
     def _note_rival(self, host: str, robot: str) -> None:
         if host not in self._rivals and len(self._rivals) >= _MOST_RIVALS:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import socket
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -176,6 +178,53 @@ def test_where_two_machines_send_no_arm_moves_before_one_is_named(host: str, dat
             assert "--robot-host" in result.sentence
         else:
             assert result.outcome == "completed"
+
+
+@pytest.mark.parametrize(
+    ("in_the_silence", "after_it", "may_move"), [(0, 0, True), (1, 0, False), (0, 1, False), (12, 3, False)]
+)
+def test_the_doubt_goes_with_the_second_machine_and_comes_back_with_it(
+    in_the_silence: int, after_it: int, may_move: bool
+) -> None:
+    """Datagrams of the second machine while the robot is silent, and after it; the time is the test's."""
+    settings, clock = LoopSettings(receive_timeout_s=1.0), SteppedClock()
+    with (
+        running(settings=settings, clock_ns=clock) as (client, robot),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        other.bind(("127.0.0.2", 0))
+        peer = client.loop._peer
+
+        def send(datagrams: int) -> None:
+            wanted = peer.foreign + datagrams
+            for _ in range(datagrams):
+                other.sendto(robot.codec.encode_monitoring(robot.message(READY)), robot.client)
+            wait_for(lambda: peer.foreign == wanted)
+
+        robot.exchange(READY, 3)
+        send(20)
+        robot.exchange(READY, 3)
+        assert "127.0.0.2 sends to this port as well as 127.0.0.1" in peer.doubt
+        send(in_the_silence)
+        clock.now_ns += 2_000_000_000
+        wait_for(lambda: peer.address is None)
+        robot.exchange(READY)
+        send(after_it)
+        robot.to_active()
+        if may_move:
+            robot.until_done(client)
+        else:
+            robot.exchange(ACTIVE, 50)
+            client.loop.stop_from_signal(15)
+        result = client.finish()
+        assert (result.outcome == "completed") is may_move
+        assert client.loop.session.begun is may_move
+        assert bool(peer.doubt) is not may_move
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    while not condition():
+        time.sleep(0.001)
 
 
 @pytest.mark.parametrize("extra", ["nothing", "stray", "garbage", "duplicate"])
