@@ -80,7 +80,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Two commands of this user with one folder would each write the other's motion into it. The kernel gives the lock
     back as that of a port. Raises ConfigurationError naming the holder.
     """
-    digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:32]
+    digest = hashlib.sha256(os.fsencode(os.path.realpath(folder))).hexdigest()[:32]
     try:
         with _held(runtime_folder() / f"folder-{digest}.lock"):
             yield

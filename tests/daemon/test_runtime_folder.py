@@ -137,3 +137,12 @@ def test_two_commands_never_write_into_one_folder(
     assert end.value.code == 78
     assert "is being written to by another iiwa-ident" in " ".join(capsys.readouterr().err.split())
     assert not folder.exists()
+
+
+def test_links_that_lead_in_a_circle_are_no_fault_of_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "one").symlink_to(tmp_path / "other")
+    (tmp_path / "other").symlink_to(tmp_path / "one")
+    with pytest.raises(SystemExit) as end:
+        main(["run", "--no-confirm", "--out", str(tmp_path / "one"), "--bind", f"127.0.0.1:{free_udp_port()}"])
+    assert end.value.code == 74
+    assert str(tmp_path / "one") in "".join(capsys.readouterr().err.split())
