@@ -23,17 +23,14 @@ class RecorderProgress(Message, frozen=True, kw_only=True, tag="recorder_progres
 
 
 class RecorderFinished(Message, frozen=True, kw_only=True, tag="recorder_finished"):
-    """The file is closed, re-opened and counted; `counted` is the number of samples found in it."""
+    """The file is closed, re-opened and counted: the samples are in it."""
 
     part: int
     samples: int
-    counted: int
     samples_in_periods: int
-    first_index: int
     last_index: int
     sequence_gaps: int
     handover_gaps: int
-    undecodable: int
 
 
 class RecorderTrouble(Message, frozen=True, kw_only=True, tag="recorder_trouble"):
@@ -41,17 +38,14 @@ class RecorderTrouble(Message, frozen=True, kw_only=True, tag="recorder_trouble"
 
     part: int
     sentence: str
-    errno: int | None
     reserve_opened: bool
 
 
 class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
-    """The disk refused. Samples from `first_unwritten_index` on are not in the file."""
+    """The disk refused for good; what is not in the file is still in the ring."""
 
     part: int
     sentence: str
-    errno: int | None
-    first_unwritten_index: int
 
 
 ControlMessage: TypeAlias = RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed

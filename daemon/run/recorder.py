@@ -106,9 +106,7 @@ class Recorder:
         self._supervision = supervision or Supervision(ring, os.getppid())
         self._expected_index: int | None = None
         self._counter = ReplayedCounter()
-        self._first_index = -1
         self._last_index = -1
-        self._safe_index = -1
         self._samples_in_periods = 0
         self._handover_gaps = 0
         self._undecodable = 0
@@ -143,8 +141,6 @@ class Recorder:
         elif self._job.part == 0:
             self._handover_gaps += record.index
         self._expected_index = record.index + 1
-        if self._first_index < 0:
-            self._first_index = record.index
         self._last_index = record.index
         receive_ns = record.receive_ns + self._epoch_offset_ns
         if record.event_code:
@@ -229,7 +225,6 @@ class Recorder:
                     flushed = self._writer.flush_when_due()
                 if flushed:
                     self._ring.release()
-                    self._safe_index = self._last_index
                 return
             except LogIOError as error:
                 if deadline is None:
@@ -241,9 +236,7 @@ class Recorder:
 
     def _handle_trouble(self, error: LogIOError) -> None:
         helped = is_full(error) and self._reserve.give_back()
-        self._report(
-            RecorderTrouble(part=self._job.part, sentence=str(error), errno=error.errno, reserve_opened=helped)
-        )
+        self._report(RecorderTrouble(part=self._job.part, sentence=str(error), reserve_opened=helped))
         if helped:
             self._writer.write_event(DISK_TROUBLE, "DISK_TROUBLE", str(error), host_time_ns=time.time_ns())
         else:
@@ -292,7 +285,7 @@ class Recorder:
         deadline = time.monotonic() + DISK_PATIENCE_S
         while True:
             try:
-                counted = self._writer.finish(end)
+                self._writer.finish(end)
                 break
             except LogIOError as error:
                 if time.monotonic() > deadline:
@@ -302,23 +295,16 @@ class Recorder:
             RecorderFinished(
                 part=self._job.part,
                 samples=self._writer.samples,
-                counted=counted,
                 samples_in_periods=self._samples_in_periods,
-                first_index=self._first_index,
                 last_index=self._last_index,
                 sequence_gaps=self._counter.missing,
                 handover_gaps=self._handover_gaps,
-                undecodable=self._undecodable,
             )
         )
         return 0
 
     def _give_up(self, error: LogIOError) -> int:
-        self._report(
-            RecorderFailed(
-                part=self._job.part, sentence=str(error), errno=error.errno, first_unwritten_index=self._safe_index + 1
-            )
-        )
+        self._report(RecorderFailed(part=self._job.part, sentence=str(error)))
         return error.exit_code
 
 

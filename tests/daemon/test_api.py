@@ -36,22 +36,13 @@ control_messages = st.one_of(
         RecorderFinished,
         part=counts,
         samples=counts,
-        counted=counts,
         samples_in_periods=counts,
-        first_index=counts,
         last_index=counts,
         sequence_gaps=counts,
         handover_gaps=counts,
-        undecodable=counts,
     ),
-    st.builds(RecorderTrouble, part=counts, sentence=text, errno=st.none() | counts, reserve_opened=st.booleans()),
-    st.builds(
-        RecorderFailed,
-        part=counts,
-        sentence=text,
-        errno=st.none() | counts,
-        first_unwritten_index=counts,
-    ),
+    st.builds(RecorderTrouble, part=counts, sentence=text, reserve_opened=st.booleans()),
+    st.builds(RecorderFailed, part=counts, sentence=text),
 )
 
 
