@@ -149,7 +149,7 @@ def _who_stops() -> Iterator[FaultCase]:
 def _what_is_around() -> Iterator[FaultCase]:
     """Disk, port, robot."""
     yield FaultCase("disk-full", "the disk (12 MB) fills up", "ramp", "stopped", 1, ("No space left",), disk="12m")
-    yield FaultCase("disk-small", "the disk (4 MB) has no room for a reserve", "none", None, 74,
+    yield FaultCase("disk-small", "the disk (4 MB) has no room for a reserve", "none", "refused", 74,
                     ("No space left",), disk="4m", file=False)  # fmt: skip
     yield FaultCase("disk-none", "the disk (64 kB) is full from the start", "none", None, 74, ("No space left",),
                     disk="64k", file=False)  # fmt: skip
