@@ -33,7 +33,6 @@ def preflight(
     sample_period_s: float,
     limits: JointLimits,
     *,
-    periodic: bool = True,
     torque: FloatArray | None = None,
     geometry: RobotGeometry | None = None,
     workspace: Workspace | None = None,
@@ -43,10 +42,9 @@ def preflight(
     start_row: int | None = None,
     start_position: ArrayLike | None = None,
 ) -> PreflightReport:
-    """Check one period of a table of positions, (N, n) rad, sent one row per sample_period_s.
+    """Check one period of a table of positions, (N, n) rad, sent one row per sample_period_s, again and again.
 
-    periodic: the table is repeated without a break, so its seam is checked too; otherwise it begins and ends as it
-    stands. torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g.
+    torque: (N, n) Nm expected along the table, checked where given. geometry: shape of the arm, e.g.
     load_geometry("iiwa14"); None leaves out self-collision and workspace. stop_stride: without a geometry a stop is
     planned and checked at every so many rows only, and at the rows with least room, with one at every row; the closed
     form of braking.py is asked at every row.
@@ -65,7 +63,7 @@ def preflight(
     finite = _finite(table)
     if not finite.passed:
         return PreflightReport((finite,))
-    motion = _Motion.of(table, sample_period_s, periodic, limits)
+    motion = _Motion.of(table, sample_period_s, True, limits)
     checks = [
         finite,
         _position(table, limits),
@@ -87,7 +85,7 @@ def preflight(
     clearances: tuple[Clearance, ...] = ()
     if geometry is not None:
         # A table outside its limits may still be looked at: the operator then learns all that is wrong at once.
-        path = SampledPath(np.vstack([table, table[:1]]) if periodic else table, sample_period_s)
+        path = SampledPath(np.vstack([table, table[:1]]), sample_period_s)
         distances = Distances(geometry, workspace or Workspace(), limits, self_collision_margin_m, workspace_margin_m)
         found = [distances.check([path], "motion")]
         if stops is not None:

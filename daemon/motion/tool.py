@@ -90,8 +90,8 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
     """A tool from what an operator writes: "none", MASS@X,Y,Z in kg and m, or the name of a YAML file.
 
     is_name: any other text is taken as the tool's name, which the log then carries, unless it looks like a load or a
-    file. Raises MissingInputError for a file
-    that is not there, ConfigurationError for everything that describes no tool.
+    file. Raises MissingInputError for a file that is not there, ConfigurationError for everything that describes no
+    tool.
     """
     if text.strip().lower() in ("", NO_TOOL):
         return None
@@ -106,9 +106,10 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
         return check_tool(Tool(mass_kg=numbers[0], center_of_mass_m=(numbers[1], numbers[2], numbers[3])), None)
     if is_name and not _is_meant_as_more(text):
         return Tool(name=text.strip())
+    name = " A name has no @, no / and no ending of a file." if is_name else ""
     raise ConfigurationError(
         f"'{text}' is no tool: give MASS@X,Y,Z in kg and m from the flange, such as 2.5@0,0,0.06, a file tool.yaml, or "
-        "none.",
+        f"none.{name}",
         field="tool",
     )
 
