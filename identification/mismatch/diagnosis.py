@@ -36,6 +36,7 @@ from identification.mismatch.data_faults.faults import find_data_faults, stops_p
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals
+from identification.mismatch.names.examination import joints_shown
 from identification.mismatch.names.proposals import search_beside_classes
 from identification.mismatch.nominal import (
     Nominal,
@@ -156,8 +157,7 @@ def diagnose(
     report("held-out check", 0.8)
     unseen = unseen_by(now.regressor, now.problem, now.result.trial)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
-    dependence = find_dependence(now.fitted, unseen) if physics else None
-    now = _beside_classes(now, dependence, settings)
+    now, dependence = _against_classes(now, unseen, settings) if physics else (now, None)
     claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence, nominal)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
@@ -309,12 +309,21 @@ def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSe
     return Explained(regressor, fitted, library, problem, result)
 
 
-def _beside_classes(now: Explained, dependence: Dependence | None, settings: DiagnosisSettings) -> Explained:
-    """With the names that stand out from torque of no known form, in place of those that left some of it."""
-    if dependence is None or now.result.trial.complete or not now.problem.noise_is_measured:
-        return now
-    renewed, classes = now.fitted.renewal(now.regressor, now.library), ClassCovariance.of(now.problem, dependence)
-    return replace(now, result=search_beside_classes(classes, now.result.before, now.library, renewed, settings))
+def _against_classes(
+    now: Explained, unseen: Prepared | None, settings: DiagnosisSettings
+) -> tuple[Explained, Dependence]:
+    """The names, and the classes that they have to stand out from, asked also where a name alone shows, however weak.
+
+    Where few names do not explain all, they are those that stand out from torque of no known form.
+    """
+    named = joints_shown(now.result.trial)
+    dependence = find_dependence(now.fitted, unseen, named)
+    if now.problem.noise_is_measured and not now.result.trial.complete:
+        renewed, classes = now.fitted.renewal(now.regressor, now.library), ClassCovariance.of(now.problem, dependence)
+        result = search_beside_classes(classes, now.result.before, now.library, renewed, settings)
+        now = replace(now, result=result)
+    shown = joints_shown(now.result.trial)
+    return now, dependence if shown <= named else find_dependence(now.fitted, unseen, named | shown)
 
 
 def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:

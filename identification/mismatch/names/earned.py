@@ -88,6 +88,8 @@ def _why(standing: Standing, settings: ClaimSettings) -> str:
     rivals = " and ".join(name.replace("_", " ") for name in standing.rivals if name != "constant")
     if standing.agree < settings.invariance:
         return "has another size on the data that were not fitted"
+    if standing.odds >= settings.alternative and not standing.clear:
+        return "is too weak here to be told from other physics that acts nearly the same"
     if rivals:
         return f"describes part of a torque that depends on {rivals}, of no form that is known"
     if standing.rivals:

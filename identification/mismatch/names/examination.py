@@ -15,7 +15,9 @@ from identification.mismatch.search.extension import Extension, extend
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
+from identification.mismatch.search.trial import Trial
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.named import shown_on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +68,13 @@ class Examination:
         )
         assert after is not None
         return Check(extension, after, unseen)
+
+
+def joints_shown(trial: Trial) -> frozenset[int]:
+    """Joints (from 0) on which members of a trial show more than a tenth of their largest torque."""
+    fitted = extend(trial.nominal, trial.members).coefficients
+    torque = [torque_of(*pair, trial.nominal.n) for pair in zip(trial.members, fitted, strict=True)]
+    return frozenset(joint for own in torque for joint in shown_on(own))
 
 
 def torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:

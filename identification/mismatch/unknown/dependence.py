@@ -5,7 +5,7 @@ Chosen on fitted and held-out rows together; weights and variances of the fitted
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -42,10 +42,12 @@ class Dependence:
     dropped: tuple[Dropped, ...]
 
 
-def find_dependence(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings | None = None) -> Dependence:
-    """The classes of what the nominal model leaves."""
+def find_dependence(
+    fitted: Prepared, unseen: Prepared | None, named: Collection[int] = (), settings: ClaimSettings | None = None
+) -> Dependence:
+    """The classes of what the nominal model leaves. named: joints (from 0) that names are proposed for."""
     settings = settings if settings is not None else ClaimSettings()
-    every = build_rows(fitted, unseen, settings)
+    every = build_rows(fitted, unseen, settings, named)
     together = choose_classes(Selection.of(every, range(every.folds + every.heldout), settings, predicted=True))
     if every.problem.noise_is_measured or not every.heldout:
         rows = every.limited([state.groups for state in together.states])

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.stats import chi2
 
 from identification.mismatch.problem import off
-from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
@@ -47,12 +47,16 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    kept: most nats that a rival which lost half of them to the name keeps. beside: classes that the name's joints hold
-    once it is in, with their nats. agree: chance that its coefficients differ so much between fitted and held-out rows;
-    1 without any. earned: whether it stands.
+    shown: λ, the name's energy off the base parameters over the noise. clear: whether another torque, which shares all
+    of that energy but `capture`, would cost more nats than two classes have to differ by; else it may as well be that
+    other one, whoever wrote it. kept: most nats that a rival which lost half of them to the name keeps. beside: classes
+    that the name's joints hold once it is in, with their nats. agree: chance that its coefficients differ so much
+    between fitted and held-out rows; 1 without any. earned: whether it stands.
     """
 
     odds: float
+    shown: float
+    clear: bool
     rivals: tuple[str, ...]
     kept: float
     beside: Mapping[str, float]
@@ -69,14 +73,14 @@ def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Row
     columns[list(member.rows.joints), :count] = member.rows.rows[:, :, used]
     if there is not None:
         columns[list(there.joints), count:] = there.rows[:, :, used]
-    joints = _shown(member.rows, columns, size[used])
+    joints = shown_on(columns @ size[used])
     return Named(member.effect.name, joints, columns, size[used], member.rows.cost)
 
 
-def _shown(rows: EffectRows, columns: FloatArray, size: FloatArray) -> tuple[int, ...]:
-    """Joints on which a name's torque is more than a tenth of its largest."""
-    rms = np.sqrt(((columns @ size) ** 2).sum(axis=1))
-    return tuple(joint for joint in rows.joints if rms[joint] > 0.1 * rms.max())
+def shown_on(torque: FloatArray) -> tuple[int, ...]:
+    """Joints (from 0) on which a torque (n, R) is more than a tenth of its largest."""
+    rms = np.sqrt((torque**2).sum(axis=1))
+    return tuple(np.flatnonzero(rms > 0.1 * rms.max(initial=0.0)).tolist())
 
 
 def standings(
@@ -172,14 +176,18 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
     part = particular >= settings.speak and any(CLASSES[number].name == "constant" for number in described)
+    shown, unnamed = _energies(whole, name, own, size)
+    clear = settings.capture * shown / 2.0 >= settings.alternative
     earned = (
-        odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
-        and _shows_most(whole, name, own, size)
+        clear
+        and odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
+        # A name that shows less than the classes beside it may be what their functions fail to describe.
+        and shown >= unnamed
         and kept <= odds
         and agree >= settings.invariance
         and not part
     )
-    return Standing(odds, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
+    return Standing(odds, shown, clear, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
 
 
 def _taken_over(selection: Selection, joint: int, state: JointState) -> Selection:
@@ -197,11 +205,8 @@ def _unnamed(whole: Selection, settings: ClaimSettings) -> bool:
     return any(loss >= settings.speak for joint in range(len(whole.states)) for loss in _losses(whole, joint).values())
 
 
-def _shows_most(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> bool:
-    """Whether a name shows more than all classes of its joints together do beside it, off the base parameters.
-
-    own: its columns. A name that shows less may be what the functions of those classes fail to describe.
-    """
+def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> tuple[float, float]:
+    """λ of a name, and of all classes of its joints together beside it, off the base parameters. own: its columns."""
     problem = whole.rows.problem
     named, unnamed = np.zeros((2, problem.n, problem.rows))
     for joint in name.joints:
@@ -209,8 +214,8 @@ def _shows_most(whole: Selection, name: Named, own: IntArray, size: FloatArray) 
         named[joint] = rows.whitened[:, rows.columns + own] @ size
         unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ whole.mean(joint, state)[0]
     left = off(problem.basis, np.column_stack([named.ravel(), unnamed.ravel()]))
-    energy = (left**2).sum(axis=0)
-    return bool(energy[0] >= energy[1])
+    shown, beside = (left**2).sum(axis=0).tolist()
+    return shown, beside
 
 
 def _losses(selection: Selection, joint: int) -> dict[int, float]:

@@ -5,7 +5,7 @@ Here: from motions to Gram matrices. Not here: what they are worth (`evidence`, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -141,11 +141,11 @@ class Rows:
         return replace(self, joints=tuple(joints), grams=tuple(grams), count=self.count[:, : self.folds])
 
 
-def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings) -> Rows:
+def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings, named: Collection[int] = ()) -> Rows:
     """The rows of both roles, base parameters common, what changes between the periods of each kept free.
 
-    All classes on the joints that hold more than their noise; their functions are fixed by all motions, so that what a
-    class is worth is judged on all rows.
+    All classes on the joints that hold more than their noise, and on those (from 0) that a name is proposed for; their
+    functions are fixed by all motions, so that what a class is worth is judged on all rows.
     """
     roles = [fitted] if unseen is None else [fitted, unseen]
     evidences = tuple(item for role in roles for item in role.evidences)
@@ -159,6 +159,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSetting
     part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured, settings)
     band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
     asked = _worth_asking(problem, band, settings)
+    asked[list(named)] = True
     joints = _joints(problem, evidences, inputs, asked)
     bands, parts = len(BAND_EDGES_HZ) + 1, folds + (unseen is not None)
     key = part * bands + band

@@ -20,8 +20,8 @@ class ClaimSettings:
     multiple of the joint's mean square misfit. fade: distance beyond the fitted range, as a share of it, over which a
     class fades to zero. folds: parts of a recording without periods that are predicted from the others. rival: share
     of a name's torque that a class must be able to carry, and of its nats that it must lose to the name, to be its
-    rival. capture: share of what two recordings differ by that may stay where a cause is named. invariance: chance
-    below which coefficients of fitted and of held-out rows differ.
+    rival. capture: share of what is named that may be something else, of what two recordings differ by and of a
+    name's energy. invariance: chance below which coefficients of fitted and of held-out rows differ.
     """
 
     prior_cost: float = 4.0

@@ -11,6 +11,8 @@ from identification.base_parameters import BaseRegressor
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.named import Named, Standing, standings
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -63,10 +65,12 @@ def prepared(
     return of
 
 
-def asked(pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str = "") -> list[Standing]:
-    """How names of these forms, found of these sizes, stand against the classes of the rows."""
+def asked(
+    pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str = "", joints: frozenset[int] = frozenset()
+) -> list[Standing]:
+    """How names of these forms, found of these sizes, stand against the classes of the rows, asked on these joints."""
     settings = ClaimSettings()
-    rows = build_rows(*pair, settings)
+    rows = build_rows(*pair, settings, joints)
     names = [_named(rows, form, size, effect) for form, size in forms.items()]
     return list(standings(rows, names, range(len(names)), settings, [()] * rows.problem.n).values())
 
@@ -133,3 +137,25 @@ def test_a_name_weighs_as_much_as_what_no_name_takes_beside_it(prepared: Callabl
     assert beside.odds > 3.0
     assert "own_position" in beside.beside
     assert not beside.earned
+
+
+def test_a_torque_of_which_a_tenth_cannot_be_seen_has_no_name(prepared: Callable) -> None:
+    """What shares nine tenths of it would fit as well."""
+    (weak,), (clear,) = (asked(prepared({spring: size}), {spring: size}) for size in (0.008, 0.012))
+    assert weak.odds > 3.0
+    assert weak.shown < 60.0 < clear.shown
+    assert not weak.earned
+    assert clear.earned
+
+
+def test_a_name_stands_against_classes_also_where_a_joint_holds_hardly_more_than_its_noise(prepared: Callable) -> None:
+    pair = prepared({stribeck: 0.012})
+    silent, heard = find_dependence(*pair), find_dependence(*pair, {JOINT - 1})
+    assert not silent.held
+    assert [(item.joint, CLASSES[item.number].name) for item in heard.held] == [(JOINT - 1, "own_velocity")]
+    against_nothing, against_classes = (
+        asked(pair, {stribeck: 0.012}, joints=joints)[0] for joints in (frozenset[int](), frozenset({JOINT - 1}))
+    )
+    assert not against_nothing.rivals
+    assert "own_velocity" in against_classes.rivals
+    assert against_classes.odds < against_nothing.odds / 2.0
