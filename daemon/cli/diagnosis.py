@@ -176,7 +176,7 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     named = () if diagnosis.audit is None or not differs else diagnosis.audit.differences
     if diagnosis.verdict == "explained" and named:
         sentence = f"{SETTLED} {NAMED}"
-    elif diagnosis.verdict == "unexplained" and not baseline.detected.any():
+    elif diagnosis.verdict == "unexplained" and differs and not baseline.detected.any():
         sentence = f"{DISAGREE} {NAMED}" if named else DISAGREE
     elif diagnosis.verdict == "unexplained" and diagnosis.unnamed:
         sentence = WITHOUT_NAME

@@ -21,7 +21,15 @@ from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
 from identification.mismatch.names.earned import AgainstClasses
-from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of, without
+from identification.mismatch.names.examination import (
+    Check,
+    Examination,
+    Rows,
+    joints_of,
+    name_of,
+    torque_of,
+    without,
+)
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.nominal import Nominal
@@ -51,6 +59,7 @@ class Claims:
     what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
+    weak: whether torque is there that is too weak to be named.
     """
 
     findings: tuple[Finding, ...]
@@ -64,6 +73,7 @@ class Claims:
     remarks: tuple[str, ...]
     power: BandPower
     beside: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    weak: bool = False
 
 
 def build_findings(
@@ -92,7 +102,7 @@ def build_findings(
     rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
     if classes is not None:
         rules.append(classes.unearned)
-    trial, remarks = without_objection(exam, result.trial if physics else result.before, rules)
+    trial, remarks, weak = without_objection(exam, result.trial if physics else result.before, rules)
     before = _left_by_fit(exam, fitted_role, nominal)
     now = settled(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
@@ -107,7 +117,7 @@ def build_findings(
     return Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
-        fitted(exam.plain, trial.members, settings).power, {} if classes is None else classes.held(trial),
+        fitted(exam.plain, trial.members, settings).power, {} if classes is None else classes.held(trial), weak,
     )  # fmt: skip
 
 

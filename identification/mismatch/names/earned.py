@@ -35,7 +35,7 @@ class AgainstClasses:
         asked = [index for index, name in enumerate(names) if not self._foretells_most(trial, index, list(name.joints))]
         found = standings(self.dependence.every, names, asked, settings, self.dependence.chosen)
         return [
-            Objection(index, standing.odds, _why(standing, settings))
+            Objection(index, standing.odds, _why(standing, settings), standing.weak)
             for index, standing in found.items()
             if not standing.earned
         ]
@@ -88,7 +88,7 @@ def _why(standing: Standing, settings: ClaimSettings) -> str:
     rivals = " and ".join(name.replace("_", " ") for name in standing.rivals if name != "constant")
     if standing.agree < settings.invariance:
         return "has another size on the data that were not fitted"
-    if standing.odds >= settings.alternative and not standing.clear:
+    if standing.weak:
         return "is too weak here to be told from other physics that acts nearly the same"
     if rivals:
         return f"describes part of a torque that depends on {rivals}, of no form that is known"

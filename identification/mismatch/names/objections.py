@@ -21,23 +21,27 @@ from identification.mismatch.search.trial import Trial, fitted
 
 @dataclass(frozen=True, slots=True)
 class Objection:
-    """Why one member, by its number, may not be named. worth: what speaks for it, on the scale of its rule."""
+    """Why one member, by its number, may not be named. worth: what speaks for it, on the scale of its rule. there:
+    whether what it describes is there all the same, under whatever name.
+    """
 
     index: int
     worth: float
     why: str
+    there: bool = False
 
 
 Rule = Callable[[Trial], Sequence[Objection]]
 
 
-def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) -> tuple[Trial, list[str]]:
-    """The members that no rule objects to, fitted without the others, and sentences on these.
+def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) -> tuple[Trial, list[str], bool]:
+    """The members that no rule objects to, fitted without the others; sentences on these; whether any of them is there.
 
     The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
+    there = False
     # What takes the place of a member is asked before it is taken, and after.
     answers = [lru_cache(2)(rule) for rule in rules]
     while trial.members:
@@ -51,8 +55,13 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
         name = name_of(member.effect.name, member.place.joint)
         remarks.append(f"{name} {worst.why}: it is not claimed")
         other = _under_another_name(exam, trial, worst.index, fallen)
-        if other is None or any(item.index == worst.index for item in objecting(other)):
+        against = [] if other is None else [item for item in objecting(other) if item.index == worst.index]
+        if other is None or against:
             trial = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
+            if other is not None and against[0].there:
+                rival = other.members[worst.index]
+                remarks.append(f"{name_of(rival.effect.name, rival.place.joint)} {against[0].why}: it is not claimed")
+            there = there or any(item.there for item in (worst, *against))
         else:
             trial, rival = other, other.members[worst.index]
             instead[rival.effect.name, rival.place] = name
@@ -64,7 +73,7 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
             for (effect, place), name in instead.items()
             if (effect, place) in standing
         ]
-    return trial, remarks
+    return trial, remarks, there
 
 
 def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set[tuple[str, Place]]) -> Trial | None:

@@ -19,21 +19,22 @@ def verdict_of(
     findings: Sequence[Finding],
     baseline: Baseline,
     left: Sequence[bool],
-    elsewhere: bool,
+    unnamed: bool,
     *,
     classes: Sequence[ClassClaim] = (),
     much: bool,
 ) -> Verdict:
-    """left: per joint whether misfit remains beside the findings; elsewhere: whether it does on held-out recordings.
+    """left: per joint whether misfit remains beside the findings; unnamed: whether it does on held-out recordings, or
+    torque is there that is too weak for a name.
 
     classes: what the torque depends on; one of which the names leave something is a mismatch without a name.
     much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`);
     beside names that may be misfit too.
     """
-    elsewhere = elsewhere or not all(item.named for item in classes)
+    unnamed = unnamed or not all(item.named for item in classes)
     if findings:
-        return "partly_explained" if any(left) or elsewhere or much else "explained"
-    if bool(np.any(baseline.detected)) or elsewhere:
+        return "partly_explained" if any(left) or unnamed or much else "explained"
+    if bool(np.any(baseline.detected)) or unnamed:
         return "unexplained"
     return "undecided" if much else "no_mismatch"
 

@@ -47,21 +47,21 @@ class Named:
 class Standing:
     """Of one name. odds: nats over the best model without it. rivals: classes that could carry most of it.
 
-    shown: λ, the name's energy off the base parameters over the noise. clear: whether another torque, which shares all
-    of that energy but `capture`, would cost more nats than two classes have to differ by; else it may as well be that
-    other one, whoever wrote it. kept: most nats that a rival which lost half of them to the name keeps. beside: classes
-    that the name's joints hold once it is in, with their nats. agree: chance that its coefficients differ so much
-    between fitted and held-out rows; 1 without any. earned: whether it stands.
+    shown: λ, the name's energy off the base parameters over the noise. kept: most nats that a rival which lost half of
+    them to the name keeps. beside: classes that the name's joints hold once it is in, with their nats. agree: chance
+    that its coefficients differ so much between fitted and held-out rows; 1 without any. earned: whether it stands.
+    weak: whether it would, but that another torque, which shares all of λ but `capture`, would cost fewer nats than two
+    classes have to differ by: it may as well be that other one, whoever wrote it.
     """
 
     odds: float
     shown: float
-    clear: bool
     rivals: tuple[str, ...]
     kept: float
     beside: Mapping[str, float]
     agree: float
     earned: bool
+    weak: bool
 
 
 def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Rows) -> Named:
@@ -178,16 +178,16 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     part = particular >= settings.speak and any(CLASSES[number].name == "constant" for number in described)
     shown, unnamed = _energies(whole, name, own, size)
     clear = settings.capture * shown / 2.0 >= settings.alternative
-    earned = (
-        clear
-        and odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
+    stands = (
+        odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
         # A name that shows less than the classes beside it may be what their functions fail to describe.
         and shown >= unnamed
         and kept <= odds
         and agree >= settings.invariance
         and not part
     )
-    return Standing(odds, shown, clear, tuple(dict.fromkeys(rivals)), kept, beside, agree, earned)
+    different = tuple(dict.fromkeys(rivals))
+    return Standing(odds, shown, different, kept, beside, agree, earned=stands and clear, weak=stands and not clear)
 
 
 def _taken_over(selection: Selection, joint: int, state: JointState) -> Selection:

@@ -26,7 +26,7 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
-from identification.mismatch.unknown.named import Named, standings
+from identification.mismatch.unknown.named import Named, shown_on, standings
 from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
 from identification.mismatch.unknown.settings import ClaimSettings
 
@@ -46,6 +46,7 @@ class Refused:
     """A change that is not named: what it looked like, on which joint (from 1), which classes take its place.
 
     rms_nm, interval_nm: of all that changes along its course on the joint, over the recording. nats: of the class.
+    weak: it is there and too weak to be told from a neighbour; then nats are its own.
     """
 
     effect: str
@@ -54,25 +55,28 @@ class Refused:
     rms_nm: float
     interval_nm: tuple[float, float]
     nats: float
+    weak: bool = False
 
     @property
     def sentence(self) -> str:
         """For the notes."""
-        where = "" if self.joint is None else f" of joint {self.joint}"
-        return (
-            f"{self.effect.replace('_', ' ')}{where} describes part of a torque that changes over the recording and "
-            f"depends on {_words(self.rivals)}: it is not claimed"
-        )
+        name = self.effect.replace("_", " ") + ("" if self.joint is None else f" of joint {self.joint}")
+        if self.weak:
+            why = "is too weak here to be told from other torque that changes over the recording"
+        else:
+            why = f"describes part of a torque that changes over the recording and depends on {_words(self.rivals)}"
+        return f"{name} {why}: it is not claimed"
 
     @property
     def claim(self) -> ClassClaim | None:
         """What is said instead; None where it is on no joint in particular or no class stands clear."""
-        if self.joint is None or not self.rivals:
+        if self.joint is None or not (self.rivals or self.weak):
             return None
         low, high = self.interval_nm
+        depends = f" and depends on {_words(self.rivals)}" if self.rivals else ""
         sentence = (
-            f"Joint {self.joint}: a torque that changes over the recording and depends on {_words(self.rivals)}, "
-            f"{self.rms_nm:.2g} Nm RMS ({low:.2g} to {high:.2g})."
+            f"Joint {self.joint}: a torque that changes over the recording{depends}, {self.rms_nm:.2g} Nm RMS "
+            f"({low:.2g} to {high:.2g})."
         )
         size = self.rms_nm, self.interval_nm
         return ClassClaim("time", self.joint, *size, self.nats, np.zeros(0), (), (), sentence, None)
@@ -161,6 +165,8 @@ class _Recording:
             return None
         joint = change.estimate.place.joint
         rms, interval = (0.0, (0.0, 0.0)) if joint is None else self.size(rows, joint - 1)
+        if standing.weak and not beside:
+            return Refused(change.effect.name, joint, (), rms, interval, standing.odds, weak=True)
         rivals = tuple(beside) or standing.rivals
         return Refused(change.effect.name, joint, rivals, rms, interval, max(beside.values(), default=0.0))
 
@@ -234,6 +240,4 @@ def _named(contrasts: Contrasts, course: FloatArray, change: Change) -> Named:
         weight > 0.0, white.transpose(1, 0, 2)[..., used] / np.where(weight > 0.0, weight, 1.0), 0.0
     )
     size = change.estimate.coefficients[used]
-    rms = np.sqrt(((columns @ size) ** 2).sum(axis=1))
-    shown = tuple(int(joint) for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0)))
-    return Named(change.effect.name, shown, columns, size, 0.0)
+    return Named(change.effect.name, shown_on(columns @ size), columns, size, 0.0)

@@ -51,6 +51,22 @@ def test_an_offset_is_called_a_spring_only_where_its_slope_is_plain(
         assert "orque offset of joint 6 stands in the place of cable spring of joint 6; the held" in diagnosis.remaining
 
 
+@pytest.mark.parametrize(("size", "verdict"), [(0.0056, "unexplained"), (0.01, "explained")])
+def test_what_is_there_and_too_weak_for_a_name_is_said_with_the_form_that_fits(
+    iiwa14: RobotModel, table3: PhysicalParameters, size: float, verdict: str
+) -> None:
+    """Friction of joint 6 that rises with its load, of λ 50 and λ 160. The verdict was "explained" of both."""
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        load = np.abs(torque[:, 5])
+        return on_joint(6, size * load / load.mean() * np.sign(dq[:, 5]))
+
+    diagnosis = diagnose([record(iiwa14, table3, hidden)], iiwa14)
+    weak = "Load dependent friction of joint 6 is too weak here to be told from other physics" in diagnosis.remaining
+    assert diagnosis.verdict == verdict
+    assert weak == (not diagnosis.findings) == (verdict == "unexplained")
+
+
 def test_waves_of_an_order_that_no_gear_has_are_no_ripple(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
     def waves(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
         return on_joint(4, 0.1 * np.sin(35.37 * q[:, 3]))

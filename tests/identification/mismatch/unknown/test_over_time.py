@@ -78,3 +78,12 @@ def test_a_joint_that_changes_without_a_name_is_not_passed_as_one_without_mismat
     plain = clean_diagnosis.baseline
     assert verdict_of((), plain, [False] * 7, False, classes=[claim], much=False) == "unexplained"
     assert verdict_of((), plain, [False] * 7, False, classes=changing([load]), much=False) == "no_mismatch"
+
+
+def test_a_change_that_is_too_weak_for_a_name_is_one_over_time_all_the_same() -> None:
+    weak = Refused("torque_sensor_drift", 4, (), 0.012, (0.008, 0.015), 16.7, weak=True)
+    (claim,) = changing([weak])
+    assert (claim.name, claim.joint, claim.significance) == ("time", 4, 16.7)
+    assert claim.sentence == "Joint 4: a torque that changes over the recording, 0.012 Nm RMS (0.008 to 0.015)."
+    assert "torque sensor drift of joint 4 is too weak here to be told from" in weak.sentence
+    assert not changing([Refused("payload_change", None, (), 0.0, (0.0, 0.0), 12.0, weak=True)])
