@@ -14,7 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
-from identification.recordings.labels import label_by_time
+from identification.recordings.labels import label_by_time, repeating_period
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.table import RawTable
 
@@ -69,7 +69,7 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
         arrays["period_s"] = table.period_s
         arrays["samples_per_period"] = table.samples_per_period
     elif table.period_s:
-        arrays.update(_labels(table, time, sampling_period_s, findings, rows_read))
+        arrays.update(_labels(table, time, position, sampling_period_s, findings, rows_read))
     findings.sort(key=lambda finding: finding.first_row)
     return Recording(
         time=time,
@@ -331,9 +331,14 @@ def _refuse_dead_torque(table: RawTable, torque: FloatArray, moves: BoolArray, f
 
 
 def _labels(
-    table: RawTable, time: FloatArray, sampling_period_s: float, findings: list[Finding], rows: int
+    table: RawTable,
+    time: FloatArray,
+    position: FloatArray,
+    sampling_period_s: float,
+    findings: list[Finding],
+    rows: int,
 ) -> dict[str, Any]:
-    """Period labels from the stated period, when the recording holds at least two of them."""
+    """Period labels from the stated period, or from the one near it with which the motion repeats."""
     assert table.period_s is not None
     if not np.isfinite(table.period_s) or table.period_s < 0.0:
         raise RecordingError.named(
@@ -347,10 +352,17 @@ def _labels(
         )
         findings.append(Finding.of_all("short_of_a_period", rows, sentence))
         return {}
-    period_index, sample, per_period = label_by_time(time, table.period_s, sampling_period_s)
+    period_s = repeating_period(time, position, table.period_s, sampling_period_s)
+    if period_s != table.period_s:
+        sentence = (
+            f"by its stamps the motion repeats every {period_s:.7g} s, not every {table.period_s:.7g} s as stated; "
+            "that is taken"
+        )
+        findings.append(Finding.of_all("other_period", rows, sentence))
+    period_index, sample, per_period = label_by_time(time, period_s, sampling_period_s)
     return {
         "period_index": period_index,
         "sample_in_period": sample,
-        "period_s": float(table.period_s),
+        "period_s": float(period_s),
         "samples_per_period": per_period,
     }

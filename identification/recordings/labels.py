@@ -7,6 +7,61 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 
 SMALLEST_COVERAGE = 0.5
+LARGEST_ERROR_OF_PERIOD = 0.05
+"""Share by which a stated period may be off and still be the one that is meant."""
+SMALLEST_DRIFT = 0.02
+"""Samples by which the last period has to lie off: less is no drift that a mean over periods could feel."""
+EXPLAINED = 0.5
+"""Share of what periods differ by (in squares) that a shift has to take away: noise leaves all of it."""
+_ROUNDS, _ROWS = 8, 20_000
+
+
+def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sampling_period_s: float) -> float:
+    """The period with which a motion repeats, s, near a stated one; the stated one where no other is clearly better.
+
+    time: (N,) s; position: (N, n) rad (m). A stated period that is rounded, of a clock that runs otherwise, or wrong by
+    a little lays every later period further off, and their mean is of no motion that was driven. Asked from one period
+    to the next first, then over twice as many each time: the further apart, the sharper.
+    """
+    last = round((time[-1] - time[0]) / period_s) - 1
+    if last < 1:
+        return period_s
+    there = position / np.maximum(position.std(axis=0), np.finfo(np.float64).tiny)
+    rows = np.arange(0, time.size, -(-time.size // _ROWS))
+    period = period_s
+    for apart in sorted({*(2**power for power in range(last.bit_length())), last}):
+        for _ in range(_ROUNDS):
+            shift = _difference(time, there, rows, apart * period, sampling_period_s)[0]
+            period -= shift / apart
+            if abs(shift) < 1e-3 * SMALLEST_DRIFT * sampling_period_s:
+                break
+        if abs(period - period_s) > LARGEST_ERROR_OF_PERIOD * period_s:
+            return period_s
+    if last * abs(period - period_s) < SMALLEST_DRIFT * sampling_period_s:
+        return period_s
+    before, after = (_difference(time, there, rows, last * each, sampling_period_s)[1] for each in (period_s, period))
+    return period if after < (1.0 - EXPLAINED) * before else period_s
+
+
+def _difference(
+    time: FloatArray, position: FloatArray, rows: IntArray, apart_s: float, sampling_period_s: float
+) -> tuple[float, float]:
+    """By how much (s) the motion comes early where it is read `apart_s` later, and the mean square between both."""
+    rows = rows[time[rows] + apart_s <= time[-1]]
+    later = time[rows] + apart_s
+    behind = np.clip(np.searchsorted(time, later), 1, time.size - 1)
+    whole = time[behind] - time[behind - 1] < 1.5 * sampling_period_s  # not across a gap
+    rows, later = rows[whole], later[whole]
+    if not rows.size:
+        return 0.0, 0.0
+    width = 3.0 * sampling_period_s
+    at = [
+        np.column_stack([np.interp(when, time, q) for q in position.T])
+        for when in (later, later - width, later + width)
+    ]
+    difference, speed = at[0] - position[rows], (at[2] - at[1]) / (2.0 * width)
+    size = float((speed**2).sum())
+    return float((difference * speed).sum()) / size if size > 0.0 else 0.0, float((difference**2).mean())
 
 
 def label_by_time(time: FloatArray, period_s: float, sampling_period_s: float) -> tuple[IntArray, IntArray, int]:

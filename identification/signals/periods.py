@@ -23,6 +23,10 @@ SMALLEST_SHIFT = 0.02
 # A stated period is doubted when successive periods differ by more than this share of the motion.
 LARGEST_PERIOD_DIFFERENCE = 0.1
 TRANSIENT_FACTOR = 10.0
+# Parts of a period that are asked whether they come at their time; the share of what periods differ by that shifts in
+# time have to explain before they are believed; samples by which a part may come early or late; part of a segment's
+# ordinary motion that it has to show.
+_PARTS, _EXPLAINED, LARGEST_SHIFT, _LEAST_MOTION = 20, 0.5, 1.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +131,8 @@ def period_table(recording: Recording) -> PeriodTable:
         keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
+    if recording.source.kind != "log":
+        _check_simultaneous(recording, position)
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz)
 
 
@@ -237,6 +243,38 @@ def _check_repetition(recording: Recording, position: FloatArray) -> None:
             recording.source.path,
             f"the motion does not repeat every {recording.period_s:g} s: successive periods "
             f"differ by {difference:.3g} rad where the motion itself is {motion:.3g} rad (RMS)",
+            field="period_s",
+        )
+
+
+def _check_simultaneous(recording: Recording, position: FloatArray) -> None:
+    """Raises RecordingError where parts of single periods come early or late: their mean is of no motion that was.
+
+    Rows that are missing while the time stamps hide it do that. Left alone where shifts in time do not explain what the
+    periods differ by. position: (K, M, n), laid out by time stamps.
+    """
+    assert recording.period_s is not None
+    middle = median_over_periods(position)
+    speed = (np.roll(middle, -3, axis=0) - np.roll(middle, 3, axis=0)) / 6.0  # rad per sample
+    difference = np.nan_to_num(position - middle)
+    parts = np.arange(0, middle.shape[0], -(-middle.shape[0] // _PARTS))
+    across, along = (
+        np.add.reduceat(each, parts, axis=-1)
+        for each in (np.einsum("kmn,mn->km", difference, speed), (speed**2).sum(axis=1))
+    )
+    moving = along > _LEAST_MOTION * along.mean()
+    shift = across[:, moving] / along[moving]
+    if not (shift**2 * along[moving]).sum() > _EXPLAINED * float((difference**2).sum()):
+        return
+    period, part = np.unravel_index(int(np.argmax(np.abs(shift))), shift.shape)
+    largest = float(np.abs(shift[period, part]))
+    if largest > LARGEST_SHIFT:
+        step = recording.period_s / middle.shape[0]
+        raise RecordingError.at(
+            recording.source.path,
+            f"parts of its periods of {recording.period_s:.7g} s do not come at their times: the motion "
+            f"{step * parts[moving][part]:.3g} s into period {int(period) + 1} is {1e3 * step * largest:.3g} ms off. "
+            "Rows may be missing there that the time stamps hide",
             field="period_s",
         )
 

@@ -1,0 +1,65 @@
+"""Claims about a period that a file only states: rounded, of another clock, or with rows missing that nothing shows.
+
+Truth: the period that the motion here was written with, and the mean motion in closed form.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.errors import RecordingError
+from identification.recordings import Recording, read_recording
+from identification.signals import average_periods, period_table
+
+PERIOD_S, STEP_S, PERIODS = 4.0, 0.005, 5
+ROWS = round(PERIODS * PERIOD_S / STEP_S)
+
+
+def _motion(time: np.ndarray) -> np.ndarray:
+    turns = 2.0 * np.pi * time / PERIOD_S
+    return np.column_stack([np.sin(turns) + 0.4 * np.cos(3.0 * turns), 0.7 * np.cos(turns) - 0.3 * np.sin(5.0 * turns)])
+
+
+def _read(folder: Path, stated_s: float, *, noise: float = 1e-5, lost: tuple[int, int] = (0, 0)) -> Recording:
+    time = np.delete(np.arange(ROWS + lost[1] - lost[0]) * STEP_S, np.arange(*lost))
+    position = _motion(time) + np.random.default_rng(4).normal(scale=noise, size=(ROWS, 2))
+    path = folder / "measured.npz"
+    np.savez(path, t=np.arange(ROWS) * STEP_S, q=position, tau=3.0 * position, period_s=stated_s)
+    return read_recording(path)
+
+
+@pytest.mark.parametrize("stated_s", [3.96, 3.996, 4.0004, 4.01, 4.15])
+def test_a_period_stated_a_little_wrong_is_that_of_the_motion(tmp_path: Path, stated_s: float) -> None:
+    """Over five periods 0.01 s became 0.04 s: the mean was of no motion, and the fit called the rest noise."""
+    recording = _read(tmp_path, stated_s)
+    assert recording.period_s == pytest.approx(PERIOD_S, abs=1e-5)
+    (finding,) = recording.report.of_kind("other_period")
+    assert f"not every {stated_s:.7g} s as stated" in finding.sentence
+    average = average_periods(period_table(recording))
+    exact = _motion(np.arange(len(average.position)) * average.sampling_period_s)
+    assert np.abs(average.position - exact).max() < 2e-4
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-2])
+def test_a_period_stated_right_stays_as_it_is_stated(tmp_path: Path, noise: float) -> None:
+    recording = _read(tmp_path, PERIOD_S, noise=noise)
+    assert recording.period_s == PERIOD_S
+    assert not recording.report.of_kind("other_period")
+
+
+def test_a_period_far_from_the_motions_is_not_replaced_by_another(tmp_path: Path) -> None:
+    recording = _read(tmp_path, 3.0)
+    assert recording.period_s == 3.0
+    with pytest.raises(RecordingError, match="does not repeat every 3 s"):
+        period_table(recording)
+
+
+def test_rows_lost_behind_even_time_stamps_make_no_mean_period(tmp_path: Path) -> None:
+    """Eight rows are missing in the third period: what follows is 40 ms early, which was averaged in."""
+    recording = _read(tmp_path, PERIOD_S, lost=(1900, 1908))
+    with pytest.raises(RecordingError, match="Rows may be missing there") as caught:
+        period_table(recording)
+    assert caught.value.field == "period_s"
