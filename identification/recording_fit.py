@@ -7,7 +7,8 @@ squares (weighted) → sign of the torque → programs with physical constraints
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,6 +46,7 @@ from identification.fitting.torque_sign import TorqueSign, judge_torque_sign, no
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
+from identification.recordings.units import wrong_torque_unit
 from identification.robots import RobotModel
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
@@ -91,9 +93,9 @@ def fit_recordings(
     if settings.check_torque_sign:
         _refuse_wrong_sign(sign, processed)
 
-    real = (
-        _real_bodies(blocks, robot, regressor, least_squares, settings, report) if settings.physical else _RealBodies()
-    )
+    wrong_unit = _wrong_torque_unit(recordings, robot, sign)
+    with _blamed_on_units(recordings, wrong_unit):
+        real = _real_bodies(blocks, robot, regressor, least_squares, settings, report)
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
     sets = {"base": least_squares.values}
@@ -118,16 +120,49 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=(*notes_on_signs(sign), *_notes_on_data(rms, processed, band), *notes_on_model(regressor, settings)),
+        notes=_notes(sign, wrong_unit, rms, processed, band, notes_on_model(regressor, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
     return result
 
 
-def _notes_on_data(rms: RmsTable, processed: Sequence[Processed], band: BandChoice | None) -> list[str]:
-    notes = [f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes]
-    return [*notes_on_joints_missed(rms), *notes, *([] if band is None else [band.sentence])]
+def _wrong_torque_unit(recordings: Sequence[Recording], robot: RobotModel, sign: TorqueSign) -> str:
+    """Why torques whose unit nobody stated are of no arm of that size; empty where they may be."""
+    unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
+    largest = [float(np.abs(item.torque).max()) for item in unstated]
+    gravity_acts = bool(np.isfinite(sign.gravity_correlation))
+    return wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
+
+
+@contextmanager
+def _blamed_on_units(recordings: Sequence[Recording], wrong_unit: str) -> Iterator[None]:
+    """A program that has no solution in numbers of a wrong size is the fault of their unit, which is said."""
+    try:
+        yield
+    except SolverError as error:
+        if not wrong_unit:
+            raise
+        raise RecordingError.named(recordings[0].source.path, wrong_unit, field="tau") from error
+
+
+def _notes(
+    sign: TorqueSign,
+    wrong_unit: str,
+    rms: RmsTable,
+    processed: Sequence[Processed],
+    band: BandChoice | None,
+    on_model: Sequence[str],
+) -> tuple[str, ...]:
+    """All that is said of a fit, what spoils it first."""
+    return (
+        *notes_on_signs(sign),
+        *([f"WARNING, {wrong_unit} Every parameter scales with them"] if wrong_unit else []),
+        *notes_on_joints_missed(rms),
+        *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
+        *([] if band is None else [band.sentence]),
+        *on_model,
+    )
 
 
 def _silent(phase: str, share: float) -> None:
@@ -164,6 +199,8 @@ def _real_bodies(
     settings: FitSettings,
     report: Progress,
 ) -> _RealBodies:
+    if not settings.physical:
+        return _RealBodies()
     report("parameters of real bodies", 0.6)
     consistent = settle_open_directions(estimate.values, estimate.covariance, regressor)
     report("feasible parameters (program 10)", 0.7)

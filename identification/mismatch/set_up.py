@@ -29,6 +29,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.clock import clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
+from identification.recordings.units import wrong_torque_unit
 from identification.robots.model import RobotModel
 from identification.signals.aperiodic import sixth_order_difference, zero_phase_low_pass
 
@@ -51,10 +52,6 @@ it goes with; and how much less stays in all. The columns of a joint near the ba
 DECISIVE, LEAST_LEFT = 0.01, 0.1
 """As the last, where it is enough by itself, and of how much in all: an arm of few joints takes much of any torque."""
 ORDER_ROWS, ORDER_NOISE = 600, 0.1
-SHORTEST_M = 0.3
-"""Between the first axis and the last: what is smaller is a device of its own kind, whose torques nobody foretells."""
-LIGHTEST, HEAVIEST = 0.1, 2000.0
-"""kg/m³, see `_wrong_torque_unit`: 35 times below and 9 times above what arms have; a wrong prefix is 1000."""
 _LOAD_HZ = 8.0
 _LOAD_ROWS = 4000
 
@@ -146,25 +143,9 @@ def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: 
         return SetUpCheck("units", "warning", f"The torque is in {', '.join(sorted(units))}: masses will be scaled.")
     span = max(float(np.ptp(item.position, axis=0).max()) for item in recordings)
     torque = max(float(np.abs(item.torque).max()) for item in recordings)
-    if wrong := _wrong_torque_unit(torque, robot, gravity_acts=gravity_acts):
+    if wrong := wrong_torque_unit(torque, robot, gravity_acts=gravity_acts):
         return SetUpCheck("units", "failed", wrong)
     return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
-
-
-def _wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) -> str:
-    """Why the largest torque of a motion cannot be in Nm, with the unit they may be in; empty where they can.
-
-    Arms of one build are alike in torque / (9.81 m/s² · length⁴), 3.5 to 230 kg/m³ for five arms of 0.45 to 3.1 m.
-    """
-    kinematics = robot.kinematics
-    offsets = np.linalg.norm(kinematics.translation, axis=1)
-    length = float(max(offsets[list(kinematics.upstream(link)[1:])].sum() for link in range(robot.n)))
-    if length < SHORTEST_M or not kinematics.revolute.all():
-        return ""
-    said = f"The torques reach {torque:.3g} Nm, which would hold {torque / (9.81 * length):.2g} kg at {length:.2g} m"
-    if gravity_acts and torque < LIGHTEST * 9.81 * length**4:
-        return f"{said}: too little behind the gears of an arm of that size. Are they in kNm?"
-    return f"{said}: too much for an arm of that size. Are they in mNm?" * (torque > HEAVIEST * 9.81 * length**4)
 
 
 def _order(rows: Rows, robot: RobotModel, gravity: FloatArray, *, only_decisive: bool = False) -> SetUpCheck:

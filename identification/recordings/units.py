@@ -38,6 +38,10 @@ OVER_LIMIT = 1.0
 OVER_EFFORT = 3.0
 RATIO_TOLERANCE = 0.15
 LEAST_CORRELATION = 0.8
+SHORTEST_M = 0.3
+"""Between the first axis and the last: what is smaller is a device of its own kind, whose torques nobody foretells."""
+LIGHTEST, HEAVIEST = 0.1, 2000.0
+"""kg/m³, see `wrong_torque_unit`: 35 times below and 9 times above what arms have; a wrong prefix is 1000."""
 
 
 def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | None = None) -> RawTable:
@@ -259,3 +263,19 @@ def _outside_limits(recording: Recording, robot: RobotModel | None) -> list[str]
             f"{lower[joint]:.4g} and {upper[joint]:.4g}: is this the right robot, joint and unit?"
         )
     return notes
+
+
+def wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) -> str:
+    """Why the largest torque of a motion cannot be in Nm, with the unit they may be in; empty where they can.
+
+    Arms of one build are alike in torque / (9.81 m/s² · length⁴), 3.5 to 230 kg/m³ for five arms of 0.45 to 3.1 m.
+    """
+    kinematics = robot.kinematics
+    offsets = np.linalg.norm(kinematics.translation, axis=1)
+    length = float(max(offsets[list(kinematics.upstream(link)[1:])].sum() for link in range(robot.n)))
+    if length < SHORTEST_M or not kinematics.revolute.all():
+        return ""
+    said = f"The torques reach {torque:.3g} Nm, which would hold {torque / (9.81 * length):.2g} kg at {length:.2g} m"
+    if gravity_acts and torque < LIGHTEST * 9.81 * length**4:
+        return f"{said}: too little behind the gears of an arm of that size. Are they in kNm?"
+    return f"{said}: too much for an arm of that size. Are they in mNm?" * (torque > HEAVIEST * 9.81 * length**4)

@@ -160,6 +160,24 @@ def test_only_newton_metres_pass_for_the_torques_of_real_arms(name: str, robot: 
         assert said[1e3] == ("failed", "Are they in mNm?")
 
 
+def test_a_fit_to_torques_in_another_unit_is_warned_of_where_nobody_stated_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The UR10's table knows no efforts, so nothing at reading told: every mass was a thousand times too large."""
+    with np.load(recording_file("ur10.npz")) as file:
+        arrays = dict(file)
+    robot = ["--robot", recording_file("ur10_mdh.csv"), "--out", tmp_path / "model.json"]
+    arrays.pop("robot", None)
+    for stated, factor in (("", 1e3), ("Nm", 1e3), ("", 1.0), ("mNm", 1e3)):
+        np.savez(
+            tmp_path / "log.npz",
+            **{**arrays, "tau": factor * arrays["tau"], **({"tau_unit": stated} if stated else {})},
+        )
+        assert run("fit", tmp_path / "log.npz", *robot, "--no-physical") == 0
+        said = capsys.readouterr()
+        assert ("Are they in mNm?" in said.out + said.err) == (factor == 1e3 and not stated)
+
+
 def test_a_recording_without_motion_is_refused_in_one_sentence(
     sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
