@@ -21,6 +21,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recordings.independence import holds_samples, recording_names
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
+from identification.robots.same_arm import difference_of_frames
 
 MODEL_FORMAT = "iiwa-ident/model/1"
 _SMALLEST_RELATIVE_STD = 1e-9
@@ -50,12 +51,25 @@ class Model:
     def load_robot(self) -> RobotModel:
         """The robot the model is of, installed as it was. A path is taken as it is, then relative to the model file.
 
-        Raises RobotError.
+        Raises RobotError, and ModelFileError where its frames are no more what they were when the model was fitted.
         """
         installation = Installation.from_json(self.data.get("installation"))
-        if self.robot in BUILT_IN_ROBOTS or Path(self.robot).is_file() or not self.path:
-            return load_robot(self.robot, installation)
-        return load_robot(Path(self.path).parent / self.robot, installation)
+        beside = self.robot not in BUILT_IN_ROBOTS and self.path and not Path(self.robot).is_file()
+        robot = load_robot(Path(self.path).parent / self.robot if beside else self.robot, installation)
+        self._refuse_other_frames(robot)
+        return robot
+
+    def _refuse_other_frames(self, robot: RobotModel) -> None:
+        """Raises ModelFileError for a robot in whose link frames these parameters do not stand."""
+        frames = self.data.get("provenance", {}).get("robot", {}).get("joints")
+        difference = difference_of_frames(frames, robot) if frames else ""
+        if difference:
+            raise ModelFileError(
+                f"{self.path or 'The model'}: its parameters stand in the link frames of the robot it was fitted with; "
+                f"in those of {robot.source} {difference}. Give that robot as it was, or fit again",
+                file=self.path or None,
+                field="robot",
+            )
 
     def fitted_among(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """Names of those recordings that it was fitted to, as far as the file says: they are no check of it.
@@ -85,7 +99,11 @@ class Model:
         return np.array(shift, dtype=np.float64)
 
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
-        """(p,) base parameters in the order of a regressor. Raises ModelFileError if the names are not the same."""
+        """(p,) base parameters in the order of a regressor.
+
+        Raises ModelFileError if the names, or the link frames that they stand in, are not the same.
+        """
+        self._refuse_other_frames(regressor.robot)
         mine = dict(zip(self.names, self.values, strict=True))
         missing = [name for name in regressor.names if name not in mine]
         if missing or len(mine) != regressor.size:
@@ -203,6 +221,8 @@ def read_model(path: str | Path) -> Model:
             raise ValueError("no list of numbers")
         where = "provenance.inputs"
         _ = [int(item.get("samples_kept") or "0", 16) for item in _part(provenance, "inputs", list)]
+        where = "provenance.robot.joints"
+        _check_frames(_part(_part(provenance, "robot", dict), "joints", list))
         where = "provenance.regressor"
         options = RegressorOptions.from_json(_part(provenance, "regressor", dict))
         where = "robot"
@@ -219,6 +239,13 @@ def _check_settings(noted: dict[str, Any]) -> None:
     from identification.fitting.settings import OF_PROCESSING, FitSettings
 
     FitSettings(**{name: noted[name] for name in OF_PROCESSING if name in noted})
+
+
+def _check_frames(frames: list[dict[str, Any]]) -> None:
+    for frame in frames:
+        _ = frame["parent"], frame["revolute"]
+        if [_finite(frame[name]).size for name in ("translation", "rotation", "axis")] != [3, 9, 3]:
+            raise ValueError("a frame is three, nine and three numbers")
 
 
 def _part(data: dict[str, Any], key: str, kind: type[Any]) -> Any:

@@ -15,6 +15,7 @@ from identification.fitting.settings import FitSettings
 from identification.recordings.independence import prints_to_keep
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import FILE_BASE, PAPER_BASE
+from identification.robots.same_arm import frames_of
 
 WITHOUT_PART_IN_THE_BASE = ("physical", "bounds", "full_consistency", "starts", "seed", "check_torque_sign")
 """Settings that only the programs with constraints ask for, or none."""
@@ -52,6 +53,7 @@ def provenance(
             "digest": robot.digest,
             "gravity_m_s2": robot.gravity.tolist(),
             "gravity_frame": PAPER_BASE if robot.name in BUILT_IN_ROBOTS else FILE_BASE,
+            "joints": frames_of(robot),
         },
         "regressor": regressor.options.to_json(),
         "settings": settings.to_json(),

@@ -1,10 +1,14 @@
 """Do two descriptions mean the same arm? Asked of the joints' axes in space, so that frames and names do not matter.
+Parameters of links stand in the links' frames, though: whether those are the same is asked of the frames themselves.
 
 Called where a model of one robot meets a recording of another: an iiwa 7 and an iiwa 14 have the same joints and
 other lengths, and nothing but this tells them apart.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -16,6 +20,8 @@ LENGTH_TOLERANCE_M = 2e-3
 ANGLE_TOLERANCE = 2e-3
 GRAVITY_TOLERANCE = 0.05
 """m/s²; a place on the ground."""
+FRAME_TOLERANCE = 2e-4
+"""m, and rad: a description written with four decimals is the same."""
 SEED = 7
 STATES = 3
 
@@ -45,6 +51,38 @@ def difference_of_arms(one: RobotModel, other: RobotModel) -> str:
     falls = [robot.gravity @ _axes(robot, np.zeros(robot.n))[0].T for robot in (one, other)]
     if np.abs(falls[0] - falls[1]).max() > GRAVITY_TOLERANCE:
         return "gravity in another direction of the base"
+    return ""
+
+
+def frames_of(robot: RobotModel) -> list[dict[str, Any]]:
+    """The frame of each joint in that of the link that carries it, plain JSON types: what link parameters stand in."""
+    tree = robot.kinematics
+    return [
+        {
+            "name": robot.joint_names[joint],
+            "parent": int(tree.parent[joint]) + 1,
+            "revolute": bool(tree.revolute[joint]),
+            "translation": tree.translation[joint].tolist(),
+            "rotation": tree.rotation[joint].ravel().tolist(),
+            "axis": tree.axis[joint].tolist(),
+        }
+        for joint in range(robot.n)
+    ]
+
+
+def difference_of_frames(frames: Sequence[Mapping[str, Any]], robot: RobotModel) -> str:
+    """What tells a robot's frames from those of `frames_of`, as half a sentence; empty where they are the same."""
+    if len(frames) != robot.n:
+        return f"{robot.n} joints in place of {len(frames)}"
+    for joint, (one, other) in enumerate(zip(frames, frames_of(robot), strict=True), start=1):
+        if one["parent"] != other["parent"] or one["revolute"] != other["revolute"]:
+            return f"joint {joint} is of another kind, or hangs on another link"
+        apart = float(np.linalg.norm(np.subtract(one["translation"], other["translation"])))
+        if apart > FRAME_TOLERANCE:
+            return f"joint {joint} stands {1e3 * apart:.3g} mm elsewhere on the link that carries it"
+        turned = max(float(np.abs(np.subtract(one[name], other[name])).max()) for name in ("rotation", "axis"))
+        if turned > FRAME_TOLERANCE:
+            return f"the frame or the axis of joint {joint} is turned"
     return ""
 
 

@@ -13,6 +13,8 @@ import numpy as np
 import pinocchio
 import pytest
 
+from identification.base_parameters import BaseRegressor
+from identification.errors import ModelFileError
 from identification.export.write import export_model
 from identification.model_file import Model, read_model, write_model
 from identification.physical_parameters import PhysicalParameters
@@ -87,6 +89,38 @@ def test_the_width_of_friction_stands_beside_an_export_where_no_noise_was_measur
     exported = export_model(_written(fit, tmp_path), tmp_path / "arm.urdf", "urdf")
     assert exported.effects_path is not None
     assert '"velocity": 0.02' in exported.effects_path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("stood", "stands", "said"),
+    [
+        ("1.15 0 -0.189", "1.10 0 -0.189", "joint 3 stands 50 mm elsewhere"),
+        # The same axis in space, but another frame of link 6: what stands in it means something else.
+        (
+            'rpy="-1.570796327 -0 0" />\n    <parent link="link5"',
+            'rpy="-1.570796327 -0 0.5" />\n    <parent link="link5"',
+            "joint 6 is turned",
+        ),
+    ],
+    ids=["moved", "turned"],
+)
+def test_a_robot_file_that_changed_since_the_fit_is_refused(stood: str, stands: str, said: str, tmp_path: Path) -> None:
+    """Base parameters keep their names in other link frames, so nothing else noticed: only the torque was wrong."""
+    text = (RECORDINGS / "kr300.urdf").read_text(encoding="utf-8")
+    file = tmp_path / "arm.urdf"
+    file.write_text(text, encoding="utf-8")
+    recording = read_recording(RECORDINGS / "kr300_a.npz", robot=str(file))
+    fit = fit_recordings([recording], load_robot(file), FitSettings(physical=False))
+    model = _written(fit, tmp_path)
+    assert model.load_robot().n == 6
+    file.write_text(text.replace("</robot>", "<!-- a comment --></robot>"), encoding="utf-8")
+    assert model.load_robot().n == 6
+    assert stood in text
+    file.write_text(text.replace(stood, stands), encoding="utf-8")
+    with pytest.raises(ModelFileError, match=said):
+        model.load_robot()
+    with pytest.raises(ModelFileError, match=said):
+        model.base_values(BaseRegressor(load_robot(file), model.options))
 
 
 def test_a_model_says_in_which_frame_gravity_is_given(periodic: Recording, iiwa14: RobotModel, tmp_path: Path) -> None:
