@@ -10,7 +10,12 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
-from identification.recordings.npz_reader import OPTIONAL_FIELDS, UNIT_FIELDS, resolve_robot
+from identification.recordings.npz_reader import (
+    OPTIONAL_FIELDS,
+    UNIT_FIELDS,
+    refuse_unknown_units,
+    resolve_robot,
+)
 from identification.recordings.recording import Finding
 from identification.recordings.table import RawTable
 
@@ -31,6 +36,7 @@ def read_csv(path: Path) -> list[RawTable]:
     except (UnicodeDecodeError, OSError) as error:
         raise RecordingError.named(path, f"cannot be read as text ({reason_of(error)})") from error
     settings, start = _settings(lines)
+    refuse_unknown_units(path, settings)
     if start >= len(lines):
         raise RecordingError.named(path, "holds no header and no rows")
     header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
@@ -83,13 +89,17 @@ def _setting_number(path: Path, settings: dict[str, str], name: str) -> float | 
 
 
 def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
-    """Index of each known column as {(quantity, joint number): index}; complains about what is missing."""
+    """Index of each known column as {(quantity, joint number from 1): index}; complains about what is missing.
+
+    Where there is a column q0, the header counts from 0.
+    """
     columns: dict[tuple[str, str], int] = {}
-    for index, name in enumerate(header):
-        match = COLUMN.match(name)
-        key = ("t", "") if name in ("t", "time") else (match.group(1), match.group(2)) if match else None
-        if key is None:
+    found = [COLUMN.match(name) for name in header]
+    first = 0 if any(match and (match.group(1), int(match.group(2))) == ("q", 0) for match in found) else 1
+    for index, (name, match) in enumerate(zip(header, found, strict=True)):
+        if match is None and name not in ("t", "time"):
             continue
+        key = ("t", "") if match is None else (match.group(1), str(int(match.group(2)) - first + 1))
         if key in columns:
             raise RecordingError.named(path, f"column '{name}' stands twice in the header", field=name)
         columns[key] = index

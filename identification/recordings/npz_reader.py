@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import IO, Any
 
@@ -74,6 +74,7 @@ def read_npz(path: Path) -> list[RawTable]:
                 f"{', '.join(sorted(item.removesuffix('.npy') for item in held)[:30]) or 'nothing'}",
                 field=name,
             )
+    refuse_unknown_units(path, (item.removesuffix(".npy") for item in held))
     period = _scalar(path, fields, "period_s")
     names = fields.get("joint_names")
     table = RawTable(
@@ -99,6 +100,15 @@ def resolve_robot(path: Path, robot: str) -> str | None:
     if beside.exists() or Path(robot).suffix.lower() in (".urdf", ".csv", ".xml"):
         return str(beside)
     return robot
+
+
+def refuse_unknown_units(path: Path, names: Iterable[str]) -> None:
+    """Raises RecordingError for a field like `q_units` or `unit`: who wrote it stated a unit that nobody would heed."""
+    for name in names:
+        if name not in UNIT_FIELDS and name.lower().endswith(("unit", "units")):
+            raise RecordingError.named(
+                path, f"field '{name}' states no unit that is known; known are {', '.join(UNIT_FIELDS)}", field=name
+            )
 
 
 def _numbers(path: Path, fields: dict[str, Any], name: str) -> FloatArray:

@@ -111,6 +111,24 @@ def test_labels_survive_jitter_below_half_a_step(periods: int, samples: int, jit
     assert np.unique(pairs).size == pairs.size
 
 
+def test_a_header_that_counts_from_zero_loses_no_joint(tmp_path: Path) -> None:
+    """q0 was no column, so the joint behind it was missing, and the numbers of the others were one too small."""
+    arrays = _arrays()
+    names = ["t", *(f"{name}{joint}" for name in ("q", "tau") for joint in range(JOINTS))]
+    rows = np.column_stack([arrays["t"], arrays["q"], arrays["tau"]])
+    lines = [",".join(names), *(",".join(repr(float(value)) for value in row) for row in rows)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    recording = read_recording(tmp_path / "a.csv")
+    np.testing.assert_array_equal(recording.position, arrays["q"])
+    np.testing.assert_array_equal(recording.torque, arrays["tau"])
+
+
+@pytest.mark.parametrize("name", ["q_units", "tau_units", "units", "torque_unit"])
+def test_a_unit_stated_under_another_name_is_refused_and_not_passed_over(tmp_path: Path, name: str) -> None:
+    _refused(_save(tmp_path / "a.npz", **_arrays(), **{name: "deg"}), name, "q_unit")
+    _refused(_save_csv(tmp_path / "a.csv", _arrays(), f"# {name}: deg\n"), name, "q_unit")
+
+
 # --- what is found and left out ----------------------------------------------------------------------------------
 
 
