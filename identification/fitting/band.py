@@ -30,6 +30,8 @@ STEP = 2.0**0.5
 MOTION_SHARE = 0.95
 HARMONICS = 10.0
 """The band is never below this multiple of the frequency up to which a joint has that share of its velocity."""
+ABOVE_NOISE = 10.0
+"""Times the mean square of the noise that a line of the velocity has: by noise alone one of 20 000 has as much."""
 SMALLEST_MOTION = 1e-3
 """rad (m); a joint that moves less stands still."""
 NO_PRECISION = 1.01
@@ -90,11 +92,12 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
                 blocks.append(_in_lines(block))
                 levels.append(level)
     sizes: dict[float, float] = {}
+    first: FloatArray | None = None
     found: FloatArray | None = None
     noisy: float | None = None
     for band in bands:
-        if found is not None:
-            noise = _share_of_position_noise(blocks, levels, regressor, found, band)
+        if first is not None and found is not None:
+            noise = _share_of_position_noise(blocks, levels, regressor, first, found, band)
             if np.any(noise > MOST_POSITION_NOISE):
                 noisy = band
                 break
@@ -103,6 +106,7 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
         except EstimationError:
             continue
         found = result.least_squares.values
+        first = found if first is None else first
         sizes[band] = float(np.exp(np.mean(np.log(result.least_squares.std))))
     if not sizes:
         return BandChoice(bands[0], {})
@@ -117,11 +121,19 @@ def highest_band(recording: Recording) -> float:
 
 
 def band_of_motion(recording: Recording) -> float:
-    """Hz that hold ten harmonics of the motion: ten times the frequency below which every joint has its velocity."""
+    """Hz that hold ten harmonics of the motion: ten times the frequency below which every joint has its velocity.
+
+    Noise of the position is none: in velocity it grows with the frequency, and a coarse encoder's is soon a twentieth.
+    """
     step = recording.sampling_period_s
     _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
-    velocity = np.gradient(position, axis=0) * np.hanning(len(position))[:, None]
-    power = np.cumsum(np.abs(np.fft.rfft(velocity, axis=0)) ** 2, axis=0)
+    window = np.hanning(len(position))[:, None]
+    lines = np.abs(np.fft.rfft(np.gradient(position, axis=0) * window, axis=0)) ** 2
+    frequency = np.arange(len(lines)) / (len(position) * step)
+    noise = position_noise(recording) * (window**2).sum() / (2.0 * step)
+    noise = noise * np.sin(2.0 * np.pi * frequency * step)[:, None] ** 2
+    looked_for = (lines > ABOVE_NOISE * noise) & (frequency <= highest_band(recording))[:, None]
+    power = np.cumsum(np.where(looked_for, lines, 0.0), axis=0)
     line = np.array([np.searchsorted(column, MOTION_SHARE * column[-1]) for column in power.T])
     moving = np.ptp(position, axis=0) > SMALLEST_MOTION
     wanted = HARMONICS * float(line[moving].max(initial=0)) / (len(position) * step)
@@ -129,30 +141,38 @@ def band_of_motion(recording: Recording) -> float:
 
 
 def position_noise(recording: Recording) -> FloatArray:
-    """(n,) rad²/Hz (m²/Hz): level of the position's spectrum in its upper half, where no arm moves.
+    """(n,) rad²/Hz (m²/Hz): level of the position's spectrum where no arm moves: above 60 Hz, or in the upper half.
 
-    Median over the lines, which a resonance does not raise.
+    Median over the lines of one octave, which a resonance does not raise: what a coarse encoder rounds off lies mostly
+    below the frequency of its steps, and a fast sampling leaves little of it in the upper half.
     """
     step = recording.sampling_period_s
     _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
     window = np.hanning(len(position))[:, None]
     power = 2.0 * step * np.abs(np.fft.rfft(position * window, axis=0)) ** 2 / (window**2).sum()
     # Of a sum of two squares the median is log 2 of the mean.
-    return np.asarray(np.median(power[len(power) // 2 :], axis=0) / np.log(2.0))
+    lowest = min(len(power) // 2, round(WIDEST_HZ * len(position) * step))
+    return np.asarray(np.median(power[lowest : 2 * lowest], axis=0) / np.log(2.0))
 
 
 def _share_of_position_noise(
-    blocks: Sequence[Block], levels: Sequence[FloatArray], regressor: BaseRegressor, values: FloatArray, band_hz: float
+    blocks: Sequence[Block],
+    levels: Sequence[FloatArray],
+    regressor: BaseRegressor,
+    first: FloatArray,
+    values: FloatArray,
+    band_hz: float,
 ) -> FloatArray:
     """(n,) of the squares that parameters (p,) leave of each joint's torque up to a frequency.
 
-    levels: of each block, as `position_noise`.
+    levels: of each block, as `position_noise`. first: the parameters of the narrowest band, whose inertias count; those
+    of a wider one have shrunk by the very noise that is asked about.
     """
     left, expected = np.zeros(regressor.robot.n), np.zeros(regressor.robot.n)
     for block, level in zip(blocks, levels, strict=True):
         rows = _below(block, band_hz)
         left += ((rows.torque - rows.columns @ values) ** 2).sum(axis=0)
-        growth = _inertia_squared(block, regressor, values) @ level * (2.0 * np.pi) ** 4
+        growth = _inertia_squared(block, regressor, first) @ level * (2.0 * np.pi) ** 4
         expected += len(block.torque) * growth * band_hz**5 / 5.0
     return expected / np.maximum(left, 1e-300)
 

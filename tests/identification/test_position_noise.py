@@ -6,6 +6,7 @@ of the acceleration makes torque.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ import pinocchio
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.fitting.band import choose_low_pass, position_noise
+from identification.fitting.band import band_of_motion, choose_low_pass, position_noise
+from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import inverse_dynamics, table_three
@@ -90,3 +92,50 @@ def test_no_band_is_taken_in_which_the_position_makes_a_quarter_of_what_is_left(
     refused = [band for band in shares if band > max(allowed)]
     assert found.noisy_hz == (pytest.approx(min(refused)) if refused else None)
     assert ("noise of the position" in found.sentence) == bool(refused)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1e-3])
+def test_noise_and_steps_of_the_position_are_no_motion(tmp_path: Path, size: float) -> None:
+    """In velocity they grow with the frequency: a twentieth of its square was theirs, and all 60 Hz were compared.
+
+    Truth: ten times 0.5 Hz, above which nothing moves here, are less than the 10 Hz that every band holds.
+    """
+    robot = load_robot("iiwa14")
+    noisy = recorded(tmp_path, robot, size)
+    smooth = recorded(tmp_path, robot, 0.0)
+    coarse = replace(smooth, position=np.round(smooth.position / size) * size)
+    assert [band_of_motion(each) for each in (smooth, noisy, coarse)] == [10.0] * 3
+    assert choose_low_pass([noisy], BaseRegressor(robot)).low_pass_hz < 20.0
+
+
+ASKEW = """<robot name="askew"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
+<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="-0.27 -0.11 -0.17"
+ rpy="0.83 0.89 -0.98"/><axis xyz="0.03 0.92 0.39"/><limit lower="-9" upper="9" velocity="9" effort="900"/></joint>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="-0.16 -0.12 0.12"
+ rpy="-1.07 0.36 0"/><axis xyz="0.54 -0.18 0.82"/><limit lower="-9" upper="9" velocity="9" effort="900"/></joint>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.04 0.06 -0.13"
+ rpy="0.2 0.48 0.76"/><axis xyz="-0.63 0.07 -0.78"/><limit lower="-9" upper="9" velocity="9" effort="900"/></joint>
+</robot>"""
+
+
+def test_inertias_that_the_noise_has_shrunk_do_not_say_how_much_torque_it_makes(tmp_path: Path) -> None:
+    """Of an arm whose inertias a motion tells badly, a wider band left ever less inertia, and the wider ones passed."""
+    (tmp_path / "askew.urdf").write_text(ASKEW, encoding="utf-8")
+    robot, random = load_robot(tmp_path / "askew.urdf"), np.random.default_rng(0)
+    clock = np.arange(0.0, 20.0, 0.004)
+    turning = 2.0 * np.pi * random.uniform(0.05, 0.25, (5, 3))
+    size, angle = 0.35 * random.normal(size=(5, 3)), clock[:, None, None] * turning + random.uniform(0.0, 6.0, (5, 3))
+    waves = size * np.sin(angle), size * turning * np.cos(angle), -size * turning**2 * np.sin(angle)
+    q, dq, ddq = (wave.sum(axis=1) for wave in waves)
+    bodies = PhysicalParameters(
+        mass=np.full(3, 3.0),
+        center_of_mass=np.full((3, 3), 0.05),
+        inertia=np.tile(0.03 * np.eye(3), (3, 1, 1)),
+        viscous=np.ones(3),
+        coulomb=np.ones(3),
+    )
+    torque = inverse_dynamics(robot, bodies, q, dq, ddq) + 0.2 * random.normal(size=q.shape)
+    np.savez(tmp_path / "coarse.npz", t=clock, q=np.round(q, 3), tau=torque, robot="askew.urdf")
+    found = choose_low_pass([read_recording(tmp_path / "coarse.npz")], BaseRegressor(robot))
+    assert found.noisy_hz == pytest.approx(20.0)
+    assert found.low_pass_hz < 20.0
