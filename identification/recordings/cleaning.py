@@ -14,7 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
-from identification.recordings.labels import label_by_time, repeating_period
+from identification.recordings.labels import label_by_time, repeating_period, unfilled
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.table import RawTable
 
@@ -359,7 +359,11 @@ def _labels(
             "that is taken"
         )
         findings.append(Finding.of_all("other_period", rows, sentence))
-    period_index, sample, per_period = label_by_time(time, period_s, sampling_period_s)
+    steps, choices = np.diff(time), [label_by_time(time, period_s, sampling_period_s)]
+    if steps.max() <= GAP_FACTOR * sampling_period_s:
+        # No row is missing, so the mean step may be the true one: coarse stamps (3, 3, 4 ms) have another median.
+        choices.append(label_by_time(time, period_s, float(steps.mean())))
+    period_index, sample, per_period = min(choices, key=unfilled)
     return {
         "period_index": period_index,
         "sample_in_period": sample,

@@ -85,3 +85,10 @@ def label_by_time(time: FloatArray, period_s: float, sampling_period_s: float) -
         period_index[period_index == last] = -1
     sample[period_index < 0] = -1
     return period_index, sample, per_period
+
+
+def unfilled(labels: tuple[IntArray, IntArray, int]) -> int:
+    """How many rows have no label, and samples of all periods no row."""
+    period_index, _, per_period = labels
+    labelled = int((period_index >= 0).sum())
+    return period_index.size - labelled + per_period * (int(period_index.max()) + 1) - labelled

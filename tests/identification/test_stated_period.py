@@ -63,3 +63,13 @@ def test_rows_lost_behind_even_time_stamps_make_no_mean_period(tmp_path: Path) -
     with pytest.raises(RecordingError, match="Rows may be missing there") as caught:
         period_table(recording)
     assert caught.value.field == "period_s"
+
+
+def test_coarse_stamps_lose_no_sample_of_the_period(tmp_path: Path) -> None:
+    """300 Hz in whole milliseconds: steps of 3, 3 and 4 ms. By their median the period had 1333 samples, not 1200."""
+    time = np.arange(6000) / 300.0
+    position = _motion(time)
+    np.savez(tmp_path / "a.npz", t=np.round(time, 3), q=position, tau=3.0 * position, period_s=PERIOD_S)
+    average = average_periods(period_table(read_recording(tmp_path / "a.npz")))
+    assert len(average.position) == 1200
+    assert average.counts.min() == 5
