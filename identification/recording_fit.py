@@ -22,6 +22,7 @@ from identification.estimators.feasibility import rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.prior import SettledParameters, settle_open_directions
+from identification.fitting.agreement import notes_on_agreement
 from identification.fitting.band import BandChoice
 from identification.fitting.blocks import Block, Evaluation, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
@@ -43,7 +44,7 @@ from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings, Split
 from identification.fitting.torque_sign import TorqueSign, judge_torque_sign, notes_on_signs
-from identification.recordings.independence import refuse_repeated
+from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.recordings.units import wrong_torque_unit
@@ -120,7 +121,7 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=_notes(sign, wrong_unit, rms, processed, band, notes_on_model(regressor, settings)),
+        notes=_notes(sign, wrong_unit, rms, processed, band, _notes_on_fit(model, least_squares, recordings, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
@@ -152,17 +153,26 @@ def _notes(
     rms: RmsTable,
     processed: Sequence[Processed],
     band: BandChoice | None,
-    on_model: Sequence[str],
+    on_fit: Sequence[str],
 ) -> tuple[str, ...]:
     """All that is said of a fit, what spoils it first."""
-    return (
+    notes = (
         *notes_on_signs(sign),
         *([f"WARNING, {wrong_unit} Every parameter scales with them"] if wrong_unit else []),
         *notes_on_joints_missed(rms),
         *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
         *([] if band is None else [band.sentence]),
-        *on_model,
+        *on_fit,
     )
+    return tuple(sorted(notes, key=lambda note: not note.startswith("WARNING")))
+
+
+def _notes_on_fit(
+    model: NominalModel, least_squares: LeastSquaresResult, recordings: Sequence[Recording], settings: FitSettings
+) -> list[str]:
+    """Whether the recordings go together, and what was chosen of the model."""
+    together = notes_on_agreement(model.blocks, least_squares.values, recording_names(recordings))
+    return [*together, *notes_on_model(model.regressor, settings)]
 
 
 def _silent(phase: str, share: float) -> None:

@@ -1,0 +1,66 @@
+"""Do recordings that are fitted together show one arm? Asked where several are: one with a tool and one without give
+parameters of an arm that is neither. Where no motion repeats there is no noise that would tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from identification.arrays import FloatArray
+from identification.fitting.blocks import Block
+
+APART = 2.0
+"""Times the RMS that a recording's own parameters leave: two runs of one arm on one day have up to 1.3."""
+LEAST_SHARE = 0.01
+"""Of a joint's RMS torque that the common parameters leave; less spoils nothing."""
+ROWS_PER_PARAMETER = 10.0
+"""Of a recording, fewer of which its own parameters would follow to their noise."""
+SINGULAR = 1e-10
+
+
+def notes_on_agreement(blocks: Sequence[Block], values: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
+    """A warning where common base parameters (p,) leave much more of a recording than its own would.
+
+    names: of the recordings, in the order of `Block.recording`.
+    """
+    each = [[block for block in blocks if block.recording == number] for number in range(len(names))]
+    if sum(any(block.fitted.any() for block in own) for own in each) < 2:
+        return ()
+    times = np.array([_times_its_own(own, values) for own in each])
+    worst, joint = (int(place) for place in np.unravel_index(int(np.argmax(times)), times.shape))
+    if times[worst, joint] < APART:
+        return ()
+    joints = np.flatnonzero((times >= APART).any(axis=0)) + 1
+    return (
+        f"WARNING, the recordings do not go together: of joint {joint + 1} on {names[worst]} the common parameters "
+        f"leave {times[worst, joint]:.3g} times the RMS that its own would (all such joints: "
+        f"{', '.join(map(str, joints))}). Another load, stand, day or arm? `iiwa-ident compare` says which",
+    )
+
+
+def _times_its_own(blocks: Sequence[Block], values: FloatArray) -> FloatArray:
+    """(n,) RMS that common parameters leave of a recording over what its own leave; 0 where the first is small."""
+    joints, size = blocks[0].torque.shape[1] if blocks else 1, len(values)
+    rows = sum(int(block.fitted.sum()) for block in blocks)
+    if rows < ROWS_PER_PARAMETER * size:
+        return np.zeros(joints)
+    common = _left(blocks, values)
+    torque = _left(blocks, np.zeros(size))
+    weight = 1.0 / np.maximum(np.sqrt(common), 1e-9 * np.sqrt(torque).max() + 1e-300)
+    gram, right = np.zeros((size, size)), np.zeros(size)
+    for block in blocks:
+        columns = (block.columns * np.where(block.fitted, weight, 0.0)[..., None]).reshape(-1, size)
+        gram += columns.T @ columns
+        right += columns.T @ (block.torque * weight).ravel()
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    own = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=SINGULAR)[0] / scale
+    ratio = np.sqrt(common / np.maximum(_left(blocks, own), 1e-300))
+    return np.where(common > LEAST_SHARE**2 * torque, ratio, 0.0)
+
+
+def _left(blocks: Sequence[Block], values: FloatArray) -> FloatArray:
+    """(n,) sum of the squares that parameters (p,) leave of each joint on the fitted rows."""
+    squares = [(np.where(item.fitted, item.torque - item.columns @ values, 0.0) ** 2).sum(axis=0) for item in blocks]
+    return np.asarray(np.sum(squares, axis=0))
