@@ -24,9 +24,9 @@ SMALLEST_SHIFT = 0.02
 LARGEST_PERIOD_DIFFERENCE = 0.1
 TRANSIENT_FACTOR = 10.0
 # Parts of a period that are asked whether they come at their time; the share of what periods differ by that shifts in
-# time have to explain before they are believed; samples by which a part may come early or late; part of a segment's
-# ordinary motion that it has to show.
-_PARTS, _EXPLAINED, LARGEST_SHIFT, _LEAST_MOTION = 20, 0.5, 1.0, 0.1
+# time have to explain before they are believed; by how much (s, and not less than a sample) a part may come early or
+# late; part of a segment's ordinary motion that it has to show.
+_PARTS, _EXPLAINED, LARGEST_SHIFT_S, _LEAST_MOTION = 20, 0.5, 1e-3, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +255,7 @@ def _check_simultaneous(recording: Recording, position: FloatArray) -> None:
     """
     assert recording.period_s is not None
     middle = median_over_periods(position)
-    speed = (np.roll(middle, -3, axis=0) - np.roll(middle, 3, axis=0)) / 6.0  # rad per sample
+    speed = np.nan_to_num(np.roll(middle, -3, axis=0) - np.roll(middle, 3, axis=0)) / 6.0  # rad per sample
     difference = np.nan_to_num(position - middle)
     parts = np.arange(0, middle.shape[0], -(-middle.shape[0] // _PARTS))
     across, along = (
@@ -267,13 +267,13 @@ def _check_simultaneous(recording: Recording, position: FloatArray) -> None:
     if not (shift**2 * along[moving]).sum() > _EXPLAINED * float((difference**2).sum()):
         return
     period, part = np.unravel_index(int(np.argmax(np.abs(shift))), shift.shape)
-    largest = float(np.abs(shift[period, part]))
-    if largest > LARGEST_SHIFT:
-        step = recording.period_s / middle.shape[0]
+    step = recording.period_s / middle.shape[0]
+    largest_s = step * float(np.abs(shift[period, part]))
+    if largest_s > max(LARGEST_SHIFT_S, step):
         raise RecordingError.at(
             recording.source.path,
             f"parts of its periods of {recording.period_s:.7g} s do not come at their times: the motion "
-            f"{step * parts[moving][part]:.3g} s into period {int(period) + 1} is {1e3 * step * largest:.3g} ms off. "
+            f"{step * parts[moving][part]:.3g} s into period {int(period) + 1} is {1e3 * largest_s:.3g} ms off. "
             "Rows may be missing there that the time stamps hide",
             field="period_s",
         )

@@ -57,9 +57,16 @@ def test_a_period_far_from_the_motions_is_not_replaced_by_another(tmp_path: Path
         period_table(recording)
 
 
-def test_rows_lost_behind_even_time_stamps_make_no_mean_period(tmp_path: Path) -> None:
-    """Eight rows are missing in the third period: what follows is 40 ms early, which was averaged in."""
+@pytest.mark.parametrize("never_seen", [False, True])
+def test_rows_lost_behind_even_time_stamps_make_no_mean_period(tmp_path: Path, never_seen: bool) -> None:
+    """Eight rows are missing in the third period: what follows is 40 ms early, which was averaged in.
+
+    Also where a sample is missing in every period, which has no mean.
+    """
     recording = _read(tmp_path, PERIOD_S, lost=(1900, 1908))
+    if never_seen:
+        assert recording.sample_in_period is not None
+        recording = recording.rows(np.asarray(recording.sample_in_period != 300))
     with pytest.raises(RecordingError, match="Rows may be missing there") as caught:
         period_table(recording)
     assert caught.value.field == "period_s"
