@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from html import escape
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -33,6 +32,7 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.settings import DiagnosisSettings
 from identification.model_file import Model, no_check, read_model, write_model
+from identification.printing import Printed, Table
 from identification.recording_fit import fit_recordings
 from identification.recordings.independence import seen_among
 from identification.recordings.reader import Inputs, inputs_of, read_recording
@@ -40,7 +40,6 @@ from identification.recordings.recording import Recording
 from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
-from identification.text_table import aligned_lines
 from identification.validation import validate_model
 
 __all__ = [
@@ -63,48 +62,8 @@ Source = Recording | str | Path
 """A recording, or the path of one: .mcap, .npz, .csv, .db3, the folder of a run or of a ROS 2 bag."""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of text under a header, with sentences above; prints for a terminal and for a notebook."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    sentences: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        """The sentences, then the table as plain text."""
-        return "\n".join([*self.sentences, *(aligned_lines(self.header, self.rows) if self.header else ())])
-
-    def to_html(self) -> str:
-        """The same as HTML."""
-        head = "".join(f"<th>{escape(cell)}</th>" for cell in self.header)
-        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
-        text = "".join(f"<p>{escape(sentence)}</p>" for sentence in self.sentences)
-        return text + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if self.header else "")
-
-
-class _Printed:
-    """Prints as its `table`."""
-
-    __slots__ = ()
-
-    @property
-    def table(self) -> Table:
-        """What is shown of it."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        return str(self.table)
-
-    def __repr__(self) -> str:
-        return str(self.table)
-
-    def _repr_html_(self) -> str:
-        return self.table.to_html()
-
-
 @dataclass(frozen=True, slots=True, repr=False)
-class Fit(_Printed):
+class Fit(Printed):
     """A fitted model. result: everything that the fit hands back (`identification.fitting.result`)."""
 
     result: FitResult
@@ -132,7 +91,7 @@ class Fit(_Printed):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Validation(_Printed):
+class Validation(Printed):
     """RMS of measured minus modelled torque, as Table 4 of the paper. result: the numbers.
 
     fitted_to: names of those recordings that the model was fitted to, as far as it is known: they are no check of it.
@@ -152,7 +111,7 @@ class Validation(_Printed):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Answer(_Printed):
+class Answer(Printed):
     """A diagnosis. result: all that it says (`identification.mismatch.findings`). fitted: what it was made of."""
 
     result: Diagnosis
@@ -191,7 +150,7 @@ class Answer(_Printed):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Excitation(_Printed):
+class Excitation(Printed):
     """A motion. result: its figures and how it was found."""
 
     result: DesignResult

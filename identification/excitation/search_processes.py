@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.synchronize import Event
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +105,8 @@ def workers(problem: Problem) -> Iterator[_Run]:
                     task = next(waiting, None)
                     if task is None:
                         break
-                    pending.add(executor.submit(_work, task, settings.seed))
+                    with _main_module_unread():
+                        pending.add(executor.submit(_work, task, settings.seed))
                     first = False
                 if not pending:
                     return
@@ -115,6 +118,21 @@ def workers(problem: Problem) -> Iterator[_Run]:
                     yield future.result()
 
         yield run_in_processes
+
+
+@contextmanager
+def _main_module_unread() -> Iterator[None]:
+    """Children started inside do not read the main module: all they need is here, and a script that calls without a
+    guard around it would begin anew in each of them.
+    """
+    main = sys.modules["__main__"].__dict__
+    before: dict[str, Any] = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.pop("__spec__")
+        main.update(before)
 
 
 @contextmanager

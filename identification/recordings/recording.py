@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.printing import Printed, Table
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
 OPTIONAL_ARRAYS = ("velocity", "command_position", "link_position", "external_torque", "temperature")
@@ -110,8 +111,8 @@ class RecordingSource:
     metadata: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
+@dataclass(frozen=True, slots=True, repr=False)
+class Recording(Printed):
     """Measured motion and torque of an n-joint robot, one row per sample, in the order of time.
 
     time: (N,) s, strictly increasing, need not be uniform. position: (N, n) rad (m for prismatic joints).
@@ -176,6 +177,25 @@ class Recording:
     def repeats(self) -> bool:
         """Whether two periods or more tell noise from what repeats."""
         return self.complete_periods > 1
+
+    @property
+    def table(self) -> Table:
+        """Whose it is, how long, and what the import found; of each joint the way it went and its RMS torque."""
+        whose = "" if self.robot is None else f" of {self.robot}"
+        what = f"{self.source.path}: {self.samples} samples of {self.n} joint{'s' * (self.n != 1)}{whose}"
+        found = tuple(finding.sentence for finding in self.report.findings)
+        if not self.samples:
+            return Table((), (), (f"{what}.", *found))
+        periods = self.complete_periods
+        parts = f", {periods} period{'s' * (periods != 1)} of {self.period_s:g} s" if self.period_s else ""
+        how_long = f"{self.duration_s:.4g} s, one each {1e3 * self.sampling_period_s:.4g} ms{parts}"
+        names = self.joint_names or tuple(map(str, range(1, self.n + 1)))
+        columns = (self.position.min(axis=0), self.position.max(axis=0), np.sqrt(np.mean(self.torque**2, axis=0)))
+        rows = tuple((name, *(f"{x:.4f}" for x in row)) for name, *row in zip(names, *columns, strict=True))
+        unit = "Nm (N)" if self.torque_unit == "Nm" else self.torque_unit
+        return Table(
+            ("joint", "from, rad (m)", "to, rad (m)", f"RMS torque, {unit}"), rows, (f"{what} in {how_long}.", *found)
+        )
 
     def rows(self, keep: BoolArray) -> Recording:
         """The same recording with only the rows where keep (N,) is true; the report is unchanged."""

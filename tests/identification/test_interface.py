@@ -66,6 +66,38 @@ def test_everything_shown_prints_as_text_and_as_html(ran: dict[str, Any]) -> Non
             assert len(row) == len(shown.table.header)
 
 
+def test_a_recording_prints_as_what_it_is_and_not_as_its_arrays() -> None:
+    """Truth: the benchmark's own account, 24.84 s at 1 kHz; the range is read from the file's column."""
+    file = REPOSITORY / "fixtures" / "recordings" / "emps_a.npz"
+    recording = ident.read_recording(file)
+    text, html = repr(recording), recording._repr_html_()
+    assert text == str(recording) == str(recording.table)
+    assert text.splitlines()[0] == f"{file}: 24841 samples of 1 joint in 24.84 s, one each 1 ms."
+    with np.load(file) as columns:
+        lowest, highest = (f"{bound(columns['q']):.4f}" for bound in (np.min, np.max))
+    assert text.splitlines()[-1].split()[:3] == ["1", lowest, highest]
+    assert f"<td>{highest}</td>" in html
+    assert "array(" not in text
+    nothing = recording.rows(recording.time < 0.0)
+    assert repr(nothing) == f"{file}: 0 samples of 1 joint."
+
+
+def test_a_design_does_not_run_the_callers_script_again(tmp_path: Path) -> None:
+    """Its processes read the main module of the caller, who had to guard it; a notebook has none."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import identification as ident\n"
+        "from identification.excitation.local_search import Stage\n"
+        "print('begun')\n"
+        "one = (Stage(1.0, 15, 0.9),)\n"
+        "found = ident.design_excitation(seed=3, starts=1, processes=1, samples=24, harmonics=3, stages=one)\n"
+        "print(found.result.cond > 1.0, __file__.endswith('script.py'))\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run([sys.executable, script], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split()) == (0, ["begun", "True", "True"]), done.stderr
+
+
 def test_the_published_physics_is_named(ran: dict[str, Any]) -> None:
     """Viscous friction that differs between the directions: half the difference is −36.86 ± 0.87 N s/m."""
     first = ran["answer"].result.findings[0]
