@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.protection import not_a_recording
 
 if TYPE_CHECKING:
     from daemon.motion.preparation import PreparedMotion
@@ -131,6 +132,13 @@ def _distance(clearance: Clearance) -> str:
     return f"{1e3 * clearance.distance_m:.0f} mm{place} ({1e3 * clearance.guaranteed_m:.0f})"
 
 
+def _can_be_drawn(picture: Path | None) -> Path | None:
+    """The file, where it can be a picture and be written; raises a usage error or OSError."""
+    if picture is not None and picture.suffix.lower() not in (".png", ".svg"):
+        raise typer.BadParameter(f"{picture}: a picture is a .png or .svg file.")
+    return not_a_recording(picture)
+
+
 @app.command()
 def check(
     trajectory: TrajectoryArgument = None,
@@ -142,7 +150,10 @@ def check(
     mount: MountOption = None,
     gravity: GravityOption = None,
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw the path into a .png or .svg file.")
+        Path | None,
+        typer.Option(
+            "--picture", metavar="FILE", help="Draw the path into a .png or .svg file.", callback=_can_be_drawn
+        ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import JointsOption, LogsArgument, RecordedArm, RobotOption
+from daemon.cli.inputs import JointsOption, LogsArgument, RecordedArm, RobotOption, as_usage
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
@@ -64,23 +64,26 @@ def fit(
 
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
+    from identification.errors import EstimationError
     from identification.recording_fit import FitSettings, fit_recordings
     from identification.recordings.reader import recording_file
 
-    settings = FitSettings(
-        pipeline=pipeline,
-        low_pass_hz=low_pass,
-        split=hold_out,
-        estimator=estimator,
-        delay_correction=delay_correction,
-        rotor_inertia=rotor_inertia,
-        offset=offset,
-        flip_torque=flip_torque,
-        physical=not no_physical,
-        bounds=None if bounds is None else read_bounds(bounds),
-        full_consistency=full_consistency,
-        seed=seed,
-    )
+    limits = None if bounds is None else read_bounds(bounds)
+    with as_usage(EstimationError):
+        settings = FitSettings(
+            pipeline=pipeline,
+            low_pass_hz=low_pass,
+            split=hold_out,
+            estimator=estimator,
+            delay_correction=delay_correction,
+            rotor_inertia=rotor_inertia,
+            offset=offset,
+            flip_torque=flip_torque,
+            physical=not no_physical,
+            bounds=limits,
+            full_consistency=full_consistency,
+            seed=seed,
+        )
     inputs = arm.load(logs, fits=True)
     recordings, robot_model = inputs.recordings, inputs.robot
 
@@ -110,15 +113,23 @@ def fit(
 
 
 def read_bounds(file: Path) -> dict[str, Any]:
-    """Bounds of program (10) from a YAML or JSON file; names and numbers are judged by the fit."""
+    """Bounds of program (10) from a YAML or JSON file. Raises ConfigurationError for one that holds none."""
     import yaml
+
+    from daemon.errors import ConfigurationError
+    from identification.errors import EstimationError
+    from identification.estimators.feasibility import FeasibilityRules
 
     try:
         bounds = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise typer.BadParameter(f"{file} is neither YAML nor JSON: {error}") from error
-    if not isinstance(bounds, dict):
-        raise typer.BadParameter(f"{file} holds no names with bounds, such as 'mass: [0.5, 8]'.")
+        if not isinstance(bounds, dict):
+            raise ConfigurationError("holds no names with bounds, such as 'mass: [0.5, 8]'.", file=str(file))
+        FeasibilityRules().with_bounds(bounds)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = f"is neither YAML nor JSON ({' '.join(str(error).split())})."
+        raise ConfigurationError(reason, file=str(file)) from error
+    except EstimationError as error:
+        raise ConfigurationError(f"{error}.", file=str(file)) from error
     return bounds
 
 

@@ -46,7 +46,7 @@ class CatalogueGroup(TyperGroup):
             assert isinstance(loaded, CatalogueGroup)
             command = loaded.registered[name]
             for parameter in command.params:
-                parameter.callback = _without_nan(parameter.callback)
+                parameter.callback = _only_finite(parameter.callback)
         return name, command, rest
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -58,12 +58,12 @@ class CatalogueGroup(TyperGroup):
                 formatter.write_dl([(entry.name.ljust(wide), entry.line) for entry in entries])
 
 
-def _without_nan(callback: Callable[..., Any] | None) -> Callable[..., Any]:
-    """An option's callback that refuses what is no number, which passes every range."""
+def _only_finite(callback: Callable[..., Any] | None) -> Callable[..., Any]:
+    """An option's callback that refuses what is no finite number: nan passes every range, and inf those without end."""
 
     def check(ctx: Any, parameter: Any, value: Any) -> Any:
-        if isinstance(value, float) and math.isnan(value):
-            raise typer.BadParameter("nan is no number.", ctx=ctx, param=parameter)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise typer.BadParameter(f"{value} is no number.", ctx=ctx, param=parameter)
         return value if callback is None else callback(ctx, parameter, value)
 
     return check

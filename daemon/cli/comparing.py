@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import RecordedArm
+from daemon.cli.inputs import RecordedArm, as_usage
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
@@ -96,6 +97,7 @@ def _changes(
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
     from identification.audit.trend import LEAST, trend_of, with_hours
+    from identification.errors import RecordingError
     from identification.model_file import no_check, read_model
     from identification.recordings.independence import refuse_repeated
 
@@ -117,7 +119,8 @@ def _changes(
         raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")
     if hours is not None and not is_series:
         raise typer.BadParameter(f"--hours belongs to a series: give {LEAST} recordings or more.")
-    series = inputs.recordings if hours is None else with_hours(inputs.recordings, hours)
+    with as_usage(RecordingError):
+        series = inputs.recordings if hours is None else with_hours(inputs.recordings, hours)
     trend = trend_of(series, inputs.robot) if is_series else None
     page = None
     if trend is not None and out is not None:
@@ -138,9 +141,12 @@ def _changes(
 
 def _numbers(text: str | None) -> list[float] | None:
     try:
-        return None if text is None else [float(item) for item in text.split(",")]
+        numbers = None if text is None else [float(item) for item in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(f"--hours takes numbers with commas between them, not '{text}'.") from None
+        numbers = [math.nan]
+    if numbers is not None and not all(0.0 <= number < math.inf for number in numbers):
+        raise typer.BadParameter(f"--hours takes numbers from 0 with commas between them, not '{text}'.")
+    return numbers
 
 
 def _write_page(trend: Trend, robot: str, out: Path) -> Path:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import GravityOption, MountOption, installation_of
+from daemon.cli.inputs import GravityOption, MountOption, as_usage, installation_of
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, not_a_recording
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from identification.excitation import FourierTrajectory, Trajectory
     from identification.excitation.design import DesignProgress
     from identification.excitation.effect_report import ShownEffect
+    from identification.excitation.limits import ExcitationLimits
     from identification.excitation.payload_term import PayloadDeviations
     from identification.excitation.prediction import NoiseColour, PredictedDeviations
     from identification.physical_parameters import PhysicalParameters
@@ -78,11 +79,8 @@ def design(
     mount: MountOption = None,
     gravity: GravityOption = None,
     reference: Annotated[
-        str | None,
-        typer.Option(
-            "--reference",
-            help="Instead, a motion to score models on: excitation, sine_series, polynomial_10 or polynomial_20.",
-        ),
+        Literal["excitation", "sine_series", "polynomial_10", "polynomial_20"] | None,
+        typer.Option("--reference", help="Instead, a motion to score models on."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -97,6 +95,7 @@ def design(
     """
     import numpy as np
 
+    from identification.errors import DesignError
     from identification.excitation import limits_of_robot
     from identification.excitation.design import design_excitation
     from identification.excitation.local_search import DesignSettings
@@ -121,7 +120,7 @@ def design(
         raise typer.BadParameter(f"--workspace and --from need the shape of the arm, and {robot} has none here.")
     acceptable, room = None, None
     if has_shape:
-        acceptable, room = _surroundings(model, stand, workspace, start, period)
+        acceptable, room = _surroundings(model, limits_used, stand, workspace, start, period)
     target = out or Path("excitation.json" if reference is None else f"{reference}.json")
     if reference is not None:
         score_on = reference_trajectory(reference, limits_used, seed, robot=model, acceptable=acceptable)
@@ -130,18 +129,19 @@ def design(
         return
     colour = NoiseColour(*read_numbers("--noise-colour", noise_colour.split(":"), 2))
     noise_nm = _noise_nm(model, noise) if noise is not None or has_shape else None
-    for_effects = DETECTABILITY in mixture_weights(objective)
-    weighing = noise_nm if noise is not None or for_effects else None
-    settings = DesignSettings(
-        objective=objective,
-        harmonics=harmonics,
-        period_s=period,
-        limits=limits,
-        seed=seed,
-        budget_s=budget,
-        noise_nm=None if weighing is None else tuple(weighing.tolist()),
-        periods=periods,
-    )
+    with as_usage(DesignError):
+        for_effects = DETECTABILITY in mixture_weights(objective)
+        weighing = noise_nm if noise is not None or for_effects else None
+        settings = DesignSettings(
+            objective=objective,
+            harmonics=harmonics,
+            period_s=period,
+            limits=limits,
+            seed=seed,
+            budget_s=budget,
+            noise_nm=None if weighing is None else tuple(weighing.tolist()),
+            periods=periods,
+        )
     nominal = nominal_parameters(model, prior)
     result = design_excitation(
         model,
@@ -171,7 +171,12 @@ def _noise_nm(model: RobotModel, stated: str | None) -> FloatArray:
 
 
 def _surroundings(
-    model: RobotModel, stand: Installation, workspace: Path | None, start: str | None, period_s: float
+    model: RobotModel,
+    limits: ExcitationLimits,
+    stand: Installation,
+    workspace: Path | None,
+    start: str | None,
+    period_s: float,
 ) -> tuple[Callable[[Trajectory], bool], Room | None]:
     """Whether a built-in arm keeps clear of all around it, and the room to begin in where any was told."""
     import numpy as np
@@ -181,8 +186,17 @@ def _surroundings(
 
     around = load_surroundings(model.name, workspace)
     pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
+    if pose is not None:
+        _refuse_beyond(limits, pose)
     told = workspace is not None or start is not None
     return safe_in(around, model.name, pose, stand), room_of(around, pose, period_s) if told else None
+
+
+def _refuse_beyond(limits: ExcitationLimits, pose: FloatArray) -> None:
+    """Raises a usage error for a pose that no arm can stand in, nan included."""
+    for joint, (low, value, high) in enumerate(zip(limits.position_lower, pose, limits.position_upper, strict=True), 1):
+        if not low <= value <= high:
+            raise typer.BadParameter(f"--from: joint {joint} at {value:g} rad is not in {low:.3f} to {high:.3f} rad.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ A robot, how it stands and which joints are meant are asked for in the same word
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -113,6 +114,15 @@ class RecordedArm:
         return inputs
 
 
+@contextmanager
+def as_usage(*errors: type[Exception]) -> Iterator[None]:
+    """Errors that the values of options alone make inside are usage errors: nothing was read yet, nothing computed."""
+    try:
+        yield
+    except errors as error:
+        raise typer.BadParameter(str(error)) from error
+
+
 def names_of(joints: str | None) -> list[str] | None:
     """The names in a list with commas."""
     return None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
@@ -123,7 +133,5 @@ def installation_of(gravity: str | None, mount: str | None, lock: list[str] | No
     from identification.errors import RobotError
     from identification.robots import Installation
 
-    try:
+    with as_usage(RobotError):
         return Installation.parse(gravity=gravity, mount=mount, lock=lock or ())
-    except RobotError as error:
-        raise typer.BadParameter(str(error)) from error

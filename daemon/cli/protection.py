@@ -17,6 +17,8 @@ from pathlib import Path
 
 import typer
 
+from daemon.errors import LogIOError
+
 _MCAP = b"\x89MCAP0\r\n"
 _SQLITE = b"SQLite format 3\x00"
 _HEADER_BYTES = 65536
@@ -75,6 +77,9 @@ def not_a_recording(file: Path | None) -> Path | None:
 
 
 def in_its_folder(file: Path) -> Path:
-    """The file, once the folder that it is to stand in is there. Raises OSError."""
-    file.parent.mkdir(parents=True, exist_ok=True)
+    """The file, once the folder that it is to stand in is there. Raises OSError, LogIOError where no folder can be."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except FileNotFoundError as error:  # of /proc: not an input that is missing
+        raise LogIOError(str(file), error) from error
     return file

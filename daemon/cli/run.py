@@ -26,7 +26,7 @@ from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.run_view import run_shown
-from daemon.errors import ConfigurationError
+from daemon.errors import ConfigurationError, MissingInputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -232,8 +232,10 @@ def _refuse_check_of_nothing(diagnose: bool, heldout: Sequence[Path], *, fits: b
     if diagnose and not fits:
         raise typer.BadParameter("--diagnose follows the fit, which --no-fit leaves out.")
     for file in heldout:
-        if not diagnose or not file.exists():
-            raise typer.BadParameter(f"--heldout {file}: no such file, or nothing to check without --diagnose.")
+        if not diagnose:
+            raise typer.BadParameter(f"--heldout {file} checks nothing without --diagnose.")
+        if not file.exists():
+            raise MissingInputError(str(file), "the held-out recording")
 
 
 def _stated(**options: object) -> dict[str, Any]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import RecordedArm
+from daemon.cli.inputs import RecordedArm, as_usage
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
 ParametersOption = Annotated[
-    str, typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10).")
+    Literal["consistent", "physical"],
+    typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
 ]
 MotorInertiaOption = Annotated[
     bool, typer.Option("--motor-inertia", help="Add a prior of motor inertias, for stiff controllers.")
@@ -34,7 +35,7 @@ _FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 @app.command()
 def export(
     model_file: ModelArgument,
-    form: Annotated[str, typer.Option("--format", help="urdf, sdf or mjcf.")],
+    form: Annotated[Literal["urdf", "sdf", "mjcf"], typer.Option("--format", help="Which simulator's.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.", callback=not_a_recording)],
     parameters: ParametersOption = "consistent",
     prior: Annotated[
@@ -108,7 +109,8 @@ def simulate(
         Path | None, typer.Argument(metavar="[TRAJECTORY|LOG]", help="What to follow; default: the shipped excitation.")
     ] = None,
     controller: Annotated[
-        str, typer.Option("--controller", help="computed_torque (the paper's), position or impedance.")
+        Literal["computed_torque", "position", "impedance"],
+        typer.Option("--controller", help="computed_torque is the paper's."),
     ] = "computed_torque",
     bandwidth: Annotated[
         float | None, typer.Option("--bandwidth", help="Hz, critically damped; default: 10 (position: 8).")
@@ -127,6 +129,7 @@ def simulate(
 
     Example: iiwa-ident simulate model.json runs/first/recording.mcap --figure torques.svg --json -
     """
+    from identification.errors import ModelFileError
     from identification.export.parameters import parameters_of, refuse_unmovable
     from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
@@ -134,10 +137,11 @@ def simulate(
 
     _check_suffix(figure, "--figure", _FIGURE_SUFFIXES)
     _check_suffix(out, "--out", (".npz", ".csv"))
+    with as_usage(ModelFileError):
+        law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
     model = read_model(model_file)
     robot, chosen = model.load_robot(), parameters_of(model, parameters)
     refuse_unmovable(chosen, file=str(model_file))
-    law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
     motors, sentence = motor_inertia_of(robot, chosen)
     message(sentence)
     effects = repeatable(model.data.get("effects", []))

@@ -100,7 +100,7 @@ def test_simulate_takes_a_table_with_torques_for_a_recording(good: Path, tmp_pat
 def test_simulate_says_what_it_cannot_use(good: Path, tmp_path: Path) -> None:
     assert run("simulate", good, tmp_path / "absent.json") == 66
     assert run("simulate", good, "--figure", tmp_path / "figure.docx") == 2
-    assert run("simulate", good, "--controller", "psychic") == 65
+    assert run("simulate", good, "--controller", "psychic") == 2
     np.savez(tmp_path / "two.npz", q=np.zeros((10, 2)), rate_hz=100.0)
     assert run("simulate", good, tmp_path / "two.npz") == 2
 

@@ -1,0 +1,66 @@
+"""Claims about values of options that nothing can be done with: exit code 2 before anything is read, as agreed.
+
+A file that an option names and that cannot be used is no usage error: it is missing (66) or a configuration (78).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.daemon.command_line import run
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "nowhere.npz", "--hold-out", "the rest"],
+        ["fit", "nowhere.npz", "--low-pass", "-5"],
+        ["fit", "nowhere.npz", "--low-pass", "inf"],
+        ["check", "--picture", "path.gif"],
+        ["check", "--amplitude", "-inf"],
+        ["compare", "a.npz", "b.npz", "c.npz", "d.npz", "--hours", "1,2,3,nan"],
+        ["compare", "a.npz", "b.npz", "c.npz", "d.npz", "--hours", "1,2,3,-4"],
+        ["export", "nowhere.json", "--format", "obj", "--out", "arm.obj"],
+        ["export", "nowhere.json", "--format", "urdf", "--parameters", "best", "--out", "arm.urdf"],
+        ["simulate", "nowhere.json", "--parameters", "best"],
+        ["simulate", "nowhere.json", "--controller", "psychic"],
+        ["simulate", "nowhere.json", "--bandwidth", "-1"],
+        ["simulate", "nowhere.json", "--controller", "impedance", "--stiffness", "0"],
+        ["run", "--no-confirm", "--start-timeout", "inf"],
+        ["run", "--no-confirm", "--heldout", "nowhere.mcap"],
+    ],
+    ids=" ".join,
+)
+def test_a_value_that_nothing_can_be_done_with_is_usage(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*words) == 2
+    said = capsys.readouterr()
+    assert "Error: Invalid value" in said.err
+    assert not said.out
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("held", ["mass: [", "- 1\n", "weight: [0, 1]\n", "mass: [3, 1]\n", "mass: heavy\n", "\xff"])
+def test_bounds_that_cannot_be_used_are_a_configuration_and_name_their_file(
+    held: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bounds.yaml"
+    file.write_text(held, encoding="latin-1")
+    assert run("fit", tmp_path / "nowhere.npz", "--bounds", file) == 78
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert run("fit", tmp_path / "nowhere.npz", "--bounds", tmp_path / "nowhere.yaml") == 66
+
+
+def test_a_held_out_recording_that_is_not_there_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("run", "--no-confirm", "--diagnose", "--heldout", "nowhere.mcap") == 66
+    assert "nowhere.mcap does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which nobody can make another")
+def test_a_folder_that_cannot_be_made_is_no_missing_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check", "--amplitude", "0.1", "--json", "/proc/nowhere/found.json") == 74
+    assert "/proc/nowhere/found.json" in capsys.readouterr().err
