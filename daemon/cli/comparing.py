@@ -14,6 +14,7 @@ from daemon.cli.inputs import RecordedArm, as_usage
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.protection import folder_to_write
 
 if TYPE_CHECKING:
     from identification.audit.between import Change
@@ -39,7 +40,13 @@ def compare(
         bool, typer.Option("--offsets", help="With --models: fit one constant torque a joint; nothing else is fitted.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Of four recordings or more: a page of their friction.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Of four recordings or more: a page of their friction.",
+            callback=folder_to_write,
+        ),
     ] = None,
     hours: Annotated[
         str | None,

@@ -15,6 +15,7 @@ from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
 from daemon.cli.diagnosis import VERDICTS
 from daemon.cli.output import JsonOption, data, is_verbose, show_table, wants_json_on_stdout, write_json
+from daemon.cli.protection import folder_to_write
 from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
 
@@ -39,7 +40,9 @@ def fresh_folder(folder: Path) -> Path:
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for all files.")] = Path("demo-output"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for all files.", callback=folder_to_write)] = Path(
+        "demo-output"
+    ),
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods to record.")] = 16,
     realtime: Annotated[bool, typer.Option("--realtime", help="1 kHz by the clock instead of lockstep.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the fake robot's noise and of what it hides.")] = 1,

@@ -15,6 +15,7 @@ from daemon.cli.app import app
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
+from daemon.cli.protection import folder_to_write
 from daemon.jobs.batch import Task
 
 if TYPE_CHECKING:
@@ -70,7 +71,8 @@ def diagnose(
     ] = None,
     arm: read.RecordedArm,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Default: diagnosis/ beside the log.", callback=folder_to_write),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -250,7 +252,9 @@ def batch(
     lock: read.LockOption = None,
     mount: read.MountOption = None,
     gravity: read.GravityOption = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A folder for each file in it.")] = Path("batch"),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="A folder for each file in it.", callback=folder_to_write)
+    ] = Path("batch"),
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask cluster, such as tcp://10.0.0.5:8786.")
     ] = None,

@@ -24,6 +24,7 @@ CENTER_KNOWN_M = 0.002
 """What a centre of mass should be known within."""
 MASS_AGREES_KG, CENTER_AGREES_M = 0.05, 0.005
 """Load data are set to a tenth of a kilogram and to a few millimetres."""
+TAKEN_OFF = "That is no load to set, for the second ones carry less: a tool was taken off, or they were to stand first."
 
 
 @app.command(cls=TwoLists)
@@ -79,6 +80,7 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[st
         f"Inertia about it: {inertia}",
         f"As load data (kg, mm, degrees, kg m²): {typed}",
         *([f"Not determined by these motions: {missing}. Take them from a drawing of the tool."] if missing else []),
+        *([TAKEN_OFF] if body.mass.interval[1] < 0.0 else []),
         f"With this load {after:.3g} {unit} RMS stay (all joints together), without it {before:.3g} {unit}.",
         *([] if longer is None else [longer]),
         compared(body, stated),

@@ -68,12 +68,31 @@ def not_a_recording(file: Path | None) -> Path | None:
         raise typer.BadParameter(f"{file} is a recording, and no command writes over one; give another name.")
     if file.is_dir():
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
-    there = file if file.exists() else next(parent for parent in file.absolute().parents if parent.exists())
-    if there != file and not there.is_dir():
-        raise OSError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(file))
-    if not os.access(there, os.W_OK):
-        raise OSError(errno.EACCES, os.strerror(errno.EACCES), str(file))
+    if file.exists():
+        _require_access(file, file)
+    else:
+        _require_room(file.absolute().parent, file)
     return file
+
+
+def folder_to_write(folder: Path | None) -> Path | None:
+    """The folder as it is, for an option that names one to write into. Raises OSError where it cannot be one."""
+    if folder is not None:
+        _require_room(folder, folder)
+    return folder
+
+
+def _require_room(folder: Path, named: Path) -> None:
+    """Raises OSError, which names `named`, where the folder is no folder and cannot be made one, or is read-only."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise OSError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(named))
+    _require_access(there, named)
+
+
+def _require_access(place: Path, named: Path) -> None:
+    if not os.access(place, os.W_OK):
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES), str(named))
 
 
 def in_its_folder(file: Path) -> Path:

@@ -13,6 +13,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
+from daemon.cli.protection import folder_to_write
 from daemon.proof.prove import ProvenCase, Source, page_name, select_cases
 from daemon.proof.prove import prove as run_proof
 from daemon.proof.score import CaseScore
@@ -53,7 +54,10 @@ def prove(
         bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Keep the cases' pages there, and one of the proof.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Keep the cases' pages there, and one of the proof.", callback=folder_to_write
+        ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

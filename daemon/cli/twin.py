@@ -9,6 +9,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, told_in_words
+from daemon.cli.protection import folder_to_write
 from daemon.cli.simulation import MotorInertiaOption, motor_prior, read_back
 
 NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
@@ -16,7 +17,7 @@ NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
 
 @app.command()
 def twin(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.", callback=folder_to_write)],
     model_file: Annotated[
         Path | None,
         typer.Option("--model", metavar="MODEL.json", help="An arm of yours instead of the paper's Table 3."),

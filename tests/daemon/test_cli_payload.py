@@ -53,6 +53,16 @@ def test_options_may_stand_behind_the_files(files: tuple[Path, Path], tmp_path: 
     assert low < 2.0 < high
 
 
+def test_a_tool_taken_off_is_said_to_be_no_load_data(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As when the two recordings are given the wrong way round."""
+    assert run("payload", *map(str, reversed(files))) == 0
+    assert "the second ones carry less" in capsys.readouterr().out
+    assert run("payload", *map(str, files)) == 0
+    assert "carry less" not in capsys.readouterr().out
+
+
 def test_the_load_is_printed_as_the_cabinet_asks_for_it(
     files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:

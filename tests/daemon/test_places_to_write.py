@@ -43,6 +43,30 @@ def test_what_cannot_be_written_is_said_before_anything_begins(
     assert {file.name for file in tmp_path.iterdir()} == {"file", "folder"}
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["diagnose", "nowhere.npz"],
+        ["batch", "fit", "nowhere.npz"],
+        ["compare", "a.npz", "b.npz", "c.npz", "d.npz"],
+        ["twin"],
+        ["demo"],
+        ["prove", "--cases", "1"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("place", ["file", "file/in-the-way"])
+def test_a_folder_that_cannot_be_is_said_before_anything_begins(
+    words: list[str], place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("kept")
+    assert run(*words, "--out", place) == 74
+    assert capsys.readouterr().err == f"iiwa-ident: {place}: Not a directory.\n"
+    assert (tmp_path / "file").read_text() == "kept"
+    assert {file.name for file in tmp_path.iterdir()} == {"file"}
+
+
 def test_a_folder_that_is_not_there_yet_is_made_for_the_result(tmp_path: Path) -> None:
     file = tmp_path / "new" / "folder" / "found.json"
     assert run("check", "--amplitude", "0.1", "--json", str(file)) == 0
