@@ -10,6 +10,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
+from identification.recordings.cleaning import LARGEST_SHARE_OF_BAD_ROWS
 from identification.recordings.npz_reader import (
     OPTIONAL_FIELDS,
     UNIT_FIELDS,
@@ -28,8 +29,9 @@ def read_csv(path: Path) -> list[RawTable]:
     """Rows of a .csv file; lines that start with # may carry `robot=…` (or `robot: …`), `period_s=…`,
     `joint_names=A,B,…`, `q_unit=…`, `t_unit=…`, `dq_unit=…`, `tau_unit=…`.
 
-    Raises RecordingError naming line and column for a cell that is no number. An empty cell counts as not a number
-    (the row is left out later); an incomplete last line is left out with a finding.
+    An empty cell counts as not a number, and so does a whole line that is no row of numbers, with a finding that names
+    line and column: the row is left out later. An incomplete last line is left out with a finding. Raises
+    RecordingError, which names the first such line, where they are too many to trust the rest.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -121,7 +123,7 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
 
 
 def _values(path: Path, lines: list[str], first: int, header: list[str], findings: list[Finding]) -> FloatArray:
-    """All cells as numbers, (rows, columns). The quick way first; line by line only to say where it fails."""
+    """All cells as numbers, (rows, columns). The quick way first; line by line only where it fails, to say where."""
     body = [(index + 1, line) for index, line in enumerate(lines[first:], start=first) if line.strip()]
     if body and body[-1][1].count(",") < len(header) - 1:
         number, _ = body.pop()
@@ -142,22 +144,42 @@ def _values(path: Path, lines: list[str], first: int, header: list[str], finding
             return values
     except ValueError:
         pass
-    rows = np.empty((len(body), len(header)), dtype=np.float64)
+    rows = np.full((len(body), len(header)), np.nan)
+    garbled: list[tuple[int, _GarbledLineError]] = []
     for row, (number, line) in enumerate(body):
-        cells = next(csv.reader([line]))
-        if len(cells) != len(header):
-            raise RecordingError(
-                f"{path.name}, line {number}: {len(cells)} columns where the header has {len(header)}",
-                file=path,
-                field=f"line {number}",
-            )
-        for column, cell in enumerate(cells):
-            try:
-                rows[row, column] = float(cell) if cell.strip() else np.nan
-            except ValueError:
-                raise RecordingError(
-                    f"{path.name}, line {number}, column '{header[column]}': '{cell.strip()[:40]}' is no number",
-                    file=path,
-                    field=header[column],
-                ) from None
+        try:
+            rows[row] = _cells(number, line, header)
+        except _GarbledLineError as error:
+            garbled.append((row + 1, error))
+    if not garbled:
+        return rows
+    _, first_error = garbled[0]
+    if len(garbled) > LARGEST_SHARE_OF_BAD_ROWS * len(body):
+        raise RecordingError(f"{path.name}, {first_error}", file=path, field=first_error.field)
+    others = f"; so {len(garbled)} lines are no rows of numbers" if len(garbled) > 1 else ""
+    numbers = np.array([row for row, _ in garbled])
+    findings.append(Finding.of_rows("unreadable_rows", numbers, f"{first_error}{others}"))
     return rows
+
+
+class _GarbledLineError(ValueError):
+    """A line that is no row of numbers. field: its column, or the line where its columns are too many or too few."""
+
+    def __init__(self, message: str, field: str) -> None:
+        super().__init__(message)
+        self.field = field
+
+
+def _cells(number: int, line: str, header: list[str]) -> list[float]:
+    """The numbers of a line, nan for an empty cell. Raises _GarbledLineError, which names line and column."""
+    cells = next(csv.reader([line]))
+    where = f"line {number}"
+    if len(cells) != len(header):
+        raise _GarbledLineError(f"{where}: {len(cells)} columns where the header has {len(header)}", where)
+    values = []
+    for name, cell in zip(header, cells, strict=True):
+        try:
+            values.append(float(cell) if cell.strip() else np.nan)
+        except ValueError:
+            raise _GarbledLineError(f"{where}, column '{name}': '{cell.strip()[:40]}' is no number", name) from None
+    return values

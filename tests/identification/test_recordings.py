@@ -288,14 +288,39 @@ def test_wrong_shapes_are_named(tmp_path: Path) -> None:
     _refused(_save(tmp_path / "e.npz", **{**arrays, "q": arrays["q"].astype(str)}), "'q'")
 
 
-def test_letters_in_a_csv_are_named_by_line_and_column(tmp_path: Path) -> None:
+def test_letters_in_many_rows_of_a_csv_are_named_by_line_and_column(tmp_path: Path) -> None:
     path = _save_csv(tmp_path / "a.csv", _arrays())
     lines = path.read_text().splitlines()
-    cells = lines[17].split(",")
-    cells[1 + JOINTS] = "abc"
-    lines[17] = ",".join(cells)
+    for index in range(17, len(lines), 3):
+        cells = lines[index].split(",")
+        cells[1 + JOINTS] = "abc"
+        lines[index] = ",".join(cells)
     path.write_text("\n".join(lines))
     assert _refused(path, "line 18", "'tau1'", "'abc'").field == "tau1"
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("abc", "line 18: 1 columns where the header has"),
+        ("{}x", f"line 18, column 'tau{JOINTS}': "),
+        ("{},7", "line 18: "),
+        ("t{}", "line 18, column 't': "),
+    ],
+)
+def test_a_garbled_line_of_a_csv_costs_itself_and_is_named(tmp_path: Path, row: str, said: str) -> None:
+    """As a logger leaves it that was disturbed in the middle of a line, or that wrote its header once more."""
+    path = _save_csv(tmp_path / "a.csv", _arrays())
+    lines = path.read_text().splitlines()
+    lines[17] = row.format(lines[17])
+    path.write_text("\n".join(lines))
+    recording = read_recording(path)
+    assert recording.samples == ROWS - 1
+    (unreadable,) = recording.report.of_kind("unreadable_rows")
+    assert (unreadable.first_row, unreadable.last_row, unreadable.count) == (17, 17, 1)
+    assert unreadable.sentence.startswith(said)
+    (left_out,) = recording.report.of_kind("garbled_rows")
+    assert left_out.first_row == left_out.last_row == 17
 
 
 def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
