@@ -15,7 +15,7 @@ from daemon.cli.app import app
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
-from daemon.cli.protection import folder_to_write
+from daemon.cli.protection import folder_to_write, not_a_recording
 from daemon.jobs.batch import Task
 
 if TYPE_CHECKING:
@@ -67,7 +67,12 @@ def diagnose(
     ] = None,
     write_model: Annotated[
         Path | None,
-        typer.Option("--write-model", metavar="FILE", help="With --model: that file with what was found written in."),
+        typer.Option(
+            "--write-model",
+            metavar="FILE",
+            help="With --model: that file with what was found written in.",
+            callback=not_a_recording,
+        ),
     ] = None,
     arm: read.RecordedArm,
     out: Annotated[
@@ -82,13 +87,16 @@ def diagnose(
     Example: iiwa-ident diagnose runs/first/recording.mcap --heldout runs/second/recording.mcap --out diagnosis
     """
     from daemon.jobs.diagnosis import diagnose_recordings, write_model_back
+    from identification.errors import EstimationError
+    from identification.fitting.settings import Split
     from identification.mismatch.settings import DiagnosisSettings
     from identification.recordings.reader import recording_file
 
-    if write_model is not None and (model is None or model.suffix == ".json"):
-        raise typer.BadParameter("--write-model needs a simulator's file (.urdf, .sdf, .xml) with --model.")
-    if write_model is not None and model is not None and write_model.resolve() == model.resolve():
-        raise typer.BadParameter("--write-model would write over the file of --model: give another name.")
+    if write_model is not None:
+        _refuse_as_target(write_model, model)
+    if split is not None:
+        with read.as_usage(EstimationError):
+            Split.parse(split)
     inputs = arm.load(
         [*logs, *(heldout or ())],
         fits=model is None,  # against a model, how the base stands is one of the answers
@@ -120,6 +128,16 @@ def diagnose(
                 data(f"Model: {line}")
         for file in (*result.files, *(() if written is None else written.files)):
             data(f"Written to {file}")
+
+
+def _refuse_as_target(target: Path, model: Path | None) -> None:
+    """Raises a usage error for a file that no changed model can be written to."""
+    if model is None or model.suffix == ".json":
+        raise typer.BadParameter("--write-model needs a simulator's file (.urdf, .sdf, .xml) with --model.")
+    if target.resolve() == model.resolve():
+        raise typer.BadParameter("--write-model would write over the file of --model: give another name.")
+    if target.suffix.lower() != model.suffix.lower():
+        raise typer.BadParameter(f"--write-model {target}: a changed model keeps its format, {model.suffix}.")
 
 
 def robot_of_model(file: Path) -> RobotModel | None:

@@ -140,7 +140,15 @@ def test_what_was_found_is_written_into_the_simulators_file(folder: Path, tmp_pa
     np.testing.assert_allclose(after[moments], true[moments], atol=0.002)
 
 
-@pytest.mark.parametrize("words", [["--write-model", "a.urdf"], ["--model", "a.urdf", "--write-model", "a.urdf"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--write-model", "a.urdf"],
+        ["--model", "a.urdf", "--write-model", "a.urdf"],
+        ["--model", "a.urdf", "--write-model", "b.xml"],
+        ["--model", "a.urdf", "--write-model", "b"],
+    ],
+)
 def test_a_model_is_written_only_beside_the_one_that_was_given(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,6 +18,7 @@ from tests.daemon.command_line import run
         ["fit", "nowhere.npz", "--hold-out", "the rest"],
         ["fit", "nowhere.npz", "--low-pass", "-5"],
         ["fit", "nowhere.npz", "--low-pass", "inf"],
+        ["diagnose", "nowhere.npz", "--split", "the rest"],
         ["check", "--picture", "path.gif"],
         ["check", "--amplitude", "-inf"],
         ["compare", "a.npz", "b.npz", "c.npz", "d.npz", "--hours", "1,2,3,nan"],
