@@ -15,7 +15,14 @@ from daemon.cli.output import data
 from fri_client.messages import FriVersion
 from fri_client.wire.json_form import decode_line, encode_line
 
-fri_app = typer.Typer(help="FRI datagrams: bytes to fields and back.", no_args_is_help=True, rich_markup_mode=None)
+fri_app = typer.Typer(
+    help=(
+        "FRI datagrams: bytes to fields and back.\n\n"
+        "Example: iiwa-ident fri decode --fri-version 1.15 --direction command < commands.hex"
+    ),
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 app.add_typer(fri_app, name="fri")
 
 

@@ -54,9 +54,10 @@ def test_the_list_of_commands_loads_none_of_them(listed: tuple[str, set[str]]) -
 
 
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"fake-robot"}))
-def test_the_help_of_a_command_loads_nothing_it_computes_with(command: str) -> None:
+def test_the_help_of_a_command_shows_an_example_and_loads_nothing_it_computes_with(command: str) -> None:
     text, modules = run(CALL, command, "--help")
     assert "Usage: iiwa-ident" in text
+    assert f"Example: iiwa-ident {command}" in " ".join(text.split())
     assert not modules & HEAVY
 
 
