@@ -157,9 +157,18 @@ class Excitation(Printed):
 
     @property
     def table(self) -> Table:
-        """Condition number of its base regressor, and what was verified at 1 kHz."""
-        rows = tuple((name, str(value)) for name, value in self.result.verified.items())
-        return Table(("verified at 1 kHz", ""), rows, (f"cond(Y_b) = {self.result.cond:.2f}",))
+        """What its base regressor tells, and how near each joint comes to its limits at 1 kHz, in percent of them."""
+        verified = self.result.verified
+        names = ("position", "velocity", "acceleration", "torque", "paper")
+        shares = {name: verified[name] for name in names if name in verified}
+        rows = tuple((name, *(f"{100.0 * share:.1f}" for share in joints)) for name, joints in shares.items())
+        joints = range(1, len(verified["paper"]) + 1)
+        true, paper = ("yes" if verified[f"within_{which}limits"] else "NO" for which in ("", "paper_"))
+        said = (
+            f"cond(Y_b) = {self.result.cond:.2f}, log det(Y_b' Y_b) = {self.result.log_det:.1f}.",
+            f"Inside the limits of the arm: {true}; inside (14) of the paper, at rest at the start: {paper}.",
+        )
+        return Table(("% of the limit, 1 kHz", *(f"joint {joint}" for joint in joints)), rows, said)
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory, for `iiwa-ident check` and `run`. Raises OSError."""
