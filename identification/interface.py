@@ -16,7 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from identification.audit.mount import require_stated_stand
-from identification.errors import RecordingError
+from identification.errors import DesignError, RecordingError
 from identification.excitation.design import DesignResult
 from identification.excitation.design import design_excitation as search_excitation
 from identification.excitation.limits import limits_of_robot
@@ -250,16 +250,22 @@ def diagnose(
 
 
 @_on_one_thread
-def design_excitation(robot: str | Path = "iiwa14", *, seed: int = 0, **settings: Any) -> Excitation:
+def design_excitation(
+    robot: str | Path = "iiwa14", *, seed: int = 0, clock: Callable[[], float] | None = None, **settings: Any
+) -> Excitation:
     """Search a motion that shows the parameters, inside the limits of the arm. settings: fields of `DesignSettings`,
-    such as starts: so many, on two processes, decide how long it takes.
+    such as starts: so many, on two processes, decide how long it takes. clock: of seconds, such as time.monotonic, by
+    which budget_s ends it.
 
     Distances to floor, walls and the arm itself are not looked at here: `iiwa-ident check` does before anything moves.
     Raises DesignError.
     """
     arm = load_robot(robot, ON_THE_FLOOR)
     wanted = DesignSettings(seed=seed, **settings)
-    return Excitation(search_excitation(arm, limits_of_robot(arm), wanted, nominal=nominal_parameters(arm, None)))
+    if wanted.budget_s is not None and clock is None:
+        raise DesignError("budget_s is counted by a clock: give clock=time.monotonic with it, or starts in its place.")
+    nominal = nominal_parameters(arm, None)
+    return Excitation(search_excitation(arm, limits_of_robot(arm), wanted, clock=clock, nominal=nominal))
 
 
 def _read(sources: Sequence[Source], robot: str | Path | None, of_model: RobotModel | None = None) -> Inputs:

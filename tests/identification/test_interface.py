@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import identification as ident
 from identification import interface
-from identification.errors import RecordingError, RecordingNotFoundError
+from identification.errors import DesignError, RecordingError, RecordingNotFoundError
 from identification.robots import Installation
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -103,6 +103,16 @@ def test_a_design_does_not_run_the_callers_script_again(tmp_path: Path) -> None:
     # A table of numbers that a reader compares, not the lists that they are kept in.
     assert max(map(len, "".join(shown).splitlines())) < 100
     assert re.search(r"\nvelocity( +\d+\.\d){7}\n", "".join(shown))
+
+
+def test_a_budget_without_a_clock_is_refused_and_not_passed_over() -> None:
+    with pytest.raises(DesignError, match=r"clock=time\.monotonic"):
+        ident.design_excitation(budget_s=5.0)
+    ticks = iter(range(1000))
+    quick: dict[str, Any] = {"starts": 3, "processes": 1, "samples": 24, "harmonics": 3}
+    found = ident.design_excitation(budget_s=1.0, clock=lambda: float(next(ticks)), **quick)
+    done = [event.done for event in found.result.history]
+    assert done == [1] * len(done), "time is over after the first of each stage"
 
 
 def test_the_published_physics_is_named(ran: dict[str, Any]) -> None:
