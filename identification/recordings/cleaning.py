@@ -354,9 +354,10 @@ def _labels(
         return {}
     period_s = repeating_period(time, position, table.period_s, sampling_period_s)
     if period_s != table.period_s:
+        off = 100.0 * abs(period_s / table.period_s - 1.0)
         sentence = (
             f"by its stamps the motion repeats every {period_s:.7g} s, not every {table.period_s:.7g} s as stated; "
-            "that is taken"
+            f"that is taken. If the stated one is right, the clock is {off:.2g} % off"
         )
         findings.append(Finding.of_all("other_period", rows, sentence))
     steps, choices = np.diff(time), [label_by_time(time, period_s, sampling_period_s)]
