@@ -279,8 +279,8 @@ def _repeats(finding: Finding) -> bool:
 
 
 def _asked(diagnosis: Diagnosis) -> set[tuple[str, int | None]]:
-    """Effects with their joints that stay alive: claimed but open, their alternatives, nearest forms of classes."""
-    asked: set[tuple[str, int | None]] = set()
+    """Effects with their joints that stay alive: claimed but open, alternatives, too weak, nearest forms of classes."""
+    asked: set[tuple[str, int | None]] = {(item.effect, item.joint) for item in diagnosis.too_weak}
     for finding in diagnosis.findings:
         if not _is_settled(finding):
             asked.add((finding.effect, finding.place.joint))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -16,7 +16,7 @@ from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.figures import Curve
-from identification.mismatch.findings import Alternative, Finding
+from identification.mismatch.findings import Alternative, Finding, TooWeak
 from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
@@ -59,7 +59,7 @@ class Claims:
     what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
-    weak: whether torque is there that is too weak to be named.
+    too_weak: names that fit what is there, and that is too weak for a name.
     """
 
     findings: tuple[Finding, ...]
@@ -73,7 +73,11 @@ class Claims:
     remarks: tuple[str, ...]
     power: BandPower
     beside: Mapping[int, frozenset[str]] = field(default_factory=dict)
-    weak: bool = False
+    too_weak: tuple[TooWeak, ...] = ()
+
+    def with_too_weak(self, names: Iterable[tuple[str, int | None]]) -> Claims:
+        """The same with further names, each with its joint from 1."""
+        return replace(self, too_weak=(*self.too_weak, *(TooWeak(*name) for name in names)))
 
 
 def build_findings(
@@ -102,7 +106,7 @@ def build_findings(
     rules: list[Rule] = [partial(useless, exam, settled), partial(untenable, exam)]
     if classes is not None:
         rules.append(classes.unearned)
-    trial, remarks, weak = without_objection(exam, result.trial if physics else result.before, rules)
+    trial, remarks, there = without_objection(exam, result.trial if physics else result.before, rules)
     before = _left_by_fit(exam, fitted_role, nominal)
     now = settled(trial.members) if trial.members else before
     others = () if unseen is None else unseen.evidences
@@ -114,11 +118,12 @@ def build_findings(
         *_between([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before, settled),
     ]
-    return Claims(
+    claims = Claims(
         tuple(findings), trial, now.extension, before.after, now.after, before.heldout_after, now.heldout_after,
         settled(result.trial.members).heldout_after if physics else None, tuple(remarks),
-        fitted(exam.plain, trial.members, settings).power, {} if classes is None else classes.held(trial), weak,
+        fitted(exam.plain, trial.members, settings).power, {} if classes is None else classes.held(trial),
     )  # fmt: skip
+    return claims.with_too_weak((member.effect.name, member.place.joint) for member in there)
 
 
 def _left_by_fit(exam: Examination, fitted_role: Prepared, nominal: Nominal) -> Check:

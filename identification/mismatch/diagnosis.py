@@ -159,7 +159,7 @@ def diagnose(
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
     now, dependence = _against_classes(now, unseen, settings) if physics else (now, None)
     claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence, nominal)
-    claims = replace(claims, weak=claims.weak or any(item.weak for item in refused))
+    claims = claims.with_too_weak((item.effect, item.joint) for item in refused if item.weak)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
     judgement = None

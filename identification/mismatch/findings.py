@@ -125,6 +125,14 @@ class NotIdentifiable:
 
 
 @dataclass(frozen=True, slots=True)
+class TooWeak:
+    """A name, with its joint (from 1), that fits torque which is there and could not be told from other physics."""
+
+    effect: str
+    joint: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Detectable:
     """The smallest size of an effect that this recording would have shown at a place, and the share absorbed."""
 
@@ -256,6 +264,7 @@ class Diagnosis:
     classes: tuple[ClassClaim, ...] = ()
     class_model: ClassModel | None = None
     offer: Offer | None = None
+    too_weak: tuple[TooWeak, ...] = ()
 
     @property
     def unnamed(self) -> tuple[ClassClaim, ...]:
@@ -281,6 +290,7 @@ class Diagnosis:
                 *(finding.to_json() for finding in self.findings),
             ],
             "data_faults": [*plain(self.data_faults), *(item.to_fault_json() for item in seen)],
+            "too_weak": plain(self.too_weak),
             "not_identifiable_here": [item.to_json() for item in self.not_identifiable],
             "minimum_detectable": [item.to_json() for item in self.minimum_detectable],
             "heldout": plain(self.heldout),

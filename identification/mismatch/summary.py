@@ -56,7 +56,7 @@ def summarise(
     """
     detectable, hidden = _visibility(problem, result.candidates, inactive, 2.0 * settings.complete_score)
     heldout = _held_out(claims, fitted, unseen, settings)
-    unnamed = claims.weak or (heldout is not None and bool(heldout.misfits))
+    unnamed = bool(claims.too_weak) or (heldout is not None and bool(heldout.misfits))
     much = much_is_left(claims.after.rms_nm, fitted.evidences)
     verdict = verdict_of(claims.findings, baseline, left.tolist(), unnamed, classes=classes, much=much)
     curves = _curves(fitted.evidences[0], claims.after, left)
@@ -81,6 +81,7 @@ def summarise(
         rms_after_nm=rms_after_nm,
         notes=_notes(fitted, unseen),
         classes=classes,
+        too_weak=claims.too_weak,
         provenance={
             "library": len(result.library.effects),
             "candidates": len(result.candidates),
@@ -169,7 +170,7 @@ def _remaining(
     if not baseline.noise_is_measured:
         rms = ", ".join(f"{value:.2g}" for value in claims.after.rms_nm)
         parts.append(f"The model leaves {rms} Nm RMS by joint; how much of it is noise was not measured.")
-    elif not left.any() and (unnamed or claims.weak):
+    elif not left.any() and (unnamed or claims.too_weak):
         pass
     elif not left.any() and misfits:
         parts.append("On the fitted recordings nothing above the noise remains.")

@@ -34,14 +34,16 @@ class Objection:
 Rule = Callable[[Trial], Sequence[Objection]]
 
 
-def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) -> tuple[Trial, list[str], bool]:
-    """The members that no rule objects to, fitted without the others; sentences on these; whether any of them is there.
+def without_objection(
+    exam: Examination, trial: Trial, rules: Sequence[Rule]
+) -> tuple[Trial, list[str], tuple[Member, ...]]:
+    """The members that no rule objects to, fitted without the others; sentences on these; those of them that are there.
 
     The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
-    there = False
+    there: list[Member] = []
     # What takes the place of a member is asked before it is taken, and after.
     answers = [lru_cache(2)(rule) for rule in rules]
     while trial.members:
@@ -58,10 +60,12 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
         against = [] if other is None else [item for item in objecting(other) if item.index == worst.index]
         if other is None or against:
             trial = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
-            if other is not None and against[0].there:
+            if worst.there:
+                there.append(member)
+            elif other is not None and against[0].there:
                 rival = other.members[worst.index]
                 remarks.append(f"{name_of(rival.effect.name, rival.place.joint)} {against[0].why}: it is not claimed")
-            there = there or any(item.there for item in (worst, *against))
+                there.append(rival)
         else:
             trial, rival = other, other.members[worst.index]
             instead[rival.effect.name, rival.place] = name
@@ -73,7 +77,7 @@ def without_objection(exam: Examination, trial: Trial, rules: Sequence[Rule]) ->
             for (effect, place), name in instead.items()
             if (effect, place) in standing
         ]
-    return trial, remarks, there
+    return trial, remarks, tuple(there)
 
 
 def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set[tuple[str, Place]]) -> Trial | None:

@@ -65,6 +65,8 @@ def test_what_is_there_and_too_weak_for_a_name_is_said_with_the_form_that_fits(
     weak = "Load dependent friction of joint 6 is too weak here to be told from other physics" in diagnosis.remaining
     assert diagnosis.verdict == verdict
     assert weak == (not diagnosis.findings) == (verdict == "unexplained")
+    too_weak = [{"effect": "load_dependent_friction", "joint": 6}] if weak else []
+    assert diagnosis.to_json()["too_weak"] == too_weak
 
 
 def test_waves_of_an_order_that_no_gear_has_are_no_ripple(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
