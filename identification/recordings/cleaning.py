@@ -14,7 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
-from identification.recordings.labels import label_by_time, repeating_period, unfilled
+from identification.recordings.labels import label_by_time, repeating_period, standing_apart, unfilled
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.table import RawTable
 
@@ -365,6 +365,14 @@ def _labels(
         # No row is missing, so the mean step may be the true one: coarse stamps (3, 3, 4 ms) have another median.
         choices.append(label_by_time(time, period_s, float(steps.mean())))
     period_index, sample, per_period = min(choices, key=unfilled)
+    standing = standing_apart(time, position, period_s)
+    if standing.any():
+        sentence = (
+            f"before the motion or after it the arm stands for {standing.sum() * sampling_period_s:.3g} s; the periods "
+            "are taken without that"
+        )
+        findings.append(Finding.of_all("standing_ends", rows, sentence))
+        period_index[standing], sample[standing] = -1, -1
     return {
         "period_index": period_index,
         "sample_in_period": sample,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 
 SMALLEST_COVERAGE = 0.5
 LARGEST_ERROR_OF_PERIOD = 0.05
@@ -13,6 +13,11 @@ SMALLEST_DRIFT = 0.02
 """Samples by which the last period has to lie off: less is no drift that a mean over periods could feel."""
 EXPLAINED = 0.5
 """Share of what periods differ by (in squares) that a shift has to take away: noise leaves all of it."""
+STANDS, RESTS = 0.05, 0.005
+"""Share of a joint's motion (standard deviation) up to which it still is where the recording began, or where it ends;
+and up to which half of these rows are, if it stands there and does not only pass."""
+LEAST_OF_MOTION = 0.01
+"""Of the largest joint's motion: what moves less is no more than its noise, and counts by this."""
 _ROUNDS, _ROWS = 8, 20_000
 
 
@@ -21,12 +26,15 @@ def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sa
 
     time: (N,) s; position: (N, n) rad (m). A stated period that is rounded, of a clock that runs otherwise, or wrong by
     a little lays every later period further off, and their mean is of no motion that was driven. Asked from one period
-    to the next first, then over twice as many each time: the further apart, the sharper.
+    to the next first, then over twice as many each time: the further apart, the sharper. Not of rows at either end that
+    the arm stands in.
     """
+    there = _in_its_own_motion(position)
+    moving = slice(*_ends_of_motion(there))
+    time, there = time[moving], there[moving]
     last = round((time[-1] - time[0]) / period_s) - 1
     if last < 1:
         return period_s
-    there = position / np.maximum(position.std(axis=0), np.finfo(np.float64).tiny)
     rows = np.arange(0, time.size, -(-time.size // _ROWS))
     period = period_s
     for apart in sorted({*(2**power for power in range(last.bit_length())), last}):
@@ -41,6 +49,39 @@ def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sa
         return period_s
     before, after = (_difference(time, there, rows, last * each, sampling_period_s)[1] for each in (period_s, period))
     return period if after < (1.0 - EXPLAINED) * before else period_s
+
+
+def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> BoolArray:
+    """(N,) rows at either end in which the arm stands, though it moves there a period later, or earlier.
+
+    Whoever records by hand begins before the motion and ends after it. A motion that rests in every period is kept.
+    """
+    there = _in_its_own_motion(position)
+    marked = np.zeros(time.size, dtype=np.bool_)
+    begins, ends = _ends_of_motion(there)
+    for rows, row, apart_s in ((slice(0, begins), 0, period_s), (slice(ends, None), -1, -period_s)):
+        elsewhere = np.column_stack([np.interp(time[rows] + apart_s, time, q) for q in there.T])
+        away = np.abs(there[rows] - there[row]).max(axis=1)
+        stands = away.size > 0 and float(np.median(away)) < RESTS
+        marked[rows] = stands and bool((np.abs(elsewhere - there[rows]) > STANDS).any())
+    return marked
+
+
+def _in_its_own_motion(position: FloatArray) -> FloatArray:
+    """Positions (N, n) in standard deviations of the joint's own motion."""
+    deviation = position.std(axis=0)
+    smallest = max(LEAST_OF_MOTION * float(deviation.max()), float(np.finfo(np.float64).tiny))
+    return np.asarray(position / np.maximum(deviation, smallest))
+
+
+def _ends_of_motion(there: FloatArray) -> tuple[int, int]:
+    """The first row that is not where the recording begins, and behind the last that is not where it ends.
+
+    All rows where nothing lies between: an arm that stands, or only once goes to another place.
+    """
+    begun, going = (np.flatnonzero((np.abs(there - there[row]) > STANDS).any(axis=1)) for row in (0, -1))
+    between = begun.size and going.size and begun[0] <= going[-1]
+    return (int(begun[0]), int(going[-1]) + 1) if between else (0, len(there))
 
 
 def _difference(
