@@ -71,16 +71,23 @@ def frames_of(robot: RobotModel) -> list[dict[str, Any]]:
 
 
 def difference_of_frames(frames: Sequence[Mapping[str, Any]], robot: RobotModel) -> str:
-    """What tells a robot's frames from those of `frames_of`, as half a sentence; empty where they are the same."""
+    """What tells a robot's frames from those of `frames_of`, as half a sentence; empty where they are the same.
+
+    Where the base stands does not count, nor how far it is turned about gravity: no link's frame depends on it.
+    """
     if len(frames) != robot.n:
         return f"{robot.n} joints in place of {len(frames)}"
     for joint, (one, other) in enumerate(zip(frames, frames_of(robot), strict=True), start=1):
         if one["parent"] != other["parent"] or one["revolute"] != other["revolute"]:
             return f"joint {joint} is of another kind, or hangs on another link"
         apart = float(np.linalg.norm(np.subtract(one["translation"], other["translation"])))
-        if apart > FRAME_TOLERANCE:
+        if apart > FRAME_TOLERANCE and one["parent"] > 0:
             return f"joint {joint} stands {1e3 * apart:.3g} mm elsewhere on the link that carries it"
-        turned = max(float(np.abs(np.subtract(one[name], other[name])).max()) for name in ("rotation", "axis"))
+        frame, other_frame = (np.reshape(item["rotation"], (3, 3)) for item in (one, other))
+        if one["parent"] == 0:  # of the base's frame no more is felt than where gravity comes from
+            gravity = robot.gravity / max(float(np.linalg.norm(robot.gravity)), 1.0)
+            frame, other_frame = gravity @ frame, gravity @ other_frame
+        turned = max(np.abs(frame - other_frame).max(), np.abs(np.subtract(one["axis"], other["axis"])).max())
         if turned > FRAME_TOLERANCE:
             return f"the frame or the axis of joint {joint} is turned"
     return ""

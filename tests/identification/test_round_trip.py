@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
@@ -21,6 +22,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
+from identification.robots.same_arm import difference_of_frames, frames_of
 from identification.validation import validate_model
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
@@ -121,6 +123,31 @@ def test_a_robot_file_that_changed_since_the_fit_is_refused(stood: str, stands: 
         model.load_robot()
     with pytest.raises(ModelFileError, match=said):
         model.base_values(BaseRegressor(load_robot(file), model.options))
+
+
+@pytest.mark.parametrize(
+    ("base", "said"),
+    [("0 0 0", ""), ("0 0 1.57", ""), ("0.3 0 0", "joint 1 is turned")],
+    ids=["on_a_pedestal", "turned_about_gravity", "leaning"],
+)
+def test_where_the_base_stands_in_the_robots_file_changes_no_link_frame(base: str, said: str, tmp_path: Path) -> None:
+    """The same arm on a pedestal, or in a cell's frame, was refused: 'joint 1 stands 500 mm elsewhere'."""
+    text = (RECORDINGS / "kr300.urdf").read_text(encoding="utf-8")
+    (root,) = {
+        link.get("name")
+        for link in ElementTree.fromstring(text).findall("link")
+        if link.get("name") not in {child.get("link") for child in ElementTree.fromstring(text).iter("child")}
+    }
+    cell = (
+        f'<link name="cell"/><joint name="stand" type="fixed"><parent link="cell"/><child link="{root}"/>'
+        f'<origin xyz="0.2 0 0.5" rpy="{base}"/></joint></robot>'
+    )
+    (tmp_path / "cell.urdf").write_text(text.replace("</robot>", cell), encoding="utf-8")
+    alone, stands = load_robot(RECORDINGS / "kr300.urdf"), load_robot(tmp_path / "cell.urdf")
+    assert stands.n == alone.n
+    difference = difference_of_frames(frames_of(alone), stands)
+    assert difference.endswith(said)
+    assert bool(difference) == bool(said)
 
 
 def test_a_model_says_in_which_frame_gravity_is_given(periodic: Recording, iiwa14: RobotModel, tmp_path: Path) -> None:
