@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def read_csv(path: Path) -> list[RawTable]:
     header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
     columns = _columns(path, header)
     findings: list[Finding] = []
-    values = _values(path, lines, start + 1, header, findings)
+    values = _values(path, lines, start + 1, header, set(columns.values()), findings)
     joints = max(int(number) for name, number in columns if name == "q")
     arrays = {
         name: np.column_stack([values[:, columns[(name, str(joint))]] for joint in range(1, joints + 1)])
@@ -113,17 +114,20 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
     for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
         for joint in range(1, joints + 1):
             if (quantity, str(joint)) not in columns:
+                name = f"{quantity}{joint - 1 + first}"
                 raise RecordingError.named(
-                    path,
-                    f"column '{quantity}{joint}' is missing ({joints} joints by the columns of q)",
-                    field=f"{quantity}{joint}",
-                    joint=joint,
+                    path, f"column '{name}' is missing ({joints} joints by the columns of q)", field=name, joint=joint
                 )
     return columns
 
 
-def _values(path: Path, lines: list[str], first: int, header: list[str], findings: list[Finding]) -> FloatArray:
-    """All cells as numbers, (rows, columns). The quick way first; line by line only where it fails, to say where."""
+def _values(
+    path: Path, lines: list[str], first: int, header: list[str], used: Collection[int], findings: list[Finding]
+) -> FloatArray:
+    """All cells as numbers, (rows, columns). The quick way first; line by line only where it fails, to say where.
+
+    used: columns that are wanted; what stands in others, such as words, costs no row.
+    """
     body = [(index + 1, line) for index, line in enumerate(lines[first:], start=first) if line.strip()]
     if body and body[-1][1].count(",") < len(header) - 1:
         number, _ = body.pop()
@@ -148,7 +152,7 @@ def _values(path: Path, lines: list[str], first: int, header: list[str], finding
     garbled: list[tuple[int, _GarbledLineError]] = []
     for row, (number, line) in enumerate(body):
         try:
-            rows[row] = _cells(number, line, header)
+            rows[row] = _cells(number, line, header, used)
         except _GarbledLineError as error:
             garbled.append((row + 1, error))
     if not garbled:
@@ -170,16 +174,18 @@ class _GarbledLineError(ValueError):
         self.field = field
 
 
-def _cells(number: int, line: str, header: list[str]) -> list[float]:
-    """The numbers of a line, nan for an empty cell. Raises _GarbledLineError, which names line and column."""
+def _cells(number: int, line: str, header: list[str], used: Collection[int]) -> list[float]:
+    """The numbers of a line, nan for an empty cell and one that is not used. Raises _GarbledLineError, which names line
+    and column.
+    """
     cells = next(csv.reader([line]))
     where = f"line {number}"
     if len(cells) != len(header):
         raise _GarbledLineError(f"{where}: {len(cells)} columns where the header has {len(header)}", where)
     values = []
-    for name, cell in zip(header, cells, strict=True):
+    for column, (name, cell) in enumerate(zip(header, cells, strict=True)):
         try:
-            values.append(float(cell) if cell.strip() else np.nan)
+            values.append(float(cell) if column in used and cell.strip() else np.nan)
         except ValueError:
             raise _GarbledLineError(f"{where}, column '{name}': '{cell.strip()[:40]}' is no number", name) from None
     return values

@@ -323,10 +323,23 @@ def test_a_garbled_line_of_a_csv_costs_itself_and_is_named(tmp_path: Path, row: 
     assert left_out.first_row == left_out.last_row == 17
 
 
+@pytest.mark.parametrize("every", [1, 50])
+def test_words_in_a_column_that_is_not_read_cost_no_row(tmp_path: Path, every: int) -> None:
+    path = _save_csv(tmp_path / "a.csv", _arrays())
+    header, *lines = path.read_text().splitlines()
+    remarked = [f"{line},{'' if number % every else 'moving'}" for number, line in enumerate(lines)]
+    path.write_text("\n".join([f"{header},remark", *remarked]))
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.torque, _arrays()["tau"])
+    assert recording.report.findings == ()
+
+
 def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,q1,q2,tau1\n0,1,2,3\n")
     assert _refused(path, "'tau2'").joint == 2
+    path.write_text("t,q0,q1,tau1,tau2\n0,1,2,3,4\n")
+    _refused(path, "'tau0'")  # as the header counts: tau1 is there
     path.write_text("time_ms,q1,tau1\n0,1,2\n")
     _refused(path, "'t'")
     path.write_text("t,q1,tau1\n")
