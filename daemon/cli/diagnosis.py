@@ -39,6 +39,9 @@ NOT_MEASURED = (
     "period (drift, pushes)."
 )
 WITHOUT_NAME = "Unexplained: there is a mismatch without a name. What the torque depends on is said instead."
+TOO_WEAK = (
+    "Unexplained: something is there, and it is too weak in these recordings for a name. What fits it is said below."
+)
 DISAGREE = "Unexplained: the model holds on the fitted recordings and not on the held-out ones; something differs."
 NAMED = "What differs between the recordings stands above, under Set-up; the model itself is not in question."
 SETTLED = "Explained: the recordings differ by what is named here, and with that put in nothing but noise remains."
@@ -200,6 +203,8 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
         sentence = f"{DISAGREE} {NAMED}" if named else DISAGREE
     elif diagnosis.verdict == "unexplained" and diagnosis.unnamed:
         sentence = WITHOUT_NAME
+    elif diagnosis.verdict == "unexplained" and diagnosis.too_weak and not differs:
+        sentence = TOO_WEAK
     elif differs:
         sentence += " The held-out recordings disagree with the fitted ones."
     if any(item.effect == "payload" for item in named):

@@ -38,6 +38,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         "unexplained": f"Measured and modelled torque differ by more than the noise{where}, and no effect that is "
         "known here explains it.",
     }
+    if diagnosis.too_weak:
+        sentences["unexplained"] = (
+            f"Measured and modelled torque differ by more than the noise{where}. What fits this is too weak here for a "
+            "name: other physics acts nearly the same."
+        )
     if diagnosis.heldout is not None and any(item.differs for item in diagnosis.heldout.misfits):
         sentences["unexplained"] = "The model does not hold on the held-out recordings: something differs between them."
         if diagnosis.audit is not None:

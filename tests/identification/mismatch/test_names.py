@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from daemon.cli.diagnosis import verdict_lines
 from fixtures.cases.draw import draw_case
 from fixtures.cases.files import write_recordings
 from identification.base_parameters import BaseRegressor
@@ -21,6 +22,7 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, estimate_of
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording, read_recording
+from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import Hidden, no_effect, on_joint, record
 
@@ -67,6 +69,10 @@ def test_what_is_there_and_too_weak_for_a_name_is_said_with_the_form_that_fits(
     assert weak == (not diagnosis.findings) == (verdict == "unexplained")
     too_weak = [{"effect": "load_dependent_friction", "joint": 6}] if weak else []
     assert diagnosis.to_json()["too_weak"] == too_weak
+    for said in (verdict_lines(diagnosis)[0], verdict_sentence(diagnosis)):
+        assert ("too weak" in said) == weak
+        assert "nothing known" not in said
+        assert "no effect that is known" not in said
 
 
 def test_waves_of_an_order_that_no_gear_has_are_no_ripple(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
