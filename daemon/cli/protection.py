@@ -46,7 +46,7 @@ def is_recording(file: Path) -> bool:
     lines = head.decode("utf-8", errors="replace").lstrip("\ufeff").splitlines()
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     names = {name.strip().strip('"') for name in header.split(",")}
-    return bool(names & {"t", "time"}) and any(re.fullmatch(r"tau_?1", name) for name in names)
+    return bool(names & {"t", "time"}) and any(re.fullmatch(r"tau_?\d+", name) for name in names)
 
 
 def _is_bag(file: Path) -> bool:

@@ -108,7 +108,9 @@ def test_what_is_a_recording_is_seen_by_its_contents(tmp_path: Path) -> None:
     (database,) = write_bag(tmp_path / "bag", messages_of(TIME, IIWA, POSITION, TORQUE)).glob("*.db3")
     named_otherwise = tmp_path / "measured.dat"
     named_otherwise.write_bytes(robots_log(tmp_path / "log.mcap").read_bytes())
-    for file in (database, named_otherwise, save(tmp_path / "a.npz"), save_csv(tmp_path / "a.csv")):
+    from_zero = tmp_path / "one_joint.csv"
+    from_zero.write_text("t,q0,tau0\n0,1,2\n")
+    for file in (database, named_otherwise, save(tmp_path / "a.npz"), save_csv(tmp_path / "a.csv"), from_zero):
         assert is_recording(file)
     np.savez(tmp_path / "series.npz", time=TIME, simulated_torque=TORQUE)
     (tmp_path / "table.csv").write_text("t,q1,q2\n0,1,2\n")
