@@ -345,12 +345,7 @@ def _labels(
             table.path,
             f"period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that is not periodic",
         )
-    if time[-1] - time[0] < 0.99 * table.period_s:
-        sentence = (
-            f"the recording covers {time[-1] - time[0]:.4g} s of a stated period of {table.period_s:.4g} s; it is used "
-            "as not periodic"
-        )
-        findings.append(Finding.of_all("short_of_a_period", rows, sentence))
+    if _is_short(time, table.period_s, findings, rows):
         return {}
     period_s = repeating_period(time, position, table.period_s, sampling_period_s)
     if period_s != table.period_s:
@@ -360,11 +355,6 @@ def _labels(
             f"that is taken. If the stated one is right, the clock is {off:.2g} % off"
         )
         findings.append(Finding.of_all("other_period", rows, sentence))
-    steps, choices = np.diff(time), [label_by_time(time, period_s, sampling_period_s)]
-    if steps.max() <= GAP_FACTOR * sampling_period_s:
-        # No row is missing, so the mean step may be the true one: coarse stamps (3, 3, 4 ms) have another median.
-        choices.append(label_by_time(time, period_s, float(steps.mean())))
-    period_index, sample, per_period = min(choices, key=unfilled)
     standing = standing_apart(time, position, period_s)
     if standing.any():
         sentence = (
@@ -372,10 +362,30 @@ def _labels(
             "are taken without that"
         )
         findings.append(Finding.of_all("standing_ends", rows, sentence))
-        period_index[standing], sample[standing] = -1, -1
+    moving = time[~standing]
+    if _is_short(moving, period_s, findings, rows):
+        return {}
+    steps, choices = np.diff(moving), [label_by_time(moving, period_s, sampling_period_s)]
+    if steps.max() <= GAP_FACTOR * sampling_period_s:
+        # No row is missing, so the mean step may be the true one: coarse stamps (3, 3, 4 ms) have another median.
+        choices.append(label_by_time(moving, period_s, float(steps.mean())))
+    period_index, sample = np.full((2, time.size), -1, dtype=np.int64)
+    period_index[~standing], sample[~standing], per_period = min(choices, key=unfilled)
     return {
         "period_index": period_index,
         "sample_in_period": sample,
         "period_s": float(period_s),
         "samples_per_period": per_period,
     }
+
+
+def _is_short(time: FloatArray, period_s: float, findings: list[Finding], rows: int) -> bool:
+    """Whether the motion covers less than its stated period, which joins `findings`."""
+    if time[-1] - time[0] >= 0.99 * period_s:
+        return False
+    sentence = (
+        f"the motion covers {time[-1] - time[0]:.4g} s of a stated period of {period_s:.4g} s; it is used as not "
+        "periodic"
+    )
+    findings.append(Finding.of_all("short_of_a_period", rows, sentence))
+    return True

@@ -63,7 +63,11 @@ def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> B
         elsewhere = np.column_stack([np.interp(time[rows] + apart_s, time, q) for q in there.T])
         away = np.abs(there[rows] - there[row]).max(axis=1)
         stands = away.size > 0 and float(np.median(away)) < RESTS
-        marked[rows] = stands and bool((np.abs(elsewhere - there[rows]) > STANDS).any())
+        if stands and bool((np.abs(elsewhere - there[rows]) > STANDS).any()):
+            # What is further away than noise, next to the motion, is its slow begin, or its slow end.
+            resting = np.flatnonzero(away < RESTS)
+            marked[rows][: resting[-1] + 1] = row == 0
+            marked[rows][resting[0] :] |= row != 0
     return marked
 
 

@@ -95,8 +95,9 @@ def test_coarse_stamps_lose_no_sample_of_the_period(tmp_path: Path) -> None:
     assert average.counts.min() == 5
 
 
-@pytest.mark.parametrize("stated_s", [3.96, 4.0, 4.01])
-@pytest.mark.parametrize("periods", [2, 3, 5])
+@pytest.mark.parametrize(
+    ("periods", "stated_s"), [(1, 4.0), *((periods, stated) for periods in (2, 3, 5) for stated in (3.96, 4.0, 4.01))]
+)
 @pytest.mark.parametrize(("before_s", "after_s"), [(0.2, 0.0), (0.0, 0.2), (0.6, 0.6)])
 def test_an_arm_that_stands_before_and_after_the_motion_stands_in_no_period(
     tmp_path: Path, before_s: float, after_s: float, periods: int, stated_s: float
@@ -111,8 +112,20 @@ def test_an_arm_that_stands_before_and_after_the_motion_stands_in_no_period(
     assert recording.period_s == pytest.approx(PERIOD_S, abs=1e-5)
     assert "before the motion or after it the arm stands" in recording.report.of_kind("standing_ends")[0].sentence
     average = average_periods(period_table(recording))
-    exact = _motion(np.arange(len(average.position)) * average.sampling_period_s - before_s)
+    labels = recording.period_index
+    assert labels is not None
+    first = float(recording.time[labels >= 0][0])
+    exact = _motion(np.arange(len(average.position)) * average.sampling_period_s + first - before_s)
     assert np.abs(average.position - exact).max() < 2e-4
+
+
+def test_half_a_period_between_two_rests_is_no_period(tmp_path: Path) -> None:
+    time = np.arange(ROWS) * STEP_S
+    position = _motion(np.clip(time - 8.0, 0.0, 0.6 * PERIOD_S))
+    np.savez(tmp_path / "a.npz", t=time, q=position, tau=3.0 * position, period_s=PERIOD_S)
+    recording = read_recording(tmp_path / "a.npz")
+    assert not recording.is_periodic
+    assert "covers 2.39 s of a stated period of 4 s" in recording.report.of_kind("short_of_a_period")[0].sentence
 
 
 def test_a_motion_that_rests_in_every_period_keeps_all_rows(tmp_path: Path) -> None:
