@@ -365,10 +365,9 @@ def _labels(
     moving = time[~standing]
     if _is_short(moving, period_s, findings, rows):
         return {}
-    steps, choices = np.diff(moving), [label_by_time(moving, period_s, sampling_period_s)]
-    if steps.max() <= GAP_FACTOR * sampling_period_s:
-        # No row is missing, so the mean step may be the true one: coarse stamps (3, 3, 4 ms) have another median.
-        choices.append(label_by_time(moving, period_s, float(steps.mean())))
+    # Of coarse stamps (3, 3, 4 ms) and of late ones the mean step is the true one, of rows with a gap the median.
+    steps = np.unique([sampling_period_s, (moving[-1] - moving[0]) / (moving.size - 1)])
+    choices = [label_by_time(moving, period_s, float(step)) for step in steps]
     period_index, sample = np.full((2, time.size), -1, dtype=np.int64)
     period_index[~standing], sample[~standing], per_period = min(choices, key=unfilled)
     return {

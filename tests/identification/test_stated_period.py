@@ -85,6 +85,19 @@ def test_periods_that_begin_a_few_milliseconds_early_or_late_are_periods(tmp_pat
     assert np.abs(average.position - exact).max() < 1e-2
 
 
+def test_stamps_that_jitter_by_some_of_a_step_lose_no_sample_of_two_periods(tmp_path: Path) -> None:
+    """By the median step the period had two samples less, and the recording was refused for samples that were there."""
+    rows = round(2 * PERIOD_S / STEP_S)
+    random = np.random.default_rng(2)
+    clock = (np.arange(rows) + 0.3 * random.uniform(-1.0, 1.0, rows)) * STEP_S
+    position = _motion(clock)
+    np.savez(tmp_path / "a.npz", t=clock, q=position, tau=3.0 * position, period_s=PERIOD_S)
+    average = average_periods(period_table(read_recording(tmp_path / "a.npz")))
+    assert len(average.position) == round(PERIOD_S / STEP_S)
+    assert average.counts.min() >= 1
+    assert not average.filled.any()
+
+
 def test_coarse_stamps_lose_no_sample_of_the_period(tmp_path: Path) -> None:
     """300 Hz in whole milliseconds: steps of 3, 3 and 4 ms. By their median the period had 1333 samples, not 1200."""
     time = np.arange(6000) / 300.0
