@@ -352,7 +352,7 @@ def _labels(
         off = 100.0 * abs(period_s / table.period_s - 1.0)
         sentence = (
             f"by its stamps the motion repeats every {period_s:.7g} s, not every {table.period_s:.7g} s as stated; "
-            f"that is taken. If the stated one is right, the clock is {off:.2g} % off"
+            f"that is taken. Else the clock is {off:.2g} % off, or the arm follows later and later"
         )
         findings.append(Finding.of_all("other_period", rows, sentence))
     standing = standing_apart(time, position, period_s)

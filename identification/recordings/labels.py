@@ -9,10 +9,12 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 SMALLEST_COVERAGE = 0.5
 LARGEST_ERROR_OF_PERIOD = 0.05
 """Share by which a stated period may be off and still be the one that is meant."""
-SMALLEST_DRIFT = 0.02
-"""Samples by which the last period has to lie off: less is no drift that a mean over periods could feel."""
-EXPLAINED = 0.5
-"""Share of what periods differ by (in squares) that a shift has to take away: noise leaves all of it."""
+SMALLEST_DRIFT = 0.2
+"""Samples by which the last period has to lie off: a mean over periods does not feel less."""
+EXPLAINED = 0.75
+"""Share of what periods differ by (in squares) that a shift has to take away: noise leaves all of it, missing rows half
+of it over half of the recording.
+"""
 STANDS, RESTS = 0.05, 0.005
 """Share of a joint's motion (standard deviation) up to which it still is where the recording began, or where it ends;
 and up to which half of these rows are, if it stands there and does not only pass."""
@@ -41,14 +43,17 @@ def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sa
         for _ in range(_ROUNDS):
             shift = _difference(time, there, rows, apart * period, sampling_period_s)[0]
             period -= shift / apart
-            if abs(shift) < 1e-3 * SMALLEST_DRIFT * sampling_period_s:
+            if abs(shift) < 2e-5 * sampling_period_s:
                 break
         if abs(period - period_s) > LARGEST_ERROR_OF_PERIOD * period_s:
             return period_s
     if last * abs(period - period_s) < SMALLEST_DRIFT * sampling_period_s:
         return period_s
-    before, after = (_difference(time, there, rows, last * each, sampling_period_s)[1] for each in (period_s, period))
-    return period if after < (1.0 - EXPLAINED) * before else period_s
+    for apart in {(last + 1) // 2, last}:
+        left = [_difference(time, there, rows, apart * each, sampling_period_s)[1] for each in (period_s, period)]
+        if left[1] > (1.0 - EXPLAINED) * left[0]:
+            return period_s
+    return period
 
 
 def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> BoolArray:

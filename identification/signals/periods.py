@@ -132,8 +132,8 @@ def period_table(recording: Recording) -> PeriodTable:
         keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
-    if recording.source.kind != "log":
-        _check_simultaneous(recording, position)
+    if recording.source.kind != "log" and (late := _not_simultaneous(recording, position, numbers)):
+        notes.append(late)
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz)
 
 
@@ -248,11 +248,13 @@ def _check_repetition(recording: Recording, position: FloatArray) -> None:
         )
 
 
-def _check_simultaneous(recording: Recording, position: FloatArray) -> None:
-    """Raises RecordingError where parts of single periods come early or late: their mean is of no motion that was.
+def _not_simultaneous(recording: Recording, position: FloatArray, numbers: IntArray) -> str:
+    """A warning where parts of single periods come early or late: their mean is of no motion that was.
 
-    Rows that are missing while the time stamps hide it do that. Left alone where shifts in time do not explain what the
-    periods differ by. position: (K, M, n), laid out by time stamps.
+    Rows that are missing while the time stamps hide it do that. Empty where shifts in time do not explain what the
+    periods differ by. No reason to do without periods: straight across what is missing the parameters are further off
+    than by the mean, whose deviations hold part of it. position: (K, M, n), laid out by time stamps. numbers: (K,) of
+    the periods, from 0.
     """
     assert recording.period_s is not None
     middle = median_over_periods(position)
@@ -266,18 +268,17 @@ def _check_simultaneous(recording: Recording, position: FloatArray) -> None:
     moving = along > _LEAST_MOTION * along.mean()
     shift = across[:, moving] / along[moving]
     if not (shift**2 * along[moving]).sum() > _EXPLAINED * float((difference**2).sum()):
-        return
+        return ""
     period, part = np.unravel_index(int(np.argmax(np.abs(shift))), shift.shape)
     step = recording.period_s / middle.shape[0]
     largest_s = step * float(np.abs(shift[period, part]))
-    if largest_s > max(LARGEST_SHIFT_S, step):
-        raise RecordingError.at(
-            recording.source.path,
-            f"parts of its periods of {recording.period_s:.7g} s do not come at their times: the motion "
-            f"{step * parts[moving][part]:.3g} s into period {int(period) + 1} is {1e3 * largest_s:.3g} ms off. "
-            "Rows may be missing there that the time stamps hide, or the arm followed later than in other periods",
-            field="period_s",
-        )
+    if largest_s <= max(LARGEST_SHIFT_S, step):
+        return ""
+    return (
+        f"WARNING, parts of its periods of {recording.period_s:.7g} s do not come at their times: the motion "
+        f"{step * parts[moving][part]:.3g} s into period {int(numbers[period]) + 1} is {1e3 * largest_s:.3g} ms off. "
+        "Rows may be missing there that the time stamps hide, or the arm followed later than in other periods"
+    )
 
 
 def _longest_run(marked: BoolArray) -> int:

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import daemon.cli.analysis  # noqa: F401  registers the command
 from daemon.cli.app import app
+from daemon.errors import ConfigurationError
 from identification.errors import EstimationError
 from identification.estimators.observation import CompressedObservation
 from identification.fitting.blocks import Block, variances_of
@@ -356,5 +357,5 @@ def test_the_command_line_takes_estimator_bounds_and_consistency(tmp_path: Path)
     assert "feasible" in written["certificate"]["base_parameters"]
     bounds.write_text("weight: [0.5, 9]\n")
     refused = CliRunner().invoke(app, ["fit", str(log), "--bounds", str(bounds)])
-    assert isinstance(refused.exception, EstimationError)
+    assert isinstance(refused.exception, ConfigurationError)
     assert "weight" in str(refused.exception)
