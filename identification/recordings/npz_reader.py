@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 import zlib
 from collections.abc import Collection, Iterable
@@ -27,6 +28,10 @@ BROKEN_ARCHIVE = (ValueError, KeyError, OSError, EOFError, NotImplementedError, 
 """What zipfile and numpy raise for bytes that are no .npz."""
 UNIT_FIELDS = {"t_unit": "t", "q_unit": "q", "dq_unit": "dq", "tau_unit": "tau"}
 """Field of a file and the quantity whose unit it states."""
+_STATES_A_UNIT = re.compile(
+    r"((t|time|d?q|tau|positions?|velocity|velocities|torques?|efforts?|angles?|joints?|currents?)_?)?units?"
+)
+"""What whoever states a unit may call the field, in small letters."""
 
 
 KNOWN_FIELDS = ("t", "q", "tau", *OPTIONAL_FIELDS, "period_s", "tau_unit", "robot", "joint_names", *UNIT_FIELDS)
@@ -105,9 +110,12 @@ def resolve_robot(path: Path, robot: str) -> str | None:
 def refuse_unknown_units(path: Path, names: Iterable[str]) -> None:
     """Raises RecordingError for a field like `q_units` or `unit`: who wrote it stated a unit that nobody would heed."""
     for name in names:
-        if name not in UNIT_FIELDS and name.lower().endswith(("unit", "units")):
+        if name not in UNIT_FIELDS and _STATES_A_UNIT.fullmatch(name.lower()):
             raise RecordingError.named(
-                path, f"field '{name}' states no unit that is known; known are {', '.join(UNIT_FIELDS)}", field=name
+                path,
+                f"field '{name}' states no unit that is known; known are {', '.join(UNIT_FIELDS)}. If it says "
+                "nothing of these numbers, rename it or take it out",
+                field=name,
             )
 
 

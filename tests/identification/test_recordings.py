@@ -123,6 +123,13 @@ def test_a_header_that_counts_from_zero_loses_no_joint(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.torque, arrays["tau"])
 
 
+def test_a_unit_of_something_else_is_no_reason_to_refuse(tmp_path: Path) -> None:
+    time = np.arange(400) * 0.01
+    motion = np.column_stack([np.sin(time), np.cos(time)])
+    np.savez(tmp_path / "a.npz", t=time, q=motion, tau=motion, control_unit="KRC4")
+    assert read_recording(tmp_path / "a.npz").samples == 400
+
+
 @pytest.mark.parametrize("name", ["q_units", "tau_units", "units", "torque_unit"])
 def test_a_unit_stated_under_another_name_is_refused_and_not_passed_over(tmp_path: Path, name: str) -> None:
     _refused(_save(tmp_path / "a.npz", **_arrays(), **{name: "deg"}), name, "q_unit")
