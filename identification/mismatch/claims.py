@@ -21,15 +21,7 @@ from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
 from identification.mismatch.names.earned import AgainstClasses
-from identification.mismatch.names.examination import (
-    Check,
-    Examination,
-    Rows,
-    joints_of,
-    name_of,
-    torque_of,
-    without,
-)
+from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of, without
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.nominal import Nominal

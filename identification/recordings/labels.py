@@ -71,8 +71,7 @@ def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> B
         if stands and bool((np.abs(elsewhere - there[rows]) > STANDS).any()):
             # What is further away than noise, next to the motion, is its slow begin, or its slow end.
             resting = np.flatnonzero(away < RESTS)
-            marked[rows][: resting[-1] + 1] = row == 0
-            marked[rows][resting[0] :] |= row != 0
+            marked[slice(0, resting[-1] + 1) if row == 0 else slice(ends + resting[0], None)] = True
     return marked
 
 
