@@ -11,10 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
 
 __all__ = ["ClassClaim", "ClassCurve", "ClassModel", "NearestForm", "Offer"]
 

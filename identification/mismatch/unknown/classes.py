@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.unknown.functions import responses, smooth_table, stops, tabulated, warped
 from identification.mismatch.unknown.inputs import Inputs
-
-FloatArray = npt.NDArray[np.float64]
 
 SMOOTH, FINE = (0.5, 9), (0.125, 27)
 """Length of a function of position, in half ranges, and how many functions of that length there are."""

@@ -7,15 +7,14 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, beside
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.settings import ClaimSettings
 
-FloatArray = npt.NDArray[np.float64]
 ClassOnJoint = tuple[int, int]
 """Joint (from 0) and number of a class in CLASSES."""
 

@@ -9,9 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-import numpy as np
-import numpy.typing as npt
-
+from identification.arrays import FloatArray
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.choice import choose_classes, kept, without_lone_background
 from identification.mismatch.unknown.left import Left
@@ -20,8 +18,6 @@ from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

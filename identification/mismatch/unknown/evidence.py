@@ -13,13 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.settings import OPEN_BEYOND_NOISE
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 FREE = 1e-9
 """Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""

@@ -10,7 +10,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from identification.arrays import FloatArray
+
 ComplexArray = npt.NDArray[np.complex128]
 
 GRID = 401

@@ -11,14 +11,12 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.functions import fade, responses
-
-FloatArray = npt.NDArray[np.float64]
 
 WAVES = 48
 """Random waves over the configuration, of about a half range of each joint."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.claims import Claims
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off
@@ -33,8 +33,6 @@ from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held, JointState
-
-FloatArray = npt.NDArray[np.float64]
 
 FORMS_NAMED, LEAST_SHARE = 3, 0.1
 CURVE_POINTS = 61

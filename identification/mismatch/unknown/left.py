@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.problem import off
 from identification.mismatch.settings import OPEN_BEYOND_NOISE
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

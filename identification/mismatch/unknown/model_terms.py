@@ -9,15 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.selection import Selection
-
-FloatArray = npt.NDArray[np.float64]
 
 _NUMBERS = {item.name: number for number, item in enumerate(CLASSES)}
 

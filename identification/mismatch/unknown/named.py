@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
@@ -24,9 +24,6 @@ from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import JointState
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 ABSENT = 1e12
 """Precision beforehand of a name that is left out."""

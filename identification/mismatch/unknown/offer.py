@@ -11,8 +11,8 @@ from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.search.extension import OPEN, nominal_factor
 from identification.mismatch.unknown.claims import Offer
@@ -21,8 +21,6 @@ from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
 from identification.mismatch.unknown.predictive import Dropped, harmless, useful
 from identification.mismatch.unknown.selection import Selection
-
-FloatArray = npt.NDArray[np.float64]
 
 LISTED = 3
 """Classes of a joint that a sentence lists by name."""

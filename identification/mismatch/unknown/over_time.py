@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.changes.contrasts import Contrasts
 from identification.mismatch.effects import EFFECTS
@@ -29,8 +29,6 @@ from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, shown_on, standings
 from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
 from identification.mismatch.unknown.settings import ClaimSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 ASKED = (
     "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",

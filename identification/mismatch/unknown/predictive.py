@@ -10,12 +10,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, FloatArray
 from identification.mismatch.unknown.selection import FEW_ROUNDS, Selection
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 Left = Callable[[Selection], FloatArray]
 """RMS (n,) Nm that a selection leaves of rows that were not fitted."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtrc
 
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
@@ -20,10 +20,6 @@ from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basi
 from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.settings import ClaimSettings
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
 """Upper edges of the bands with a noise of their own, every other one of those in which misfit is tested."""

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
     LEAST_NOISE,
@@ -36,9 +36,6 @@ from identification.mismatch.unknown.evidence import (
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held, JointState
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 FULL_ROUNDS, FEW_ROUNDS = 8, 3
 """Rounds of the fixed point with all classes of a joint, and after a change."""
