@@ -296,7 +296,7 @@ class Diagnosis:
             "heldout": plain(self.heldout),
             "parameter_shift": plain(self.parameter_shift),
             "classes": [item.to_json() for item in self.classes],
-            **({} if self.class_model is None else {"class_model": self.class_model.to_json()}),
+            **({} if self.class_model is None else {"class_model": plain(self.class_model)}),
             "remaining": self.remaining,
             "curves": plain(self.curves),
             "notes": list(self.notes),

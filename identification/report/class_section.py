@@ -26,15 +26,15 @@ def class_section(diagnosis: Diagnosis) -> Section | None:
         caption = "Torque over what it depends on, within the fitted range"
         blocks.append(Figure(caption, panels, (("fitted", "torque of the class ± one deviation"),)))
     rows = [
-        ("fitted, nominal model", *row_of(model.fitted_before)),
-        ("fitted, with the classes", *row_of(model.fitted_after)),
+        ("fitted, nominal model", *row_of(model.fit_before_nm)),
+        ("fitted, with the classes", *row_of(model.fit_after_nm)),
     ]
-    if model.heldout_before.size:
+    if model.heldout_before_nm.size:
         rows += [
-            ("not fitted, nominal model", *row_of(model.heldout_before)),
-            ("not fitted, with the classes", *row_of(model.heldout_after)),
+            ("not fitted, nominal model", *row_of(model.heldout_before_nm)),
+            ("not fitted, with the classes", *row_of(model.heldout_after_nm)),
         ]
-    head = ("", *joint_heads(model.fitted_before.size))
+    head = ("", *joint_heads(model.fit_before_nm.size))
     blocks.append(Table("RMS of measured minus modelled torque by joint, Nm, no name used", head, tuple(rows)))
     return Section("classes", "What the rest depends on, whatever its form", tuple(blocks))
 
@@ -48,6 +48,6 @@ def _panel(claim: ClassClaim) -> Panel | None:
         f"Joint {claim.joint}: {words}",
         f"{curve.coordinate} ({curve.unit})",
         "torque (Nm)",
-        (Line("fitted", curve.place, curve.mean, curve.std),),
-        f"torque of the class over {curve.coordinate}, from {curve.mean.min():.2g} to {curve.mean.max():.2g} Nm",
+        (Line("fitted", curve.place, curve.mean_nm, curve.std_nm),),
+        f"torque of the class over {curve.coordinate}, from {curve.mean_nm.min():.2g} to {curve.mean_nm.max():.2g} Nm",
     )

@@ -6,12 +6,12 @@ findings and the report.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from identification.arrays import FloatArray
+from identification.json_values import json_list, number, plain
 
 __all__ = ["ClassClaim", "ClassCurve", "ClassModel", "NearestForm", "Offer"]
 
@@ -23,18 +23,8 @@ class ClassCurve:
     coordinate: str
     unit: str
     place: FloatArray
-    mean: FloatArray
-    std: FloatArray
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON types."""
-        return {
-            "coordinate": self.coordinate,
-            "unit": self.unit,
-            "place": self.place.tolist(),
-            "mean_nm": self.mean.tolist(),
-            "std_nm": self.std.tolist(),
-        }
+    mean_nm: FloatArray
+    std_nm: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +63,15 @@ class ClassClaim:
         return {
             "class": self.name,
             "joint": self.joint,
-            "rms_nm": _number(self.rms_nm),
-            "ci95_nm": [_number(value) for value in self.interval_nm],
-            "significance": _number(self.significance),
-            "heldout_gain_nm": [_number(float(value)) for value in self.heldout_gain_nm],
+            "rms_nm": number(self.rms_nm),
+            "ci95_nm": json_list(self.interval_nm),
+            "significance": number(self.significance),
+            "heldout_gain_nm": json_list(self.heldout_gain_nm),
             "alternatives": list(self.alternatives),
-            "nearest_forms": [{"effect": form.effect, "share": _number(form.share)} for form in self.nearest_forms],
+            "nearest_forms": plain(self.nearest_forms),
             "named": self.named,
             "sentence": self.sentence,
-            "curve": None if self.curve is None else self.curve.to_json(),
+            "curve": plain(self.curve),
         }
 
 
@@ -89,25 +79,13 @@ class ClassClaim:
 class ClassModel:
     """All classes together, no name beside them: RMS of the fit without them and with them, per joint.
 
-    fitted_before, fitted_after, heldout_before, heldout_after: (n,) Nm; the held-out ones empty without held-out rows.
+    Each (n,) Nm; the held-out ones are empty without held-out rows.
     """
 
-    fitted_before: FloatArray
-    fitted_after: FloatArray
-    heldout_before: FloatArray
-    heldout_after: FloatArray
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON types."""
-        return {
-            name: [_number(float(value)) for value in getattr(self, key)]
-            for name, key in (
-                ("fit_before_nm", "fitted_before"),
-                ("fit_after_nm", "fitted_after"),
-                ("heldout_before_nm", "heldout_before"),
-                ("heldout_after_nm", "heldout_after"),
-            )
-        }
+    fit_before_nm: FloatArray
+    fit_after_nm: FloatArray
+    heldout_before_nm: FloatArray
+    heldout_after_nm: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +97,3 @@ class Offer:
     std: FloatArray
     fitted_rms: FloatArray
     heldout_rms: FloatArray
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

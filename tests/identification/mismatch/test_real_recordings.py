@@ -147,14 +147,14 @@ def panda() -> tuple[Diagnosis, np.ndarray]:
 def test_classes_lower_the_panda_s_error_on_rows_that_were_not_fitted(panda: tuple[Diagnosis, np.ndarray]) -> None:
     model = panda[0].class_model
     assert model is not None
-    assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
-    assert model.heldout_after[6] < 0.4 * model.heldout_before[6]
+    assert model.heldout_after_nm.sum() < 0.75 * model.heldout_before_nm.sum()
+    assert model.heldout_after_nm[6] < 0.4 * model.heldout_before_nm[6]
 
 
 def test_classes_lower_the_tx40_s_error_on_rows_that_were_not_fitted(tx40: tuple[Diagnosis, np.ndarray]) -> None:
     model = tx40[0].class_model
     assert model is not None
-    assert model.heldout_after.sum() < 0.75 * model.heldout_before.sum()
+    assert model.heldout_after_nm.sum() < 0.75 * model.heldout_before_nm.sum()
 
 
 def better_everywhere(diagnosis: Diagnosis) -> np.ndarray:
@@ -225,7 +225,7 @@ def test_what_is_hidden_on_a_joint_of_the_ur10_is_said_of_that_joint_and_modelle
     assert next(item.name for item in diagnosis.classes if item.joint == joint) == name
     model = diagnosis.class_model
     assert model is not None
-    assert model.heldout_after[joint - 1] < 0.5 * model.heldout_before[joint - 1]
+    assert model.heldout_after_nm[joint - 1] < 0.5 * model.heldout_before_nm[joint - 1]
 
 
 def test_classes_are_compared_with_the_fit_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray]) -> None:
@@ -233,7 +233,7 @@ def test_classes_are_compared_with_the_fit_of_the_same_rows(panda: tuple[Diagnos
     diagnosis = panda[0]
     assert diagnosis.class_model is not None
     assert diagnosis.heldout is not None
-    np.testing.assert_array_equal(diagnosis.class_model.heldout_before, diagnosis.heldout.rms_before_nm)
+    np.testing.assert_array_equal(diagnosis.class_model.heldout_before_nm, diagnosis.heldout.rms_before_nm)
 
 
 def test_a_name_takes_no_class_of_a_joint_that_it_does_not_act_on(

@@ -31,6 +31,6 @@ def test_the_constant_part_of_a_function_of_position_is_in_its_curve_and_in_its_
     truth = 0.4 / (1.0 + np.exp(-(place - 0.1) / 0.1))
     # What base parameters may take up is open: gravity's first harmonic, but no constant.
     open_to_base = np.stack([np.sin(place), np.cos(place)], axis=1)
-    missed = truth - claim.curve.mean
+    missed = truth - claim.curve.mean_nm
     left = missed - open_to_base @ np.linalg.lstsq(open_to_base, missed, rcond=None)[0]
     assert np.abs(left).max() < 0.01

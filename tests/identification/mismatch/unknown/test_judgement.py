@@ -107,10 +107,10 @@ def test_a_class_that_a_name_takes_is_no_mismatch_of_its_own(iiwa14: RobotModel,
 def test_a_class_lowers_the_error_of_a_motion_that_was_not_fitted(humped: Diagnosis) -> None:
     model = humped.class_model
     assert model is not None
-    assert model.heldout_after[2] < 0.7 * model.heldout_before[2]
+    assert model.heldout_after_nm[2] < 0.7 * model.heldout_before_nm[2]
     assert humped.classes[0].heldout_gain_nm[2] > 0.0
     others = [0, 1, 3, 4, 5, 6]
-    assert np.all(model.heldout_after[others] < 1.05 * model.heldout_before[others])
+    assert np.all(model.heldout_after_nm[others] < 1.05 * model.heldout_before_nm[others])
 
 
 def test_the_curve_of_a_class_is_the_torque_within_its_band(humped: Diagnosis) -> None:
@@ -119,10 +119,10 @@ def test_the_curve_of_a_class_is_the_torque_within_its_band(humped: Diagnosis) -
     truth = 0.3 / (1.0 + ((curve.place - 0.1) / 0.3) ** 4)
     # What base parameters may take up is open: a constant and gravity's first harmonic.
     open_to_base = np.stack([np.ones_like(truth), np.sin(curve.place), np.cos(curve.place)], axis=1)
-    missed = truth - curve.mean
+    missed = truth - curve.mean_nm
     left = missed - open_to_base @ np.linalg.lstsq(open_to_base, missed, rcond=None)[0]
     assert np.std(left) < 0.25 * np.std(truth)
-    assert np.mean(np.abs(left) < 3.0 * curve.std) > 0.9
+    assert np.mean(np.abs(left) < 3.0 * curve.std_nm) > 0.9
 
 
 def test_the_contract_s_fields_are_there(humped: Diagnosis) -> None:
@@ -199,18 +199,18 @@ def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity() -> No
     diagnosis = _recorded("emps_a.npz", "emps.urdf")
     (claim,) = (item for item in diagnosis.classes if item.name == "own_velocity")
     assert claim.curve is not None
-    speed, even = claim.curve.place, 0.5 * (claim.curve.mean + claim.curve.mean[::-1])
+    speed, even = claim.curve.place, 0.5 * (claim.curve.mean_nm + claim.curve.mean_nm[::-1])
     fast = speed > 0.2 * speed.max()
     assert np.polyfit(speed[fast], even[fast], 1)[0] == pytest.approx(-36.86, rel=0.15)
     model = diagnosis.class_model
     assert model is not None
-    assert model.heldout_after[0] < 0.5 * model.heldout_before[0]
+    assert model.heldout_after_nm[0] < 0.5 * model.heldout_before_nm[0]
     # The axis slides; and no class alone can bring more than all classes together bring.
     assert "force" in claim.sentence
     assert "N RMS" in claim.sentence
     assert "Nm" not in claim.sentence
     for item in diagnosis.classes:
-        assert item.heldout_gain_nm[0] <= model.heldout_before[0] - model.heldout_after[0] + 1e-12
+        assert item.heldout_gain_nm[0] <= model.heldout_before_nm[0] - model.heldout_after_nm[0] + 1e-12
 
 
 def test_torque_without_a_name_is_part_of_the_model_that_validate_reads(
