@@ -14,17 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.investigation.columns import Form, form_rows
+from identification.investigation.columns import Form, form_rows, stacked
 from identification.investigation.discrepancy import Discrepancies, variances_of
 from identification.investigation.free_functions import nearest
 from identification.investigation.hypotheses import NOTHING, Assessment, Hypothesis
-from identification.investigation.screening import Screened, Weighting, screen, stacked, wrong_way
+from identification.investigation.screening import Screened, Weighting, screen, wrong_way
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.evidence import FREE, loss_without
+from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.named import ABSENT
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
@@ -119,27 +119,16 @@ def _with_classes(plain: Selection) -> Selection:
     return result
 
 
-def _losses(selection: Selection, joint: int, state: JointState) -> dict[int, float]:
-    """Nats that the evidence falls without each class of a joint, all else as it is."""
-    if not state.groups:
-        return {}
-    now = selection.posterior(joint, state)
-    return {
-        number: loss_without(state.gram, state.hyper, now, places)
-        for number, places in selection.classes(joint, state).items()
-    }
-
-
 def _background(selection: Selection) -> float:
     """Nats of the smooth error that weighs most on any joint."""
-    losses = (_losses(selection, joint, state) for joint, state in enumerate(selection.states))
+    losses = (selection.losses(joint, state) for joint, state in enumerate(selection.states))
     return max((loss for own in losses for number, loss in own.items() if number in _BACKGROUND), default=0.0)
 
 
 def _fewer(selection: Selection, joint: int) -> JointState:
     """A joint's state without the classes that are not missed, the least missed first, the rest estimated anew."""
     state = selection.settled(joint, selection.states[joint], FULL_ROUNDS)
-    while losses := _losses(selection, joint, state):
+    while losses := selection.losses(joint, state):
         least = min(losses, key=lambda number: losses[number])
         shorter = selection.settled(joint, selection.without(joint, state, [least]), FULL_ROUNDS)
         if selection.score(joint, shorter) <= selection.score(joint, state):

@@ -21,8 +21,7 @@ from identification.investigation.experiments import PERIOD_S, Experiment, Room,
 from identification.investigation.forecast import Forecast, forecast
 from identification.investigation.hypotheses import Assessment, Hypothesis
 from identification.investigation.separation import Layout, separations
-from identification.mismatch.detectability import PlannedRows
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, PlannedRows
 
 TRIALS, IMPROVEMENTS = 48, 96
 KEPT = 4

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -17,11 +16,11 @@ from scipy.linalg import cholesky, solve_triangular
 from identification.arrays import FloatArray, IntArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.discrepancy import Discrepancies
-from identification.mismatch.detectability import PlannedRows, Rows
 from identification.mismatch.effects import EFFECTS, effect_named
 from identification.mismatch.effects.base import Effect, Place
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, PlannedRows, Rows
 from identification.mismatch.motion import Motion
+from identification.mismatch.search.library import evaluate, grid_of
 from identification.signals.periodic import differentiate_harmonics, to_lines
 from identification.signals.standstill import over_standstills
 
@@ -49,16 +48,14 @@ class Form:
         return len(effect_named(self.effect).units)
 
 
-def forms_of(motion: Motion, effects: Sequence[Effect] = EFFECTS) -> Iterator[tuple[Effect, Place, tuple[Form, ...]]]:
+def forms_of(motion: Motion) -> Iterator[tuple[Effect, Place, tuple[Form, ...]]]:
     """Every repeatable effect at every place, with a form for each point of its grid."""
-    for effect in effects:
+    for effect in EFFECTS:
         if effect.stage != "repeatable":
             continue
         for place in effect.places(motion):
-            parameters = effect.shape_parameters(motion, place)
-            names = [item.name for item in parameters]
-            points = product(*(item.grid for item in parameters))
-            yield effect, place, tuple(Form.of(effect.name, place, dict(zip(names, p, strict=True))) for p in points)
+            shapes = grid_of(effect, place, motion)
+            yield effect, place, tuple(Form.of(effect.name, place, dict(shape)) for shape in shapes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,11 +105,15 @@ class Sums:
                 half = solve_triangular(factor, root[:, None] * across, lower=True, check_finite=False)
                 gram = gram - half.T @ half
         base = gram[:p, :p]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
-        inverse = np.linalg.pinv(base * np.outer(scale, scale), _RANK, hermitian=True) * np.outer(scale, scale)
         across = gram[:p, p:]
-        rest = gram[p:, p:] - across.T @ inverse @ across
+        rest = gram[p:, p:] - across.T @ scaled_inverse(base) @ across
         return np.asarray(0.5 * (rest + rest.T))
+
+
+def scaled_inverse(gram: FloatArray) -> FloatArray:
+    """Pseudo-inverse of a Gram matrix, its columns scaled to one."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return np.asarray(np.linalg.pinv(gram * np.outer(scale, scale), _RANK, hermitian=True) * np.outer(scale, scale))
 
 
 def sums_of(
@@ -145,10 +146,17 @@ def sums_of(
 def form_rows(rows: Rows, form: Form) -> FloatArray:
     """(R, n, m) Nm per unit of each coefficient; zeros where the motion does not let the effect act."""
     result = np.zeros((*rows.noise.shape, form.size))
-    columns = effect_named(form.effect).columns(rows.motion, form.place, dict(form.shape))
-    if columns is not None:
-        result[:, list(columns.joints)] = rows.project(columns.values)
+    joints, columns = stacked([rows], form)
+    result[:, list(joints)] = columns.transpose(1, 0, 2)
     return result
+
+
+def stacked(rows: Sequence[Rows], form: Form) -> tuple[tuple[int, ...], FloatArray]:
+    """Joints, from 0, and columns (len(joints), R, m) Nm of a form on all rows together."""
+    found = evaluate(effect_named(form.effect), form.place, dict(form.shape), rows)
+    if found is None:
+        return (), np.zeros((0, sum(len(item.noise) for item in rows), form.size))
+    return found.joints, found.rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from identification.arrays import FloatArray
 from identification.investigation.actions import friction_columns, is_same
-from identification.investigation.columns import Form, Sums, form_rows, sums_of
+from identification.investigation.columns import Form, Sums, form_rows, scaled_inverse, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.evidence import Evidence
 
@@ -113,9 +113,7 @@ def _fit(
     """Coefficients of the named forms and of some changes, and their covariance."""
     own = [_OWN * places.index(place) + column + first for place in chosen for column in range(_OWN)]
     kept = np.array([*range(first), *own], dtype=np.int64)
-    gram = rest[kept[:, None], kept]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    covariance = np.linalg.pinv(gram * np.outer(scale, scale), 1e-10, hermitian=True) * np.outer(scale, scale)
+    covariance = scaled_inverse(rest[kept[:, None], kept])
     return covariance @ rest[kept, -1], covariance
 
 

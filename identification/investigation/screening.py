@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.investigation.columns import Form, forms_of
-from identification.mismatch.effects import effect_named
+from identification.investigation.columns import Form, forms_of, stacked
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.unknown.selection import Selection
@@ -96,19 +95,6 @@ class Screened:
     gain: float
     coefficients: FloatArray
     spread: float
-
-
-def stacked(rows: Sequence[Evidence], form: Form) -> tuple[tuple[int, ...], FloatArray]:
-    """Joints, from 0, and columns (len(joints), R, m) Nm of a form on all evidences together."""
-    found = [effect_named(form.effect).columns(item.motion, form.place, dict(form.shape)) for item in rows]
-    joints = sorted({joint for columns in found if columns is not None for joint in columns.joints})
-    parts = []
-    for item, columns in zip(rows, found, strict=True):
-        part = np.zeros((len(joints), len(item.frequency), form.size))
-        if columns is not None:
-            part[[joints.index(joint) for joint in columns.joints]] = item.project(columns.values).transpose(1, 0, 2)
-        parts.append(part)
-    return tuple(joints), np.concatenate(parts, axis=1)
 
 
 def screen(

@@ -28,7 +28,7 @@ from identification.investigation.actions import (
 from identification.investigation.added_mass import AddedMass, less_torque, without_added_mass
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
-from identification.investigation.columns import Form
+from identification.investigation.columns import Form, scaled_inverse
 from identification.investigation.day_terms import DayTerm, day_terms
 from identification.investigation.hypotheses import Assessment, describe
 from identification.investigation.separation import agreement
@@ -214,9 +214,7 @@ def _coulomb(found: Study, regressor: BaseRegressor, values: FloatArray, joint: 
     """Coulomb friction of a joint (from 0) and its deviation, Nm."""
     sums = found.chooser.recorded
     column = regressor.position_of(f"FS_{joint + 1}")
-    base = sums.gram[: sums.base, : sums.base]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
-    covariance = np.linalg.pinv(base * np.outer(scale, scale), 1e-10, hermitian=True) * np.outer(scale, scale)
+    covariance = scaled_inverse(sums.gram[: sums.base, : sums.base])
     return float(values[column]), math.sqrt(float(covariance[column, column]))
 
 

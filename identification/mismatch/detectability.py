@@ -10,22 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
-from typing import Protocol
+from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.effects.base import Effect, Estimate, Parameter, Place
 from identification.mismatch.effects.equivalence import Relation, relation
+from identification.mismatch.evidence import PlannedRows, Rows
 from identification.mismatch.motion import Motion
+from identification.mismatch.search.library import evaluate
+from identification.mismatch.settings import DiagnosisSettings
 from identification.signals.periodic import to_lines
-from identification.signals.processed import LinearOperator
-
-IntArray = npt.NDArray[np.intp]
 
 ORACLE_STRENGTH = 24.0
 """λ at which a test that knows the effect's waveform sees it in 99 % of recordings, at 1 % false alarms."""
@@ -33,36 +31,6 @@ ORACLE_STRENGTH = 24.0
 # Share of an effect's energy below which what is left is rounding: nothing of it can be seen.
 NOTHING_LEFT = 1e-9
 _RANK = 1e-8
-
-
-class Rows(Protocol):
-    """What is needed of a stretch: `Evidence` has it, and `planned_rows` makes it for a motion not recorded yet."""
-
-    @property
-    def motion(self) -> Motion:
-        """What effects see."""
-
-    @property
-    def project(self) -> LinearOperator:
-        """(S, …) → (R, …)."""
-
-    @property
-    def nominal(self) -> FloatArray:
-        """(R, n, p) rows of the base regressor."""
-
-    @property
-    def noise(self) -> FloatArray:
-        """(R, n) Nm, standard deviation of each row's noise."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlannedRows:
-    """Rows of a motion that is planned, with the noise to be expected; fields as in `Rows`."""
-
-    motion: Motion
-    project: LinearOperator
-    nominal: FloatArray
-    noise: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,24 +91,20 @@ class Pair:
     relation: Relation
 
 
-def planned_rows(
-    motion: Motion, regressor: BaseRegressor, noise_nm: FloatArray, *, periods: int = 1, bandwidth_hz: float = 60.0
-) -> PlannedRows:
-    """Rows of a periodic motion before it is recorded, lines 0 to bandwidth_hz of its period.
+def planned_rows(motion: Motion, regressor: BaseRegressor, noise_nm: FloatArray, *, periods: int = 1) -> PlannedRows:
+    """Rows of a periodic motion before it is recorded, lines 0 to the bandwidth that torque is compared in.
 
     noise_nm: (n,) standard deviation of white torque noise per sample of one period; the mean of K periods has 1/√K.
     """
     duration = motion.samples * motion.sampling_period_s
-    lines = min(int(bandwidth_hz * duration), (motion.samples - 1) // 2)
+    lines = min(int(DiagnosisSettings().torque_bandwidth_hz * duration), (motion.samples - 1) // 2)
     nominal = to_lines(regressor.matrix(motion.position, motion.velocity, motion.acceleration), lines)
     noise = np.broadcast_to(np.asarray(noise_nm) / math.sqrt(periods), nominal.shape[:2])
     return PlannedRows(motion, lambda values: to_lines(values, lines), nominal, noise)
 
 
-def candidates(
-    rows: Sequence[Rows], effects: Sequence[Effect] = EFFECTS, *, every_shape: bool = False
-) -> tuple[Candidate, ...]:
-    """All repeatable effects at all places: at the middle of their grids, or at every grid point.
+def candidates(rows: Sequence[Rows], effects: Sequence[Effect] = EFFECTS) -> tuple[Candidate, ...]:
+    """All repeatable effects at all places, at the middle of their grids.
 
     rows: one or several stretches that are fitted together. Effects that exert no torque on any of them are left out.
     """
@@ -148,11 +112,13 @@ def candidates(
     joints, count, parameters = nominal.shape
     blocks = _orthonormal(nominal.reshape(joints * count, parameters)).reshape(joints, count, -1)
     found = []
-    for effect, place, shape in _points(rows[0].motion, effects, every_shape):
-        columns = _rows_of(effect, place, shape, rows)
-        if columns is None:
+    noise = np.concatenate([part.noise for part in rows])
+    for effect, place, shape in _points(rows[0].motion, effects):
+        seen = evaluate(effect, place, shape, rows)
+        if seen is None:
             continue
-        touched, values = columns
+        touched = list(seen.joints)
+        values = seen.rows / noise.T[touched][..., None]
         coordinates = np.einsum("jrp,jrm->pm", blocks[touched], values)
         left = -np.einsum("jrp,pm->jrm", blocks, coordinates)
         left[touched] += values
@@ -174,35 +140,13 @@ def confusable(found: Sequence[Candidate], cosine: float = 0.9) -> tuple[Pair, .
     return tuple(sorted(pairs, key=lambda pair: -pair.relation.cosine))
 
 
-def _points(
-    motion: Motion, effects: Sequence[Effect], every_shape: bool
-) -> Iterator[tuple[Effect, Place, dict[str, float]]]:
+def _points(motion: Motion, effects: Sequence[Effect]) -> Iterator[tuple[Effect, Place, dict[str, float]]]:
     for effect in effects:
         if effect.stage != "repeatable":
             continue
         for place in effect.places(motion):
             shapes = effect.shape_parameters(motion, place)
-            grids = [shape.grid if every_shape else (shape.grid[len(shape.grid) // 2],) for shape in shapes]
-            for values in product(*grids):
-                yield effect, place, {shape.name: value for shape, value in zip(shapes, values, strict=True)}
-
-
-def _rows_of(
-    effect: Effect, place: Place, shape: Mapping[str, float], rows: Sequence[Rows]
-) -> tuple[list[int], FloatArray] | None:
-    """Joints from 0, and whitened rows (joints, R, m) over all stretches."""
-    parts = [effect.columns(part.motion, place, shape) for part in rows]
-    present = [part for part in parts if part is not None]
-    if not present:
-        return None
-    joints, size = list(present[0].joints), present[0].values.shape[2]
-    blocks = [
-        np.zeros((len(joints), stretch.noise.shape[0], size))
-        if part is None
-        else _whitened(stretch.project(part.values), stretch.noise[:, joints])
-        for part, stretch in zip(parts, rows, strict=True)
-    ]
-    return joints, np.concatenate(blocks, axis=1)
+            yield effect, place, {shape.name: shape.grid[len(shape.grid) // 2] for shape in shapes}
 
 
 def _whitened(values: FloatArray, noise: FloatArray) -> FloatArray:

@@ -75,6 +75,20 @@ class Evidence:
         return 1 if self.period_torque is None else int(self.period_torque.shape[0])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedRows:
+    """Rows of a motion that is planned, with the noise to be expected; fields as in `Evidence`."""
+
+    motion: Motion
+    project: LinearOperator
+    nominal: FloatArray
+    noise: FloatArray
+
+
+Rows = Evidence | PlannedRows
+"""Rows that effects can be seen in, of a recording or of a motion not recorded yet."""
+
+
 def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
     """Base parameters (p,) that fit the means of all evidences together, rows weighted by their noise.
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, Rows
+from identification.mismatch.motion import Motion
 
 Shape = tuple[tuple[str, float], ...]
 
@@ -82,17 +83,9 @@ class Library:
         points = (len(item.grid) for item, there in zip(parameters, held, strict=True) if freed or not there)
         return math.log(math.prod(points)) + COEFFICIENT_COST * freed
 
-    def places(self, effect: Effect) -> tuple[Place, ...]:
-        """Every place of an effect on this robot."""
-        return tuple(effect.places(self.evidences[0].motion))
-
     def grid(self, effect: Effect, place: Place) -> tuple[Shape, ...]:
         """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""
-        parameters = effect.shape_parameters(self.evidences[0].motion, place)
-        names = [parameter.name for parameter in parameters]
-        return tuple(
-            tuple(zip(names, values, strict=True)) for values in product(*(parameter.grid for parameter in parameters))
-        )
+        return grid_of(effect, place, self.evidences[0].motion)
 
     def candidates(self) -> tuple[list[EffectRows], list[tuple[Effect, Place]]]:
         """All repeatable effects at all places and grid points, and the pairs that the motion does not let act."""
@@ -101,7 +94,7 @@ class Library:
         for effect in self.effects:
             if effect.stage != "repeatable":
                 continue
-            for place in self.places(effect):
+            for place in effect.places(self.evidences[0].motion):
                 rows = [
                     item for item in (self.rows(effect, place, shape) for shape in self.grid(effect, place)) if item
                 ]
@@ -111,9 +104,16 @@ class Library:
         return found, inactive
 
 
-def evaluate(
-    effect: Effect, place: Place, shape: Mapping[str, float], evidences: Sequence[Evidence]
-) -> EffectRows | None:
+def grid_of(effect: Effect, place: Place, motion: Motion) -> tuple[Shape, ...]:
+    """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""
+    parameters = effect.shape_parameters(motion, place)
+    names = [parameter.name for parameter in parameters]
+    return tuple(
+        tuple(zip(names, values, strict=True)) for values in product(*(parameter.grid for parameter in parameters))
+    )
+
+
+def evaluate(effect: Effect, place: Place, shape: Mapping[str, float], evidences: Sequence[Rows]) -> EffectRows | None:
     """Project an effect's columns like the torque, evidence by evidence; zero rows where one does not let it act."""
     parts = [effect.columns(evidence.motion, place, shape) for evidence in evidences]
     present = [part for part in parts if part is not None]
@@ -123,7 +123,7 @@ def evaluate(
     size = present[0].values.shape[2]
     blocks = []
     for evidence, part in zip(evidences, parts, strict=True):
-        block = np.zeros((len(joints), evidence.frequency.size, size))
+        block = np.zeros((len(joints), evidence.noise.shape[0], size))
         if part is not None:
             projected = evidence.project(np.asarray(part.values, dtype=np.float64))
             for position, joint in enumerate(part.joints):

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Selection
 from identification.mismatch.unknown.states import Held, JointState
 
@@ -63,11 +62,7 @@ def eliminated(selection: Selection, joint: int, banned: frozenset[int] = frozen
     full = selection.without(joint, selection.full(joint), sorted(banned)) if banned else selection.full(joint)
     state = selection.settled(joint, full, FEW_ROUNDS, quiet=FULL_ROUNDS)
     while state.groups:
-        now = selection.posterior(joint, state)
-        losses = {
-            number: loss_without(state.gram, state.hyper, now, places)
-            for number, places in selection.classes(joint, state).items()
-        }
+        losses = selection.losses(joint, state)
         weak = [number for number, loss in losses.items() if loss < WEAK]
         least = min(losses, key=lambda number: losses[number])
         if losses[least] < selection.settings.prior_cost:

@@ -12,7 +12,6 @@ from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, beside
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence
-from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.settings import ClaimSettings
 
 ClassOnJoint = tuple[int, int]
@@ -44,6 +43,7 @@ class ClassCovariance:
         for joint, state in enumerate(alone.states):
             scale = np.where(plain.weight[joint] > 0.0, plain.weight[joint], np.inf)[:, None]
             own, kept = alone.rows.joints[joint], [np.zeros((plain.rows, 0))]
+            missed = alone.losses(joint, state)
             for number, places in held[joint].items():
                 groups = own.group[alone.columns(joint, state, places)]
                 variance = dict(zip(state.groups, state.hyper.variance.tolist(), strict=True))
@@ -53,8 +53,7 @@ class ClassCovariance:
                     kept.append(rows)
                     continue
                 columns[joint, number] = rows
-                now = alone.posterior(joint, state)
-                losses[joint, number] = loss_without(state.gram, state.hyper, now, places)
+                losses[joint, number] = missed[number]
             if smooth:
                 kept.append(_mean_of(found, plain.rows, joint) / scale)
             always.append(np.concatenate(kept, axis=1))

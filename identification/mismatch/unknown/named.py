@@ -19,7 +19,6 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.evidence import loss_without
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.settings import ClaimSettings
@@ -108,7 +107,7 @@ def held_beside(
         rows = every.with_columns([(name.columns, name.size) for name in names])
         whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
     losses = {
-        joint: _lost(whole, joint, whole.families(joint, whole.states[joint]))
+        joint: whole.losses(joint, whole.states[joint], whole.families(joint, whole.states[joint]))
         for joint in range(every.problem.n)
         if every.asked[joint]
     }
@@ -159,7 +158,7 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
     size = base.base[own]
     rivals, kept, beside, particular = [], 0.0, dict[str, float](), 0.0
     for joint in name.joints:
-        losses, left = _losses(rest, joint), _losses(whole, joint)
+        losses, left = (side.losses(joint, side.states[joint]) for side in (rest, whole))
         for number, loss in left.items():
             beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
             particular = particular if CLASSES[number].background else max(loss, particular)
@@ -199,7 +198,8 @@ def _taken_over(selection: Selection, joint: int, state: JointState) -> Selectio
 
 def _unnamed(whole: Selection, settings: ClaimSettings) -> bool:
     """Whether torque of no known form is beside the names on any joint: odds are then only as good as its functions."""
-    return any(loss >= settings.speak for joint in range(len(whole.states)) for loss in _losses(whole, joint).values())
+    found = (whole.losses(joint, state).values() for joint, state in enumerate(whole.states))
+    return any(loss >= settings.speak for losses in found for loss in losses)
 
 
 def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> tuple[float, float]:
@@ -213,25 +213,6 @@ def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) ->
     left = off(problem.basis, np.column_stack([named.ravel(), unnamed.ravel()]))
     shown, beside = (left**2).sum(axis=0).tolist()
     return shown, beside
-
-
-def _losses(selection: Selection, joint: int) -> dict[int, float]:
-    """Nats lost without each class alone."""
-    return _lost(selection, joint, {number: (number,) for number in selection.classes(joint, selection.states[joint])})
-
-
-def _lost(selection: Selection, joint: int, families: Mapping[int, Sequence[int]]) -> dict[int, float]:
-    """Nats lost without each family of classes, by the number that it goes by. A claim counts the families of
-    `Selection.families`: a class with what is part of it there.
-    """
-    state = selection.states[joint]
-    if not state.groups:
-        return {}
-    now, held = selection.posterior(joint, state), selection.classes(joint, state)
-    return {
-        number: loss_without(state.gram, state.hyper, now, sorted(place for part in family for place in held[part]))
-        for number, family in families.items()
-    }
 
 
 def _carried(rest: Selection, joint: int, number: int, whole: Selection, own: IntArray, size: FloatArray) -> float:

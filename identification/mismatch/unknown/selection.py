@@ -9,7 +9,7 @@ every stretch last in turn).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from identification.mismatch.unknown.evidence import (
     beside,
     largest_gain,
     log_prior,
+    loss_without,
     marginal,
     mean,
     posterior,
@@ -216,6 +217,22 @@ class Selection:
     def posterior(self, joint: int, state: JointState) -> Posterior:
         """Weights of a joint under a state."""
         return posterior(state.gram, state.part, self.others(joint, 0).plus(state.part))
+
+    def losses(
+        self, joint: int, state: JointState, families: Mapping[int, Sequence[int]] | None = None
+    ) -> dict[int, float]:
+        """Nats that the evidence falls without each class of a state or each family of them, all else as it is.
+
+        families: classes of each, by the number that it goes by. A claim counts the families of `Selection.families`.
+        """
+        if not state.groups:
+            return {}
+        now, held = self.posterior(joint, state), self.classes(joint, state)
+        parts = {number: (number,) for number in held} if families is None else families
+        return {
+            number: loss_without(state.gram, state.hyper, now, [place for part in family for place in held[part]])
+            for number, family in parts.items()
+        }
 
     def without(self, joint: int, state: JointState, numbers: Sequence[int]) -> JointState:
         """A state without some classes, not yet estimated anew."""

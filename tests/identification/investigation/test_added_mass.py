@@ -19,8 +19,8 @@ from identification.investigation.columns import (
     states_of_table,
     sums_of,
 )
-from identification.mismatch.detectability import PlannedRows
 from identification.mismatch.effects.base import Place
+from identification.mismatch.evidence import PlannedRows
 from identification.mismatch.motion import Motion
 from identification.robots import RobotModel
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -12,13 +10,13 @@ from identification.base_parameters import BaseRegressor
 from identification.mismatch.detectability import (
     ORACLE_STRENGTH,
     Candidate,
-    PlannedRows,
     candidates,
     confusable,
     planned_rows,
 )
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.equivalence import relation
+from identification.mismatch.evidence import PlannedRows
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.effects.motions import motion_of, shipped_motion
@@ -141,8 +139,3 @@ def test_confusable_pairs_are_listed_from_the_closest(found: tuple[Candidate, ..
     names = {frozenset((pair.first.effect.name, pair.second.effect.name)) for pair in pairs}
     assert frozenset(("torque_offset", "cable_spring")) in names
     assert frozenset(("bending_crosstalk", "torque_sensor_gain")) in names
-
-
-def test_every_grid_point_can_be_asked_for(rows: PlannedRows) -> None:
-    only = partial(candidates, [rows], [effect_named("stribeck_friction")])
-    assert len(only(every_shape=True)) == 7 * len(only())
