@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,18 +100,22 @@ class ExcitationLimits:
         }
 
 
+def columns_of(table: Traversable) -> dict[str, FloatArray]:
+    """Columns of a table of the package, a row each joint, by the names in its head."""
+    with table.open("r", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
 def iiwa_limits(robot: str) -> ExcitationLimits:
     """Limits of "iiwa14" or "iiwa7" from the package's table (KUKA's published positions and velocities).
 
     KUKA publishes no accelerations; those are of a public description of the iiwa (see the table).
     Raises DesignError for any other name.
     """
-    source = resources.files("identification.excitation.data").joinpath(f"limits_{robot}.csv")
     if robot not in ("iiwa14", "iiwa7"):
         raise DesignError(f"no table of limits for robot '{robot}'; give limits, or a URDF that states them")
-    with source.open("r", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-    column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    column = columns_of(resources.files("identification.excitation.data").joinpath(f"limits_{robot}.csv"))
     return ExcitationLimits(
         np.deg2rad(column["position_lower_deg"]),
         np.deg2rad(column["position_upper_deg"]),

@@ -179,11 +179,8 @@ class LocalSearch:
         self._objective = self._figure
         self._spread = PaperConstraints(problem.limits, problem.offset, 1.0 / settings.period_s, settings.harmonics).box
         rows = self._constraints.linear_rows() @ self._basis * self._scale[:, :, None]
-        joints, count, width = rows.shape
-        linear = np.zeros((joints, count, joints, width))
-        linear[np.arange(joints), :, np.arange(joints)] = rows
-        self._linear = linear.reshape(joints * count, joints * width)
-        self._shape = (joints, width)
+        self._linear = _on_own_joint(rows)
+        self._shape = (rows.shape[0], rows.shape[2])
 
     def _seen_by(self, descent: Descent) -> FourierObjective:
         settings = self._problem.settings
@@ -258,8 +255,13 @@ class LocalSearch:
 
     def _inequality_slopes(self, point: FloatArray) -> FloatArray:
         _, slopes = self._constraints.values(self._coefficients(point))
-        own = (slopes * self._scale[:, None, :]) @ self._basis
-        joints, count, width = own.shape
-        full = np.zeros((joints, count, joints, width))
-        full[np.arange(joints), :, np.arange(joints)] = own
-        return np.concatenate([full.reshape(joints * count, joints * width), -self._linear, self._linear])
+        own = _on_own_joint((slopes * self._scale[:, None, :]) @ self._basis)
+        return np.concatenate([own, -self._linear, self._linear])
+
+
+def _on_own_joint(rows: FloatArray) -> FloatArray:
+    """(n, c, m) rows of each joint's own variables as rows (n c, n m) of all variables."""
+    joints, count, width = rows.shape
+    full = np.zeros((joints, count, joints, width))
+    full[np.arange(joints), :, np.arange(joints)] = rows
+    return full.reshape(joints * count, joints * width)

@@ -6,7 +6,6 @@ Here: where the prior comes from, and the limit on torque as a term of the searc
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
@@ -17,6 +16,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
+from identification.excitation.limits import columns_of
 from identification.excitation.objective import Samples
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
@@ -53,9 +53,7 @@ def nominal_parameters(robot: RobotModel, model_file: Path | None = None) -> Phy
     source = resources.files("identification.excitation.data").joinpath(f"nominal_{robot.name}.csv")
     if not robot.name.isalnum() or not source.is_file():
         return None
-    with source.open("r", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-    at = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    at = columns_of(source)
     tensor = np.array([[at["xx"], at["xy"], at["xz"]], [at["xy"], at["yy"], at["yz"]], [at["xz"], at["yz"], at["zz"]]])
     return PhysicalParameters(
         at["mass"],

@@ -28,7 +28,7 @@ from identification.export.amended_files import (
 from identification.export.given_bodies import in_file_base, poses_at_zero
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel, load_robot
-from identification.robots.simulator_models import read_simulator_model
+from identification.robots.simulator_models import drake_plant, read_simulator_model
 
 TOLERANCE = 1e-3
 """Of the torque's size: what is read back has to be what was meant."""
@@ -186,29 +186,15 @@ def _mujoco_frames(source: Path) -> dict[str, FloatArray]:
 
 
 def _drake_frames(source: Path) -> dict[str, FloatArray]:
-    from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import MultibodyPlant
-
-    plant = MultibodyPlant(0.0)
-    (instance,) = Parser(plant).AddModels(source)
-    base = plant.get_body(plant.GetBodyIndices(instance)[0])
-    if not any(item.get("type") == "fixed" and item.findtext("parent") == "world" for item in _joints(source)):
-        plant.WeldFrames(plant.world_frame(), base.body_frame())
-    plant.Finalize()
+    plant, joints, base = drake_plant(source, ElementTree.parse(source).getroot())
     context = plant.CreateDefaultContext()
-    plant.SetPositions(context, np.zeros(plant.num_positions()))  # type: ignore[arg-type]
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
-    joints = [joint for joint in joints if joint.num_velocities() == 1]
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
     return {
         joint.name(): np.asarray(
             joint.child_body().body_frame().CalcPose(context, base.body_frame()).GetAsMatrix4(), dtype=np.float64
         )
         for joint in joints
     }
-
-
-def _joints(source: Path) -> list[ElementTree.Element]:
-    return list(ElementTree.parse(source).getroot().iter("joint"))
 
 
 def _turn(found: FloatArray, stated: FloatArray) -> FloatArray:

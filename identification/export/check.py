@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,10 +20,8 @@ from identification.errors import ExportCheckError
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import place
 from identification.robots import RobotModel
+from identification.robots.simulator_models import InverseDynamics, drake_torque, pinocchio_torque
 from identification.robots.urdf_parser import parsed_urdf
-
-InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-"""(q, q̇, q̈), each (n,) → torque (n,)."""
 
 TOLERANCE = 1e-9
 STATES = 20
@@ -127,16 +124,8 @@ def _pinocchio_mjcf(path: Path, robot: RobotModel) -> Read | None:
 
 def _by_pinocchio(model: pinocchio.Model, robot: RobotModel, terms: tuple[str, ...]) -> Read:
     model.gravity.linear = robot.gravity_in_files
-    data, order = model.createData(), [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
-
-    def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        by_file = np.zeros((3, robot.n))
-        by_file[:, order] = q, dq, ddq
-        # A continuous joint has two position numbers there: reach it from zero.
-        position = pinocchio.integrate(model, pinocchio.neutral(model), by_file[0])
-        return np.asarray(pinocchio.rnea(model, data, position, by_file[1], by_file[2])[order])
-
-    return f"Pinocchio {pinocchio.__version__}", terms, inverse_dynamics
+    order = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    return f"Pinocchio {pinocchio.__version__}", terms, pinocchio_torque(model, order)
 
 
 def _pinocchio_sdf(path: Path, robot: RobotModel) -> Read | None:
@@ -206,7 +195,6 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
     try:
         from pydrake.multibody.parsing import Parser
         from pydrake.multibody.plant import MultibodyPlant
-        from pydrake.multibody.tree import MultibodyForces_
     except ImportError as error:  # so under LC_ALL=C where Python does not speak UTF-8
         raise _RefusedError("Drake", f"it cannot be loaded here ({error})") from error
 
@@ -224,19 +212,9 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
         plant.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:  # a condition that Drake demands ends as SystemExit
         raise _RefusedError(program, _first_line(error)) from error
-    context = plant.CreateDefaultContext()
     order = [plant.GetJointByName(name).velocity_start() for name in robot.joint_names]
 
-    def inverse_dynamics(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        by_file = np.zeros((3, robot.n))
-        by_file[:, order] = q, dq, ddq
-        plant.SetPositions(context, by_file[0])
-        plant.SetVelocities(context, by_file[1])
-        forces = MultibodyForces_[float](plant)
-        plant.CalcForceElementsContribution(context, forces)
-        return np.asarray(plant.CalcInverseDynamics(context, by_file[2], forces)[order])
-
-    return program, (_ROTOR, _VISCOUS), inverse_dynamics
+    return program, (_ROTOR, _VISCOUS), drake_torque(plant, order)
 
 
 def _root_of_urdf(path: Path) -> str:

@@ -12,6 +12,7 @@ import logging
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -94,7 +95,7 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
     model = parsed_urdf(path.read_text("utf-8"))
     model.gravity.linear = robot.gravity_in_files
-    data, names = model.createData(), list(model.names)[1:]
+    names = list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
     if massless and len(massless) < robot.n:
@@ -112,13 +113,20 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
         for key in ("damping", "friction")
     )
 
+    rigid = pinocchio_torque(model, order)
+    return lambda q, dq, ddq: np.asarray(rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq), dtype=np.float64)
+
+
+def pinocchio_torque(model: pinocchio.Model, order: Sequence[int]) -> InverseDynamics:
+    """Inverse dynamics of the rigid bodies. order: places of the robot's joints among the model's velocities."""
+    data = model.createData()
+
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         state = np.zeros((3, model.nv))
         state[:, order] = q, dq, ddq
         # A continuous joint has two position numbers there: reach it from zero.
         position = pinocchio.integrate(model, pinocchio.neutral(model), state[0])
-        rigid = pinocchio.rnea(model, data, position, state[1], state[2])[order]
-        return np.asarray(rigid + damping * dq + friction * np.sign(dq), dtype=np.float64)
+        return np.asarray(pinocchio.rnea(model, data, position, state[1], state[2])[order])
 
     return torque
 
@@ -151,25 +159,38 @@ def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
 def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
     if importlib.util.find_spec("pydrake") is None:
         raise RobotError.at(path, "SDF is read by Drake, which is not installed (pip install drake).")
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
+    plant, joints, _ = drake_plant(path, root)
+    plant.mutable_gravity_field().set_gravity_vector(robot.gravity_in_files)
+    joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
+    order = [joint.velocity_start() for joint in joints]
+    dry = {item.get("name"): float(item.findtext("axis/dynamics/friction") or 0.0) for item in root.iter("joint")}
+    friction = np.array([dry.get(joint.name(), 0.0) for joint in joints])
+
+    rigid = drake_torque(plant, order)
+    return lambda q, dq, ddq: np.asarray(rigid(q, dq, ddq) + friction * np.sign(dq), dtype=np.float64)
+
+
+def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any], Any]:
+    """The model of a file with this root, its movable joints, and the link that is welded to the world."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
-    from pydrake.multibody.tree import MultibodyForces_
 
-    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
     plant = MultibodyPlant(0.0)
     (instance,) = Parser(plant).AddModels(path)
     base = plant.get_body(plant.GetBodyIndices(instance)[0])
     if not any(joint.get("type") == "fixed" and joint.findtext("parent") == "world" for joint in root.iter("joint")):
         plant.WeldFrames(plant.world_frame(), base.body_frame())
-    plant.mutable_gravity_field().set_gravity_vector(robot.gravity_in_files)  # type: ignore[arg-type]
     plant.Finalize()
-    context = plant.CreateDefaultContext()
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
-    joints = [joint for joint in joints if joint.num_velocities() == 1]
-    joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
-    order = [joint.velocity_start() for joint in joints]
-    dry = {item.get("name"): float(item.findtext("axis/dynamics/friction") or 0.0) for item in root.iter("joint")}
-    friction = np.array([dry.get(joint.name(), 0.0) for joint in joints])
+    return plant, [joint for joint in joints if joint.num_velocities() == 1], base
+
+
+def drake_torque(plant: Any, order: Sequence[int]) -> InverseDynamics:
+    """Inverse dynamics of a plant, damping and rotor inertia included. order: as for `pinocchio_torque`."""
+    from pydrake.multibody.tree import MultibodyForces_
+
+    context = plant.CreateDefaultContext()
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         state = np.zeros((3, plant.num_velocities()))
@@ -178,7 +199,6 @@ def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> Inver
         plant.SetVelocities(context, state[1])
         forces = MultibodyForces_[float](plant)
         plant.CalcForceElementsContribution(context, forces)
-        rigid = plant.CalcInverseDynamics(context, state[2], forces)[order]
-        return np.asarray(rigid + friction * np.sign(dq), dtype=np.float64)
+        return np.asarray(plant.CalcInverseDynamics(context, state[2], forces)[order])
 
     return torque

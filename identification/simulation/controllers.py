@@ -46,6 +46,16 @@ class Controller(Protocol):
         ...
 
 
+def _critically_damped(bandwidth_hz: float, state: State, set_point: SetPoint) -> FloatArray:
+    """(n,) acceleration q̈_r + 2ω(q̇_r − q̇) + ω²(q_r − q)."""
+    omega = 2.0 * np.pi * bandwidth_hz
+    return np.asarray(
+        set_point.acceleration
+        + 2.0 * omega * (set_point.velocity - state.velocity)
+        + omega**2 * (set_point.position - state.position)
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class ComputedTorque:
     """Inverse dynamics with PD: τ = M(q)(q̈_r + 2ω(q̇_r − q̇) + ω²(q_r − q)) + h(q, q̇), friction neglected.
@@ -58,12 +68,7 @@ class ComputedTorque:
 
     def torque(self, model: pinocchio.Model, data: pinocchio.Data, state: State, set_point: SetPoint) -> FloatArray:
         """The law above."""
-        omega = 2.0 * np.pi * self.bandwidth_hz
-        wanted = (
-            set_point.acceleration
-            + 2.0 * omega * (set_point.velocity - state.velocity)
-            + omega**2 * (set_point.position - state.position)
-        )
+        wanted = _critically_damped(self.bandwidth_hz, state, set_point)
         return np.array(pinocchio.rnea(model, data, state.position, state.velocity, wanted))
 
     def sentence(self) -> str:
@@ -82,14 +87,9 @@ class PositionLoop:
 
     def torque(self, model: pinocchio.Model, data: pinocchio.Data, state: State, set_point: SetPoint) -> FloatArray:
         """The law above."""
-        omega = 2.0 * np.pi * self.bandwidth_hz
+        wanted = _critically_damped(self.bandwidth_hz, state, set_point)
         inertia = np.diag(pinocchio.crba(model, data, set_point.position)).copy()
         gravity = pinocchio.computeGeneralizedGravity(model, data, set_point.position)
-        wanted = (
-            set_point.acceleration
-            + 2.0 * omega * (set_point.velocity - state.velocity)
-            + omega**2 * (set_point.position - state.position)
-        )
         return np.asarray(inertia * wanted + gravity, dtype=np.float64)
 
     def sentence(self) -> str:
