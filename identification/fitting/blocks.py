@@ -240,3 +240,11 @@ def rms_over(parts: Sequence[Evaluation], values: FloatArray | None) -> FloatArr
     counts = np.sum([part.counts for part in parts], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.sqrt(squares / np.where(counts > 0, counts, np.nan)), dtype=np.float64)
+
+
+def shortest_solution(gram: FloatArray, right: FloatArray, tolerance: float) -> FloatArray:
+    """(p,) least squares from normal equations, columns scaled to one; 0 along what they do not tell."""
+    norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
+    inverse = np.where(values > tolerance * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
+    return np.asarray(vectors @ (inverse * (vectors.T @ (right / norms))) / norms, dtype=np.float64)

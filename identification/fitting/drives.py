@@ -17,7 +17,7 @@ import numpy as np
 
 from identification.arrays import FloatArray, IntArray
 from identification.base_parameters import BaseRegressor
-from identification.fitting.blocks import Block
+from identification.fitting.blocks import Block, shortest_solution
 
 CLEAR = 3.0
 """Deviations by which an offset stands clear of zero; four of seven do so by chance in 1 of 10⁹ fits."""
@@ -118,11 +118,7 @@ def _fold_products(blocks: list[Block]) -> list[FloatArray]:
 
 def _solve(products: FloatArray, weights: FloatArray, columns: IntArray) -> FloatArray:
     gram = np.einsum("n,nij->ij", weights, products)
-    norms = np.sqrt(np.maximum(np.diag(gram)[columns], 1e-300))
-    scaled = gram[np.ix_(columns, columns)] / np.outer(norms, norms)
-    values, vectors = np.linalg.eigh(scaled)
-    inverse = np.where(values > _RELATIVE_CUTOFF * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
-    return np.asarray(vectors @ (inverse * (vectors.T @ (gram[columns, -1] / norms))) / norms, dtype=np.float64)
+    return shortest_solution(gram[np.ix_(columns, columns)], gram[columns, -1], _RELATIVE_CUTOFF)
 
 
 def _squares(products: FloatArray, columns: IntArray, values: FloatArray) -> FloatArray:

@@ -22,7 +22,6 @@ from identification.estimators.least_squares import LeastSquaresResult, solve_le
 from identification.fitting.blocks import Block, observation, whiten
 from identification.fitting.covariance import coloured_covariance
 from identification.signals.outliers import HUBER_BOUND, unclipped_share
-from identification.signals.processed import ProcessedSignals
 
 _ROUNDS = 5
 _DEVIATION_FROM_MEDIAN = 1.4826
@@ -90,8 +89,12 @@ def bound_outliers(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     open_blocks = [block for block in blocks if not block.signals.outliers_bounded]
     if not open_blocks:
         return blocks
-    models = {id(block): _model(block.signals, regressor, values) for block in open_blocks}
-    residuals = {key: block.signals.torque - models[key] for block in open_blocks for key in (id(block),)}
+    stretches = {id(block): block.signals for block in open_blocks}
+    models = {
+        key: regressor.matrix(item.position, item.velocity, item.acceleration) @ values
+        for key, item in stretches.items()
+    }
+    residuals = {key: item.torque - models[key] for key, item in stretches.items()}
     pooled = np.concatenate(list(residuals.values()))
     bound = HUBER_BOUND * _DEVIATION_FROM_MEDIAN * np.median(np.abs(pooled), axis=0)
     share = unclipped_share(pooled, bound)
@@ -116,8 +119,3 @@ def estimate_with_bounded_outliers(blocks: list[Block], regressor: BaseRegressor
         bounded = bound_outliers(blocks, result.least_squares.values, regressor)
         result = estimate_parameters(bounded, regressor.names, "maximum_likelihood")
     return replace(result, ordinary=ordinary)
-
-
-def _model(signals: ProcessedSignals, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
-    """(S, n) torque of the model over a stretch's time grid."""
-    return np.asarray(regressor.matrix(signals.position, signals.velocity, signals.acceleration) @ values)

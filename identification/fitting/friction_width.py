@@ -15,7 +15,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, direction_of
-from identification.fitting.blocks import Block
+from identification.fitting.blocks import Block, shortest_solution
 
 GRID = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, 2e-1)
 """Widths that are tried, rad/s (m/s): narrower ones lie within what standstills leave out."""
@@ -122,10 +122,5 @@ class _Profile:
             if own > 0.0:
                 products[joint] -= np.outer(shared, shared) / own
         total = products.sum(axis=0)
-        norms = np.sqrt(np.maximum(np.diag(total)[:-1], 1e-300))
-        scaled = total[:-1, :-1] / np.outer(norms, norms)
-        values, vectors = np.linalg.eigh(scaled)
-        inverse = np.where(values > _TOLERANCE * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
-        solution = vectors @ (inverse * (vectors.T @ (total[:-1, -1] / norms))) / norms
-        direction = np.append(solution, -1.0)
+        direction = np.append(shortest_solution(total[:-1, :-1], total[:-1, -1], _TOLERANCE), -1.0)
         return np.asarray(np.einsum("i,nij,j->n", direction, products, direction))

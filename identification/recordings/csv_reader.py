@@ -52,7 +52,6 @@ def read_csv(path: Path) -> list[RawTable]:
         for name in dict.fromkeys(name for name, _ in columns)
         if name != "t"
     }
-    period = _setting_number(path, settings, "period_s")
     names = settings.get("joint_names")
     table = RawTable(
         path=path,
@@ -61,7 +60,7 @@ def read_csv(path: Path) -> list[RawTable]:
         position=arrays["q"],
         torque=arrays["tau"],
         optional={OPTIONAL_FIELDS[name]: arrays[name] for name in arrays if name in OPTIONAL_FIELDS},
-        period_s=period if period else None,
+        period_s=_period(path, settings),
         robot=resolve_robot(path, settings.get("robot", "")),
         joint_names=None if names is None else tuple(name.strip() for name in names.split(",")),
         units={quantity: settings[name] for name, quantity in UNIT_FIELDS.items() if name in settings},
@@ -82,13 +81,13 @@ def _settings(lines: list[str]) -> tuple[dict[str, str], int]:
     return settings, len(lines)
 
 
-def _setting_number(path: Path, settings: dict[str, str], name: str) -> float | None:
-    if name not in settings:
-        return None
+def _period(path: Path, settings: dict[str, str]) -> float | None:
+    """Stated period, s; None where it is not stated, or zero."""
+    text = settings.get("period_s", "0")
     try:
-        return float(settings[name])
+        return float(text) or None
     except ValueError:
-        raise RecordingError.named(path, f"{name}={settings[name]} is no number", field=name) from None
+        raise RecordingError.named(path, f"period_s={text} is no number", field="period_s") from None
 
 
 def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
@@ -131,15 +130,8 @@ def _values(
     body = [(index + 1, line) for index, line in enumerate(lines[first:], start=first) if line.strip()]
     if body and body[-1][1].count(",") < len(header) - 1:
         number, _ = body.pop()
-        findings.append(
-            Finding(
-                "truncated_row",
-                len(body) + 1,
-                len(body) + 1,
-                1,
-                f"the last line ({number}) breaks off before its last column; it was left out",
-            )
-        )
+        row, sentence = len(body) + 1, f"the last line ({number}) breaks off before its last column; it was left out"
+        findings.append(Finding("truncated_row", row, row, 1, sentence))
     if not body:
         raise RecordingError.named(path, "holds a header but no rows")
     try:

@@ -97,16 +97,11 @@ def _usable(states: dict[str, Any], findings: list[Finding]) -> tuple[dict[str, 
     )
     bad = np.flatnonzero(~usable) + 1
     if bad.size:
-        findings.append(
-            Finding(
-                "unusable_message",
-                int(bad[0]),
-                int(bad[-1]),
-                bad.size,
-                f"{bad.size} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
-                "late; they were left out",
-            )
+        sentence = (
+            f"{bad.size} messages between {bad[0]} and {bad[-1]} carry no position or torque, or came twice or too "
+            "late; they were left out"
         )
+        findings.append(Finding.of_rows("unusable_message", bad, sentence))
     left_out = states["sequence_counter"][~usable].astype(np.int64)
     return {name: values[usable] for name, values in states.items()} if bad.size else states, left_out
 
@@ -161,16 +156,11 @@ def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: int, fi
     places = np.flatnonzero(anew)
     if places.size:
         further = f" and {places.size - 1} times more" if places.size > 1 else ""
-        findings.append(
-            Finding(
-                "counter_restart",
-                int(places[0]) + 1,
-                int(places[-1]) + 2,
-                places.size,
-                f"the robot's sequence counter was begun anew after row {places[0] + 1}{further}; what was lost there "
-                "is not known",
-            )
+        sentence = (
+            f"the robot's sequence counter was begun anew after row {places[0] + 1}{further}; what was lost there "
+            "is not known"
         )
+        findings.append(Finding("counter_restart", int(places[0]) + 1, int(places[-1]) + 2, places.size, sentence))
     return np.where(anew, 1, steps)
 
 
@@ -185,29 +175,16 @@ def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings
         missing += absent
         places += [place] if absent else []
     if missing:
-        findings.append(
-            Finding(
-                "lost_samples",
-                places[0] + 1,
-                places[-1] + 2,
-                missing,
-                f"{missing} messages of the robot are missing at {len(places)} places, seen by its sequence counter",
-            )
-        )
+        sentence = f"{missing} messages of the robot are missing at {len(places)} places, seen by its sequence counter"
+        findings.append(Finding("lost_samples", places[0] + 1, places[-1] + 2, missing, sentence))
 
 
 def _robot_time(clock: IntArray | None, steps: IntArray, send_period_ms: int, findings: list[Finding]) -> FloatArray:
     """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period."""
     if clock is not None and np.all(np.diff(clock) > 0):
         return np.asarray((clock - clock[0]) * 1e-9, dtype=np.float64)
-    rows = len(steps) + 1
-    findings.append(
-        Finding(
-            "no_robot_clock",
-            1,
-            rows,
-            rows,
-            "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period",
-        )
+    sentence = (
+        "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period"
     )
+    findings.append(Finding.of_all("no_robot_clock", len(steps) + 1, sentence))
     return np.asarray(np.concatenate([[0], np.cumsum(steps)]) * 1e-3 * send_period_ms, dtype=np.float64)
