@@ -17,7 +17,7 @@ from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import REPORT
 from identification.audit.difference import Audit, Difference
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
-from identification.audit.misread import Misread, by_its_velocity, in_degrees, misread_order
+from identification.audit.misread import by_its_velocity, in_degrees, misread, misread_order
 from identification.audit.numbers import found_numbers
 from identification.audit.rows import COULOMB_VELOCITY, rows_of
 from identification.audit.search import Audited, search
@@ -64,26 +64,26 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     Raises RecordingError for recordings that are too short or at rest, ModelFileError or RobotError for a model of
     another arm, EstimationError for a load beyond reason.
     """
-    misread: list[Misread] = []
+    read_otherwise: list[Difference] = []
     degrees = [in_degrees(recording, robot.kinematics.revolute) for recording in recordings]
     if all(recording is not None for recording in degrees):
         recordings = [recording for recording in degrees if recording is not None]
         every = tuple(range(1, robot.n + 1))
-        misread.append(Misread("wrong_unit", every, 0.0, "The positions are in degrees, read as radians"))
+        read_otherwise.append(misread("wrong_unit", every, 1.0, "The positions are in degrees, read as radians"))
     clock = by_its_velocity(recordings)
     if clock is not None:
         recordings, what = clock
-        misread.append(what)
+        read_otherwise.append(what)
     given = _prepared(recordings, robot, model, called)
     other = misread_order(given.geometry, given.set_up, given.model)
     if other is not None:
         order, what = other
-        misread.append(what)
+        read_otherwise.append(what)
         given = replace(given, geometry=Geometry(robot, given.geometry.rows.in_order(order)))
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
-    return _said(found, given, misread)
+    return _said(found, given, read_otherwise)
 
 
 def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Explanation:
@@ -125,7 +125,7 @@ def _too_wide(given: _Given) -> bool:
     return bool(min(wide) > TOO_WIDE**2 * size)
 
 
-def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
+def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -> Audit:
     model, first, now = given.model, found.first, found.now
     noise = now.noise
     before, after, least = (
@@ -150,20 +150,7 @@ def _said(found: Audited, given: _Given, misread: Sequence[Misread]) -> Audit:
     if (found.signs < 0.0).any():
         share = 1.0 - float(np.sum((after / noise.std) ** 2) / np.sum((before / noise.std) ** 2))
         differences.insert(0, turned_signs(found.signs, share, float("nan"), model.name))
-    differences[:0] = [
-        Difference(
-            item.effect,
-            None,
-            None,
-            item.numbers,
-            1.0 - item.stays,
-            float("nan"),
-            "recording",
-            f"{item.text}.",
-            joints=item.joints,
-        )
-        for item in misread
-    ]
+    differences[:0] = read_otherwise
     own = np.where(np.isfinite(model.left), model.left, noise.std)
     holds = bool(np.all(np.minimum(least, after) < STILL_ITS_OWN * own))
     verdict = _verdict(differences, before, after, noise.std, holds)

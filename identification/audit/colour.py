@@ -49,18 +49,18 @@ def preceded(used: BoolArray, starts: BoolArray) -> IntArray:
     return np.asarray(row - np.maximum.accumulate(np.where(broken, row, 0), axis=0))
 
 
-def colour_of(left: FloatArray, used: BoolArray, highest: int = HIGHEST_ORDER) -> Colour:
+def colour_of(left: FloatArray, used: BoolArray) -> Colour:
     """Of residuals (R, n), by Levinson's recursion; its order by Schwarz's criterion, a joint at a time."""
     n = left.shape[1]
-    taps, std = np.zeros((n, highest + 1, highest + 1)), np.zeros(n)
+    taps, std = np.zeros((n, HIGHEST_ORDER + 1, HIGHEST_ORDER + 1)), np.zeros(n)
     for joint in range(n):
         series, count = np.where(used[:, joint], left[:, joint], 0.0), max(1, int(used[:, joint].sum()))
-        moments = np.array([series[lag:] @ series[: len(series) - lag] for lag in range(highest + 1)]) / count
+        moments = np.array([series[lag:] @ series[: len(series) - lag] for lag in range(HIGHEST_ORDER + 1)]) / count
         variance, predictors = _levinson(moments)
-        cost = count * np.log(np.maximum(variance, 1e-300)) + np.log(count) * np.arange(highest + 1)
+        cost = count * np.log(np.maximum(variance, 1e-300)) + np.log(count) * np.arange(HIGHEST_ORDER + 1)
         order = int(np.argmin(cost))
         std[joint] = np.sqrt(variance[order])
-        for known in range(highest + 1):
+        for known in range(HIGHEST_ORDER + 1):
             kept = min(known, order)
             scale = np.sqrt(variance[order] / max(variance[kept], 1e-300)) if variance[kept] > 0.0 else 1.0
             taps[joint, known, 0] = scale

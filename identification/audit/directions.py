@@ -28,10 +28,10 @@ LEAST_GAIN_NATS = 1e-3
 """No odds worth a step; the evidence of many rows is rounded to less."""
 
 
-def sphere(points: int = POINTS) -> FloatArray:
-    """(points, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
-    place = np.arange(points) + 0.5
-    height, angle = 1.0 - 2.0 * place / points, np.pi * (1.0 + np.sqrt(5.0)) * place
+def sphere() -> FloatArray:
+    """(POINTS, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
+    place = np.arange(POINTS) + 0.5
+    height, angle = 1.0 - 2.0 * place / POINTS, np.pi * (1.0 + np.sqrt(5.0)) * place
     radius = np.sqrt(1.0 - height**2)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
 
@@ -99,17 +99,15 @@ class Directions:
         square = 2.0 * mean @ right - mean @ gram @ mean
         return float(0.5 * square) + log_evidence(gram, right - gram @ mean, factor)
 
-    def left(self, gravity: FloatArray, weight: FloatArray, factor: FloatArray, part: int | None = None) -> FloatArray:
-        """(n,) Nm RMS that free parameters leave; on one part those that are fitted to the others."""
-        kept = self.products.summed([other for other in self.parts if other != part], weight)
-        gram, right = self.turned(kept, gravity)
-        factor = np.diag(factor) if factor.ndim == 1 else factor
+    def left(self, gravity: FloatArray, weight: FloatArray, width: FloatArray) -> FloatArray:
+        """(n,) Nm RMS that free parameters leave, of these standard deviations (14 n,) beforehand."""
+        gram, right = self.turned(self.products.summed(self.parts, weight), gravity)
+        factor = np.diag(width)
         root = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
         own = factor @ cho_solve(root, factor.T @ right)
         values = np.concatenate([own, np.outer(gravity, own[self._heavy]).ravel()])
-        asked = self.parts if part is None else (part,)
-        squares = self.products.left(asked, values, np.arange(len(values)))
-        return np.asarray(np.sqrt(squares / np.maximum(self.products.counts(asked), 1.0)))
+        squares = self.products.left(self.parts, values, np.arange(len(values)))
+        return np.asarray(np.sqrt(squares / np.maximum(self.products.counts(self.parts), 1.0)))
 
     def best(
         self, weight: FloatArray, mean: FloatArray, factor: FloatArray, size: float = GRAVITY

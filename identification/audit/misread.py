@@ -7,13 +7,13 @@ the misfit stays. The clock needs no model where a velocity was recorded. Pure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import BoolArray, IntArray
 from identification.audit.columns import Geometry, SetUp
-from identification.audit.difference import Number, with_interval
+from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import GivenModel
 from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
@@ -27,20 +27,14 @@ WIDEST_RAD = 4.0 * np.pi
 """No joint of an arm turns that far; in degrees nearly every motion does."""
 
 
-@dataclass(frozen=True, slots=True)
-class Misread:
-    """One misreading. effect: its name (contract §7). joints: from 1. stays: share of the misfit that stays, nan where
-    no misfit was asked.
-    """
-
-    effect: str
-    joints: tuple[int, ...]
-    stays: float
-    text: str
-    numbers: tuple[Number, ...] = ()
+def misread(
+    effect: str, joints: tuple[int, ...], explained: float, text: str, numbers: tuple[Number, ...] = ()
+) -> Difference:
+    """A difference in how the data were read. explained: share of the misfit that goes, nan where that is not known."""
+    return Difference(effect, None, None, numbers, explained, float("nan"), "recording", f"{text}.", joints=joints)
 
 
-def in_degrees(recording: Recording, revolute: npt.NDArray[np.bool_]) -> Recording | None:
+def in_degrees(recording: Recording, revolute: BoolArray) -> Recording | None:
     """The recording with its positions taken for degrees, None where they can be radians."""
     span = np.abs(recording.position[:, revolute]).max(initial=0.0)
     if span < WIDEST_RAD:
@@ -53,7 +47,7 @@ def in_degrees(recording: Recording, revolute: npt.NDArray[np.bool_]) -> Recordi
     return replace(recording, **changed)
 
 
-def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], Misread] | None:
+def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], Difference] | None:
     """Recordings with the clock that their velocity says, None where it is the stated one or nothing says."""
     found = [clock_by_velocity(recording) for recording in recordings]
     each = [item for item in found if item is not None]
@@ -70,10 +64,10 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], M
         replace(recording, time=recording.time / ratio, sampling_period_s=recording.sampling_period_s / ratio)
         for recording in recordings
     ]
-    return corrected, Misread("wrong_time_base", (), float("nan"), text, (number,))
+    return corrected, misread("wrong_time_base", (), float("nan"), text, (number,))
 
 
-def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[npt.NDArray[np.int64], Misread] | None:
+def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[IntArray, Difference] | None:
     """Which recorded torque belongs to each joint, where it is not its own; None where the order holds.
 
     A cost is what a torque leaves of what the model expects, its mean aside, over what the model leaves anyway; a
@@ -111,4 +105,4 @@ def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple
     text = "The torques are in the order of other joints: " + ", ".join(
         f"that of joint {joint} stands under joint {int(order[joint - 1]) + 1}" for joint in joints
     )
-    return order.astype(np.int64), Misread("wrong_joint_order", joints, total / float(own.sum()), text)
+    return order.astype(np.int64), misread("wrong_joint_order", joints, 1.0 - total / float(own.sum()), text)

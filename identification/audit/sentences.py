@@ -9,7 +9,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.audit.columns import SYMBOLS, SetUp, across
 from identification.audit.difference import Difference, Number, with_interval
-from identification.audit.hypotheses import Hypothesis, Layout
+from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
 from identification.audit.search import Step
 from identification.robots.model import RobotModel
@@ -25,9 +25,7 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
     """What a step says, with its numbers. first, last: the set-up before and after the whole search."""
     hypothesis = step.hypothesis
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    joint = None if hypothesis.joint is None else hypothesis.joint + 1
-    link = None if hypothesis.link is None else hypothesis.link + 1
-    layout = Layout(len(first.zeros))
+    joint, link = _from_one(hypothesis.joint), _from_one(hypothesis.link)
     match hypothesis.effect:
         case "payload":
             numbers, text = _load(found, std, robot, link or 0)
@@ -68,7 +66,7 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             numbers = (Number("ratio", ratio, ratio * float(std[0]), ""),)
             text = f"The clock is wrong: true rate over stated rate is {with_interval(numbers[0])}"
         case _:
-            numbers, text = _tilt(found, first, last, layout)
+            numbers, text = _tilt(found, first, last)
     others = tuple(
         (item.effect, _from_one(item.joint if item.link is None else item.link)) for item in step.alternatives
     )
@@ -150,8 +148,7 @@ def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple
     )
 
 
-def _tilt(found: Found, first: SetUp, last: SetUp, layout: Layout) -> tuple[tuple[Number, ...], str]:
-    del layout
+def _tilt(found: Found, first: SetUp, last: SetUp) -> tuple[tuple[Number, ...], str]:
     size = float(np.linalg.norm(last.gravity))
     frame = across(last.gravity)
     gravity = last.gravity + size * found.values @ frame
