@@ -20,15 +20,15 @@ from identification.investigation.free_functions import nearest
 from identification.investigation.hypotheses import NOTHING, Assessment, Hypothesis
 from identification.investigation.screening import Screened, Weighting, screen, wrong_way
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, rows_of_each
 from identification.mismatch.prepared import Prepared
+from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.named import ABSENT
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import JointState
 
 NO_FORM = 4.0
@@ -53,10 +53,9 @@ def assess(
     known: settled findings. asked: effects with their joints (from 1) that stay alive whatever their evidence says
     (claimed by the diagnosis, or among its alternatives).
     """
-    settings = ClaimSettings()
     rows = tuple(_with_known(item, known) for item in evidences)
-    unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None, settings)
-    plain = Selection.of(unknown, range(unknown.folds), settings)
+    unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None)
+    plain = Selection.of(unknown, range(unknown.folds))
     nothing = _with_classes(plain)
     beside = any(state.groups for state in nothing.states)
     weightings = [Weighting.of(plain), *([Weighting.of(nothing)] if beside else [])]
@@ -73,10 +72,9 @@ def assess(
             noise.append(weighed[1])
             free.setdefault((item.effect.name, item.place), {}).update(weighed[2])
     leader = max(range(len(found)), key=lambda number: found[number].log_odds)
-    edges = np.cumsum([item.frequency.size for item in rows])[:-1]
     inflated = tuple(
-        replace(item, noise=item.noise * np.sqrt(noise[leader].T[band]))
-        for item, band in zip(rows, np.split(unknown.band, edges), strict=True)
+        replace(item, noise=item.noise * np.sqrt(noise[leader].T[unknown.band[own]]))
+        for item, own in zip(rows, rows_of_each(rows), strict=True)
     )
     alive = _alive(found, asked)
     there = []
@@ -100,7 +98,7 @@ def assess(
 def _with_classes(plain: Selection) -> Selection:
     """Classes on every joint that asks for one, the worst joint first; twice, as joints share base columns."""
     rows = plain.rows
-    result = Selection(rows, plain.settings, plain.worlds, plain.signs, list(plain.states))
+    result = Selection(rows, plain.worlds, plain.signs, list(plain.states))
     order = np.argsort(-rows.misfit * np.median(rows.problem.weight, axis=1) ** 2)
     for _ in range(2):
         for joint in map(int, order):
@@ -160,7 +158,7 @@ def _weighed(
     every[list(joints)] = columns
     among = unknown.with_columns([(every, item.coefficients)])
     parts = (among.of(range(among.folds)),)
-    whole = Selection(among, nothing.settings, parts, (1.0,))
+    whole = Selection(among, parts, (1.0,))
     whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
     size = np.sqrt(((columns @ item.coefficients) ** 2).sum(axis=1))
     touched = {joint for joint, own in zip(joints, size, strict=True) if own > _TOUCHED * size.max()}
@@ -177,7 +175,7 @@ def _weighed(
     place = now.covariance.shape[0] - now.base.size + own
     absent = among.prior.copy()
     absent[own] = ABSENT
-    rest = Selection(replace(among, prior=absent), whole.settings, parts, (1.0,), whole.states)
+    rest = Selection(replace(among, prior=absent), parts, (1.0,), whole.states)
     # A smooth error of the model may have any form: a name has to weigh as much as the largest one.
     worth = whole.total() - rest.total() - _background(whole)
     # An evidence leaves out ½ log FREE of each column beside the base parameters, of which the form has some more.
@@ -201,7 +199,7 @@ def _shared_odds(selection: Selection) -> float:
     """Nats that its classes cost beyond what the evidence takes off: they share their odds as forms do theirs."""
     joints = range(len(selection.states))
     count = sum(len(selection.classes(joint, selection.states[joint])) for joint in joints)
-    return count * (math.log(NO_FORM * len(CLASSES) * len(selection.states)) - selection.settings.prior_cost)
+    return count * (math.log(NO_FORM * len(CLASSES) * len(selection.states)) - PRIOR_COST)
 
 
 def _noise(selection: Selection) -> FloatArray:

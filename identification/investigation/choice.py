@@ -16,10 +16,10 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
-from identification.investigation.equivalences import Equivalence, action_for, inseparable
+from identification.investigation.equivalences import Equivalence, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
-from identification.investigation.hypotheses import Assessment, Hypothesis
+from identification.investigation.hypotheses import Assessment
 from identification.investigation.separation import Layout, separations
 from identification.mismatch.evidence import Evidence, PlannedRows
 
@@ -123,7 +123,6 @@ class Chooser:
         random: np.random.Generator,
         room: Room,
         seconds_left: float,
-        others: Sequence[Experiment] = (),
         progress: Callable[[float], None] | None = None,
     ) -> Design:
         """The best motions of at most seconds_left; none where none fits into the time.
@@ -143,10 +142,10 @@ class Chooser:
             np.maximum(best_gain, found.gain, out=best_gain)
             count += 1
             if progress is not None:
-                progress(count / (TRIALS + IMPROVEMENTS + len(others)))
+                progress(count / (TRIALS + IMPROVEMENTS))
             return self._value(found), experiment
 
-        tried = [valued(one) for one in (*others, *(next(stream) for _ in range(TRIALS)))]
+        tried = [valued(next(stream)) for _ in range(TRIALS)]
         for number in range(IMPROVEMENTS):
             best = _best(tried)[:KEPT]
             tried.append(valued(varied(random, room, best[number % len(best)], 0.5 * 0.97**number)))
@@ -161,7 +160,7 @@ class Chooser:
             choices = self._promised(ordered, periods)
         alive = self.assessment.alive
         pairs = inseparable(alive, self.separated + best_gain)
-        return Design(tuple(choices), tuple(_equivalence(alive[i], alive[j]) for i, j in pairs))
+        return Design(tuple(choices), tuple(Equivalence.of(alive[i], alive[j]) for i, j in pairs))
 
     def _value(self, found: Forecast) -> float:
         """Chance of a name, and where that is none or all, how many nats are gained where they are fewest.
@@ -209,7 +208,3 @@ def lengths(seconds_left: float) -> tuple[int, ...]:
 
 def _best(tried: Sequence[tuple[float, Experiment]]) -> list[Experiment]:
     return [one for _, one in sorted(tried, key=lambda entry: -entry[0])]
-
-
-def _equivalence(first: Hypothesis, second: Hypothesis) -> Equivalence:
-    return Equivalence(first.name, second.name, action_for(first.effect or "", second.effect or ""))

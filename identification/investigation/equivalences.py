@@ -18,6 +18,8 @@ ONE_TORQUE = 1e-3
 """Share of a hypothesis's λ that tells it from a rival, on the best of all motions, below which the two are one."""
 
 
+LIKELY = 0.02
+"""Probability below which nobody asks what tells a hypothesis from another."""
 _BY_PAIR = {
     frozenset(pair): action
     for action, pairs in {
@@ -78,16 +80,16 @@ class Equivalence:
     second: str
     action: Action | None
 
+    @classmethod
+    def of(cls, first: Hypothesis, second: Hypothesis) -> Equivalence:
+        """Of two hypotheses."""
+        return cls(first.name, second.name, _BY_PAIR.get(frozenset((first.effect or "", second.effect or ""))))
+
     @property
     def sentence(self) -> str:
         """For the operator."""
         known = "" if self.action is None else f" {ASK[self.action]}"
         return f"No motion tells {self.first} from {self.second}: their torques are one on every motion tried.{known}"
-
-
-def action_for(first: str, second: str) -> Action | None:
-    """What tells two effects apart where no motion does."""
-    return _BY_PAIR.get(frozenset((first, second)))
 
 
 def twins_of(effects: Sequence[str]) -> tuple[Equivalence, ...]:
@@ -104,9 +106,7 @@ def invisible(question: str) -> Equivalence:
     return Equivalence(*INVISIBLE[question])
 
 
-def inseparable(
-    hypotheses: Sequence[Hypothesis], best: FloatArray, likely: float = 0.02
-) -> tuple[tuple[int, int], ...]:
+def inseparable(hypotheses: Sequence[Hypothesis], best: FloatArray) -> tuple[tuple[int, int], ...]:
     """Pairs of likely hypotheses that no motion tells apart.
 
     best: (H, H) largest λ of each against each over all motions tried, each with all recordings; in the column of
@@ -117,7 +117,7 @@ def inseparable(
     for i, first in enumerate(hypotheses):
         for j in range(i + 1, len(hypotheses)):
             second = hypotheses[j]
-            if nothing in (i, j) or min(first.probability, second.probability) < likely:
+            if nothing in (i, j) or min(first.probability, second.probability) < LIKELY:
                 continue
             visible = max(best[i, nothing], best[j, nothing])
             if visible > 0.0 and max(best[i, j], best[j, i]) < ONE_TORQUE * visible:

@@ -14,10 +14,9 @@ from scipy.special import ndtr
 
 from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
-from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.settings import ClaimSettings
+from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 
-STANDS_OUT = ClaimSettings().alternative
+STANDS_OUT = ALTERNATIVE
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""
 APART = DiagnosisSettings().margin_of_indistinguishable
 """Nats by which a name has to lead every other name, or the diagnosis says that it cannot tell the two."""

@@ -20,8 +20,8 @@ from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.investigation.free_functions import lead
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.settings import ClaimSettings
 
 SAME = 1e-6
 """Share of its own λ below which what tells one hypothesis from another is rounding."""
@@ -96,7 +96,7 @@ def _left(rest: FloatArray, own: slice, forms: Sequence[slice], size: FloatArray
 
 def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, truth: Hypothesis, own: slice) -> float:
     """Twice the nats by which a name leads the best free function in its place, among those that are at hand."""
-    settings, found = ClaimSettings(), math.inf
+    found = math.inf
     if truth.place.joint is None:
         return found
     joint = truth.place.joint - 1
@@ -116,7 +116,7 @@ def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, tru
     for place in rivals:
         chosen = first + np.flatnonzero(group[kept] == place)
         nats = lead(strength, rest[chosen[:, None], chosen], rest[chosen, own] @ size)
-        found = min(found, 2.0 * (nats + settings.prior_cost))
+        found = min(found, 2.0 * (nats + PRIOR_COST))
     return found
 
 

@@ -168,11 +168,17 @@ def _study_of(
              for part in build_evidence(item, robot, regressor, settings)]  # fmt: skip
     values = fit_parameters([part for part, _ in parts])
     evidences = [_loaded(with_parameters(part, regressor, values), mass) for part, mass in parts]
-    known = [form_of(item) for item in diagnosis.findings if _is_settled(item) and _repeats(item)]
+    settled = [item for item in diagnosis.findings if _is_settled(item)]
+    known = [
+        Form.of(item.effect, item.place, item.shape)
+        for item in settled
+        if effect_named(item.effect).stage == "repeatable"
+    ]
     assessment = assess(evidences, known, _asked(diagnosis))
     chooser = Chooser.of(assessment, evidences, regressor, values, known, mass_now)
     leading = () if assessment.leader.best is None else (assessment.leader.best,)
-    bare = _with_its_noise(evidences, assessment)
+    # With the noise of the assessment, but no settled finding among their nominal columns.
+    bare = [replace(own, noise=item.noise) for own, item in zip(evidences, assessment.evidences, strict=True)]
     beside, variances = assessment.discrepancies, assessment.leader.beside
     agreements = tuple(
         (describe(form.effect, form.place), agreement(bare, form, beside, variances)) for form in (*known, *leading)
@@ -218,19 +224,9 @@ def _coulomb(found: Study, regressor: BaseRegressor, values: FloatArray, joint: 
     return float(values[column]), math.sqrt(float(covariance[column, column]))
 
 
-def _with_its_noise(evidences: Sequence[Evidence], assessment: Assessment) -> list[Evidence]:
-    """The evidences with the noise of the assessment, but no settled finding among their nominal columns."""
-    return [replace(own, noise=item.noise) for own, item in zip(evidences, assessment.evidences, strict=True)]
-
-
 def _loaded(evidence: Evidence, mass: AddedMass | None) -> Evidence:
     """The evidence whose effects see the torque of an added mass too; its own torque has none of it."""
     return evidence if mass is None else replace(evidence, motion=mass.carried(evidence.motion))
-
-
-def form_of(finding: Finding) -> Form:
-    """The torque that a finding claims."""
-    return Form.of(finding.effect, finding.place, finding.shape)
 
 
 def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question, ...]:
@@ -240,7 +236,7 @@ def questions_of(diagnosis: Diagnosis, assessment: Assessment) -> tuple[Question
         name = describe(finding.effect, finding.place)
         if finding.alternatives:
             others = " or ".join(
-                describe(item.effect, finding.place if item.joint == finding.place.joint else _at(item.joint))
+                describe(item.effect, finding.place if item.joint == finding.place.joint else Place(item.joint))
                 for item in finding.alternatives
             )
             found.append(Question(f"{name.capitalize()}, or {others}?"))
@@ -272,10 +268,6 @@ def _is_settled(finding: Finding) -> bool:
     return finding.confirmed is True and not finding.alternatives
 
 
-def _repeats(finding: Finding) -> bool:
-    return effect_named(finding.effect).stage == "repeatable"
-
-
 def _asked(diagnosis: Diagnosis) -> set[tuple[str, int | None]]:
     """Effects with their joints that stay alive: claimed but open, alternatives, too weak, nearest forms of classes."""
     asked: set[tuple[str, int | None]] = {(item.effect, item.joint) for item in diagnosis.too_weak}
@@ -288,7 +280,3 @@ def _asked(diagnosis: Diagnosis) -> set[tuple[str, int | None]]:
         if claim.joint not in settled:
             asked.update((form.effect, claim.joint) for form in claim.nearest_forms)
     return asked
-
-
-def _at(joint: int | None) -> Place:
-    return Place(joint)

@@ -31,6 +31,7 @@ from identification.signals.aperiodic import (
     EDGE_PERIODS,
     ROWS_PER_CUTOFF_PERIOD,
     cutoff_of,
+    low_pass_and_thin,
     process_aperiodic,
     zero_phase_low_pass,
 )
@@ -145,7 +146,7 @@ def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
     time = signals.time[::stride]
     edge = round(EDGE_PERIODS / cutoff_hz / coarse)
     kept = slice(edge, time.size - edge, min(ROW_STRIDE, max(1, int(1.0 / coarse / (2.5 * cutoff_hz)))))
-    project = partial(_filtered_rows, step=coarse, cutoff_hz=cutoff_hz, kept=kept)
+    project = partial(low_pass_and_thin, step=coarse, cutoff_hz=cutoff_hz, kept=kept)
     row_time = time[kept]
     assert signals.row_time is not None
     nearest = np.clip(np.searchsorted(signals.row_time, row_time), 0, signals.row_time.size - 1)
@@ -165,10 +166,6 @@ def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
         evaluation_time=row_time,
         facts={**signals.facts, "noise_density": _noise_density(signals.torque, step, cutoff_hz)},
     )
-
-
-def _filtered_rows(values: FloatArray, *, step: float, cutoff_hz: float, kept: slice) -> FloatArray:
-    return zero_phase_low_pass(values, step, cutoff_hz)[kept]
 
 
 def _noise_density(torque: FloatArray, step: float, cutoff_hz: float) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from identification.arrays import FloatArray
-from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.evidence import Evidence, rows_of_each, rows_to_time
 from identification.mismatch.findings import HeldOutMisfit
 from identification.mismatch.heldout import Residuals, misfit_probability
 from identification.mismatch.names.localisation import best_curve
@@ -43,11 +43,11 @@ def held_out_misfits(
     fitted_to = " and ".join(dict.fromkeys(names[: len(fitted_evidences)]))
     names = names[len(fitted_evidences) :]
     measured = all(item.noise_is_measured for item in (*fitted_evidences, *evidences))
-    first = np.concatenate([[0], np.cumsum([item.frequency.size for item in evidences])])
+    places = rows_of_each(evidences)
     found = []
     for name in dict.fromkeys(names):
         own = [place for place, other in enumerate(names) if other == name]
-        rows = np.concatenate([np.arange(first[place], first[place + 1]) for place in own])
+        rows = np.concatenate([np.arange(places[place].start, places[place].stop) for place in own])
         own_evidences = [evidences[place] for place in own]
         part = left.rows_of(rows, sum(item.samples for item in own_evidences))
         more = _probability_of_more(*_in_common_band((part, fitted), (own_evidences, fitted_evidences), band))
@@ -56,7 +56,7 @@ def held_out_misfits(
             rms, before = float(part.rms_nm[joint]), float(fitted.rms_nm[joint])
             differs = bool(more[joint] * left.rows.shape[0] < probability)
             noise = f", where {part.expected_nm[joint]:.2g} Nm would be noise" if measured else ""
-            order = _ordered_by(evidences[own[0]], left, int(first[own[0]]), int(joint))
+            order = _ordered_by(evidences[own[0]], left.rows[joint, places[own[0]]], int(joint))
             sentence = (
                 f"Joint {joint + 1}: {rms:.3g} Nm RMS stay on the held-out {name}{noise}, {before:.3g} Nm on "
                 f"{fitted_to}{'' if differs else ', where the same is missing'}; "
@@ -105,7 +105,6 @@ def _in_common_band(
     return first, second
 
 
-def _ordered_by(evidence: Evidence, left: Residuals, first: int, joint: int) -> str:
-    rows = left.rows[joint, first : first + evidence.frequency.size]
+def _ordered_by(evidence: Evidence, rows: FloatArray, joint: int) -> str:
     series = rows_to_time(evidence, rows[:, None])[:, 0]
     return best_curve(evidence, joint, series, series, 0.0, names=STATES)[0].coordinate

@@ -21,7 +21,7 @@ from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
 from identification.mismatch.names.earned import AgainstClasses
-from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of, without
+from identification.mismatch.names.examination import Check, Examination, Rows, joints_of, name_of, torque_of
 from identification.mismatch.names.localisation import best_curve, where_of
 from identification.mismatch.names.objections import Rule, recurring, untenable, useless, without_objection
 from identification.mismatch.nominal import Nominal
@@ -30,11 +30,10 @@ from identification.mismatch.problem import Problem, off, with_torque
 from identification.mismatch.search.detection import BandPower
 from identification.mismatch.search.extension import Extension, extend, predicted, uncertainties
 from identification.mismatch.search.library import Library
-from identification.mismatch.search.pruning import removal_scores
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.search import SearchResult
-from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.search.trial import Trial, fitted, removal_scores, without
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names

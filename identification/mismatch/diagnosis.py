@@ -55,14 +55,13 @@ from identification.mismatch.search.search import SearchResult, search
 from identification.mismatch.search.trial import Trial
 from identification.mismatch.search.trial import fitted as fitted_again
 from identification.mismatch.second_encoder import compare_encoders
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.covariance import ClassCovariance
 from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import changing, earned_over_time
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.model_file import Model
 from identification.recordings.independence import recording_names, refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -283,7 +282,7 @@ def _other_set_up(diagnosis: Diagnosis, rows: Examined, robot: RobotModel) -> Au
     name = " and ".join(recording_names([*rows.fitted, *rows.unseen])[: len(rows.fitted)])
     found = _audited(rows.unseen, robot, model_of_fit(rows.fit, name), name)
     taken = 0.0 if found is None else sum(item.explained for item in found.differences)
-    return found if taken >= 1.0 - ClaimSettings().capture else None
+    return found if taken >= 1.0 - CAPTURE else None
 
 
 def settled(diagnosis: Diagnosis) -> Diagnosis:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -89,6 +90,12 @@ Rows = Evidence | PlannedRows
 """Rows that effects can be seen in, of a recording or of a motion not recorded yet."""
 
 
+def rows_of_each(evidences: Sequence[Evidence]) -> list[slice]:
+    """Where the rows of each evidence stand among those of all."""
+    edges = np.cumsum([0, *(item.frequency.size for item in evidences)]).tolist()
+    return list(starmap(slice, pairwise(edges)))
+
+
 def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
     """Base parameters (p,) that fit the means of all evidences together, rows weighted by their noise.
 
@@ -149,9 +156,8 @@ def periodic_evidence(
         noise, freedom = noise_of_mean(period_torque)
     else:
         noise, freedom = _noise_of_high_band(average.torque, lines)
-    first = np.array(
-        [float(recording.time[_first_row(recording, int(number))] - recording.time[0]) for number in table.periods]
-    )
+    # argmax: the first row of a period.
+    begins = np.array([int(np.argmax(recording.period_index == number)) for number in table.periods])
     motion = Motion(
         robot=robot,
         time=np.arange(samples, dtype=np.float64) * step,
@@ -161,7 +167,7 @@ def periodic_evidence(
         torque=np.zeros_like(position),
         full_parameters=np.zeros(len(regressor.full_names)),
         periodic=True,
-        start_s=first,
+        start_s=recording.time[begins] - recording.time[0],
         coulomb_velocity=regressor.options.coulomb_velocity,
     )
     evidence = Evidence(
@@ -192,11 +198,6 @@ def with_nominal(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
     values = fit_parameters([evidence])
     full = np.linalg.pinv(regressor.regrouping) @ values
     return replace(evidence, motion=replace(motion, torque=columns @ values, full_parameters=full))
-
-
-def _first_row(recording: Recording, period: int) -> int:
-    assert recording.period_index is not None
-    return int(np.flatnonzero(recording.period_index == period)[0])
 
 
 def _noise_of_high_band(torque: FloatArray, lines: int) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, rows_of_each
 
 # Upper edges (Hz) of the bands in which misfit is tested: line 0 alone, then about half an octave to an octave each.
 BAND_EDGES_HZ = (0.01, 0.25, 0.55, 0.95, 1.55, 2.55, 4.05, 6.55, 10.05, 16.05, 25.05, 40.05)
@@ -85,10 +85,10 @@ def build_problem(
     frequency = np.concatenate([item.frequency for item in evidences])
     measured = np.concatenate([item.torque for item in evidences] if torque is None else list(torque)).T
     nominal = np.concatenate([item.nominal for item in evidences]).transpose(1, 0, 2)
-    first = np.concatenate([[0], np.cumsum([item.frequency.size for item in evidences])])
+    places = rows_of_each(evidences)
     for index, rows in nuisance:
         block = np.zeros((n, frequency.size, rows.shape[2]))
-        block[:, first[index] : first[index + 1]] = rows.transpose(1, 0, 2)
+        block[:, places[index]] = rows.transpose(1, 0, 2)
         nominal = np.concatenate([nominal, block], axis=2)
     weight = np.where(used, 1.0 / noise, 0.0)
     empty = np.zeros(0)

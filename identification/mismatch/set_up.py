@@ -96,12 +96,11 @@ def set_up_checks(
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
     )
-    exchanged = order.status == "failed"
-    return tuple(UNKNOWN_SIGNS if exchanged and _is_failed_sign(item) else item for item in checks)
-
-
-def _is_failed_sign(check: SetUpCheck) -> bool:
-    return check.name == UNKNOWN_SIGNS.name and check.status == "failed"
+    if order.status != "failed":
+        return checks
+    return tuple(
+        UNKNOWN_SIGNS if (item.name, item.status) == (UNKNOWN_SIGNS.name, "failed") else item for item in checks
+    )
 
 
 def _gravity(found: Mounting | None) -> SetUpCheck:

@@ -15,6 +15,29 @@ OPEN_BEYOND_NOISE = 5.0
 """Deviations of the noise along a direction of the base parameters beyond which rows leave it open: what other rows
 predict there says nothing of an effect, and it is settled by these rows."""
 
+# Of what may be claimed without a form, in nats of log-likelihood (4 nats are odds of about 1 : 50), shares and rows.
+PRIOR_COST = 4.0
+"""Nats that one class on one joint, and one band whose noise is not the measured one, cost beforehand."""
+SPEAK = 8.0
+"""Nats by which the evidence must fall without a class for it to be claimed: 3000 : 1."""
+ALTERNATIVE = 3.0
+"""Nats within which another class in a class's place is as good: 20 : 1."""
+NOISE_ROWS = 20.0
+"""How many rows the measured noise of a band is worth against its own residual."""
+VARIANCE_CAP = 100.0
+"""Most that a class may be beforehand, as a multiple of the joint's mean square misfit."""
+FADE = 0.25
+"""Distance beyond the fitted range, as a share of it, over which a class fades to zero."""
+FOLDS = 5
+"""Parts of a recording without periods that are predicted from the others."""
+RIVAL = 0.5
+"""Share of a name's torque that a class must be able to carry, and of its nats that it must lose to the name, to be its
+rival."""
+CAPTURE = 0.1
+"""Share of what is named that may be something else, of what two recordings differ by and of a name's energy."""
+INVARIANCE = 1e-3
+"""Chance below which coefficients of fitted and of held-out rows differ."""
+
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:

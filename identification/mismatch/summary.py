@@ -12,21 +12,22 @@ from identification.mismatch.claims import Claims
 from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
 from identification.mismatch.effects.base import Effect, Place
-from identification.mismatch.evidence import Evidence, rows_to_time
+from identification.mismatch.evidence import Evidence, rows_of_each, rows_to_time
 from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.findings import (
     Baseline,
     DataFault,
     Detectable,
     Diagnosis,
+    Finding,
     HeldOut,
     HeldOutMisfit,
     NotIdentifiable,
     ParameterShift,
+    Verdict,
 )
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.names.localisation import best_curve
-from identification.mismatch.names.verdict import much_is_left, verdict_of
 from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
@@ -34,6 +35,9 @@ from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim
+
+MUCH = 3.0
+"""Noise of another colour lies within; a model that leaves more may lack physics."""
 
 
 def summarise(
@@ -196,15 +200,13 @@ def _remaining(
 
 
 def _spectra(evidences: Sequence[Evidence], before: Residuals, after: Residuals) -> list[Spectrum]:
-    found, start = [], 0
-    for evidence in evidences:
-        size, samples = evidence.frequency.size, evidence.samples
+    found = []
+    for evidence, own in zip(evidences, rows_of_each(evidences), strict=True):
         parts = [
-            _per_line(values[:, start : start + size].T, evidence.frequency, samples)
+            _per_line(values[:, own].T, evidence.frequency, evidence.samples)
             for values in (before.rows, after.rows, before.sensor_noise)
         ]
         found.append(Spectrum(np.unique(evidence.frequency), *parts))
-        start += size
     return found
 
 
@@ -216,15 +218,13 @@ def _per_line(rows: FloatArray, frequency: FloatArray, samples: int) -> FloatArr
 
 
 def _series(evidences: Sequence[Evidence], before: Residuals, after: Residuals) -> list[TimeSeries]:
-    found, start = [], 0
-    for evidence in evidences:
-        size, motion = evidence.frequency.size, evidence.motion
-        measured, first, last = (
-            rows_to_time(evidence, rows)
-            for rows in (evidence.torque, before.rows[:, start : start + size].T, after.rows[:, start : start + size].T)
-        )
-        found.append(TimeSeries(motion.time, motion.position, motion.velocity, measured, first, last))
-        start += size
+    found = []
+    for evidence, own in zip(evidences, rows_of_each(evidences), strict=True):
+        motion = evidence.motion
+        series = [
+            rows_to_time(evidence, rows) for rows in (evidence.torque, before.rows[:, own].T, after.rows[:, own].T)
+        ]
+        found.append(TimeSeries(motion.time, motion.position, motion.velocity, *series))
     return found
 
 
@@ -239,3 +239,36 @@ def _notes(fitted: Prepared, unseen: Prepared | None) -> tuple[str, ...]:
             "or more."
         )
     return tuple(notes)
+
+
+def verdict_of(
+    findings: Sequence[Finding],
+    baseline: Baseline,
+    left: Sequence[bool],
+    unnamed: bool,
+    *,
+    classes: Sequence[ClassClaim] = (),
+    much: bool,
+) -> Verdict:
+    """left: per joint whether misfit remains beside the findings; unnamed: whether it does on held-out recordings, or
+    torque is there that is too weak for a name.
+
+    classes: what the torque depends on; one of which the names leave something is a mismatch without a name.
+    much: noise was not measured, and more is left than the level above the compared band would give (`much_is_left`);
+    beside names that may be misfit too.
+    """
+    unnamed = unnamed or not all(item.named for item in classes)
+    if findings:
+        return "partly_explained" if any(left) or unnamed or much else "explained"
+    if bool(np.any(baseline.detected)) or unnamed:
+        return "unexplained"
+    return "undecided" if much else "no_mismatch"
+
+
+def much_is_left(rms_nm: FloatArray, evidences: Sequence[Evidence]) -> bool:
+    """Whether a model leaves more (n,) Nm on some joint than three times the noise that the quietest octave above the
+    compared band would give within it, where noise is not measured: it may be misfit, or noise of another colour.
+    """
+    floors = [item.noise if item.white_noise is None else item.white_noise for item in evidences]
+    square = sum((floor**2).sum(axis=0) for floor in floors) / sum(item.samples for item in evidences)
+    return not all(item.noise_is_measured for item in evidences) and bool(np.any(rms_nm > MUCH * np.sqrt(square)))

@@ -108,7 +108,7 @@ def _process_piece(
     moving = ~standstill(
         velocity, slowest, shortest=round(1.0 / cutoff_hz / step), margin=round(0.5 / cutoff_hz / step)
     )
-    project = partial(_low_pass_and_thin, step=step, cutoff_hz=cutoff_hz, kept=kept)
+    project = partial(low_pass_and_thin, step=step, cutoff_hz=cutoff_hz, kept=kept)
     return ProcessedSignals(
         pipeline="aperiodic",
         time=time,
@@ -133,7 +133,8 @@ def _process_piece(
     )
 
 
-def _low_pass_and_thin(values: FloatArray, *, step: float, cutoff_hz: float, kept: slice) -> FloatArray:
+def low_pass_and_thin(values: FloatArray, *, step: float, cutoff_hz: float, kept: slice) -> FloatArray:
+    """Some of the rows of values along axis 0 after the low-pass."""
     return zero_phase_low_pass(values, step, cutoff_hz)[kept]
 
 

@@ -127,16 +127,22 @@ class Contrasts:
         assert found is not None
         joints, values, constant = found
         factors = effect.envelope(self.motion, shape)
+        return joints, *self.patterns(factors, joints, values[..., columns], constant[..., columns])
+
+    def patterns(
+        self, factors: FloatArray, joints: Sequence[int], values: FloatArray, rows: FloatArray
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Weights and patterns, as of `pieces`, of columns (S, J, m) with rows (R, J, m) under factors (K, S)."""
         flat = np.ptp(factors, axis=1) == 0.0
         weights, patterns = [], []
         if np.any(factors[flat] != 0.0):
             weights.append(np.where(flat, factors[:, 0], 0.0))
-            patterns.append(self.whiten_repeated(constant[..., columns], joints))
+            patterns.append(self.whiten_repeated(rows, joints))
         for period in np.flatnonzero(~flat):
             weights.append((np.arange(self.periods) == period).astype(float))
-            rows = self.evidence.project(factors[period][:, None, None] * values[..., columns])
-            patterns.append(self.whiten_repeated(rows, joints))
-        return joints, np.array(weights), patterns
+            varying = self.evidence.project(factors[period][:, None, None] * values)
+            patterns.append(self.whiten_repeated(varying, joints))
+        return np.array(weights), patterns
 
     def fit_pieces(self, joints: Sequence[int], weights: FloatArray, patterns: Sequence[FloatArray]) -> Fit:
         """As `fit`, for columns Σ weights[p, k] · patterns[p]; costs go with the number of patterns, not of periods."""

@@ -7,7 +7,6 @@ makes it. What to claim, to subtract and to merge is decided in `between_periods
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -70,7 +69,10 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
         elif course == STEP:
             period = float(starts[1] - starts[0])
             for width in (period, 0.1 * period, 0.01 * period):
-                moment = best_moment(partial(_step_gain, contrasts, effect, place), shape["time_s"], width, last)
+                moment = best_moment(
+                    lambda time: fit_of(contrasts, effect, place, {"course": float(STEP), "time_s": time}).gain,
+                    shape["time_s"], width, last,
+                )  # fmt: skip
                 shape = {"course": float(STEP), "time_s": moment}
         best[course] = (shape, fit_of(contrasts, effect, place, shape))
     chosen = max(best, key=lambda course: best[course][1].gain - (COURSE_MARGIN if course != LINEAR else 0.0))
@@ -84,10 +86,6 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
     chance = fit.log10_chance(tests, int(chosen != LINEAR), dispersion)
     std = {} if chosen == LINEAR else spread_of(contrasts, effect, place, shape, "time_s", fit.gain)
     return Candidate(effect, place, shape, inflated(fit, dispersion), chance, tests, std, dispersion)
-
-
-def _step_gain(contrasts: Contrasts, effect: TorqueSensorDrift, place: Place, moment: float) -> float:
-    return fit_of(contrasts, effect, place, {"course": float(STEP), "time_s": moment}).gain
 
 
 def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collection[int]) -> Candidate | None:
@@ -155,19 +153,12 @@ def find_payload(contrasts: Contrasts, effect: PayloadChange) -> Candidate | Non
     for width in (period, 0.1 * period, 0.02 * period):
         # With the change's own torque known, each moment costs one projection.
         coefficients = fit_of(contrasts, effect, place, shape, PAYLOAD_SCAN).coefficients
-        torque = values[..., PAYLOAD_SCAN] @ coefficients
-        rows = constant[..., PAYLOAD_SCAN] @ coefficients
+        torque = (values[..., PAYLOAD_SCAN] @ coefficients)[..., None]
+        rows = (constant[..., PAYLOAD_SCAN] @ coefficients)[..., None]
 
         def gain_at(time: float, torque: FloatArray = torque, rows: FloatArray = rows) -> float:
             factors = effect.envelope(motion, {"time_s": time})
-            flat = np.ptp(factors, axis=1) == 0.0
-            weights = [np.where(flat, factors[:, 0], 0.0)]
-            patterns = [contrasts.whiten_repeated(rows[..., None], joints)]
-            for number in np.flatnonzero(~flat):
-                weights.append((np.arange(contrasts.periods) == number).astype(float))
-                part = contrasts.evidence.project(factors[number][:, None] * torque)
-                patterns.append(contrasts.whiten_repeated(part[..., None], joints))
-            return contrasts.fit_pieces(joints, np.array(weights), patterns).gain
+            return contrasts.fit_pieces(joints, *contrasts.patterns(factors, joints, torque, rows)).gain
 
         shape = {"time_s": best_moment(gain_at, shape["time_s"], width, last)}
     columns = slice(None)

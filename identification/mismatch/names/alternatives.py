@@ -9,13 +9,12 @@ from scipy.stats import chi2
 from identification.arrays import FloatArray
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.findings import Alternative
-from identification.mismatch.names.examination import without
 from identification.mismatch.problem import Problem, off, orthonormal, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import Screen, gains, narrowed
 from identification.mismatch.search.search import GROWS
-from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.search.trial import Trial, fitted, without
 from identification.mismatch.settings import DiagnosisSettings
 
 EXPLAINS_MORE = 1.0

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from identification.arrays import BoolArray
-from identification.mismatch.heldout import Residuals, worsened
-from identification.mismatch.names.examination import Check, Examination, without
+from identification.mismatch.heldout import worsened
+from identification.mismatch.names.examination import Check, Examination
 from identification.mismatch.names.objections import Objection
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.search.trial import Trial
+from identification.mismatch.search.trial import Trial, without
+from identification.mismatch.settings import INVARIANCE, RIVAL
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Named, Standing, held_beside, named, standings
-from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,12 +28,11 @@ class AgainstClasses:
 
     def unearned(self, trial: Trial) -> list[Objection]:
         """Members that classes describe as well, or that have another size on rows that were not fitted."""
-        settings, check = ClaimSettings(), self.exam.check(trial.members)
-        names = self._named(trial, check)
+        names = self._named(trial, self.exam.check(trial.members))
         asked = [index for index, name in enumerate(names) if not self._foretells_most(trial, index, list(name.joints))]
-        found = standings(self.dependence.every, names, asked, settings, self.dependence.chosen)
+        found = standings(self.dependence.every, names, asked, self.dependence.chosen)
         return [
-            Objection(index, standing.odds, _why(standing, settings), standing.weak)
+            Objection(index, standing.odds, _why(standing), standing.weak)
             for index, standing in found.items()
             if not standing.earned
         ]
@@ -49,10 +46,12 @@ class AgainstClasses:
             return {}
         now, dependence = self.exam.check(trial.members), self.dependence
         names = self._named(trial, now)
-        held = held_beside(dependence.every, names, ClaimSettings(), dependence.chosen)
+        held = held_beside(dependence.every, names, dependence.chosen)
         if self.exam.problem.noise_is_measured or now.heldout_after is None:
             return held
-        better = _better(dependence.alone, dependence, now.heldout_after)
+        # Joints of which classes predict rows that were not fitted better than the members do.
+        by_classes = replace(now.heldout_after, rows=dependence.left.of_rows(dependence.alone)[1])
+        better = worsened(by_classes, now.heldout_after)
         taken = {joint for name in names for joint in name.joints if not better[joint]}
         return {joint: frozenset() if joint in taken else classes for joint, classes in held.items()}
 
@@ -71,7 +70,7 @@ class AgainstClasses:
         square = before.rms_nm[joints] ** 2
         taken = (rest.rms_nm**2 - now.rms_nm**2)[joints] / square
         there = 1.0 - self.dependence.after[1][joints] ** 2 / square
-        return bool(taken.sum() >= ClaimSettings().rival * there.sum())
+        return bool(taken.sum() >= RIVAL * there.sum())
 
     def _named(self, trial: Trial, check: Check) -> list[Named]:
         elsewhere = None if self.exam.unseen is None else self.exam.unseen.library
@@ -79,14 +78,9 @@ class AgainstClasses:
         return [named(*pair, elsewhere, self.dependence.every) for pair in pairs]
 
 
-def _better(classes: Selection, dependence: Dependence, now: Residuals) -> BoolArray:
-    """(n,) joints of which classes predict rows that were not fitted better than what leaves `now` there."""
-    return worsened(replace(now, rows=dependence.left.of_rows(classes)[1]), now)
-
-
-def _why(standing: Standing, settings: ClaimSettings) -> str:
+def _why(standing: Standing) -> str:
     rivals = " and ".join(name.replace("_", " ") for name in standing.rivals if name != "constant")
-    if standing.agree < settings.invariance:
+    if standing.agree < INVARIANCE:
         return "has another size on the data that were not fitted"
     if standing.weak:
         return "is too weak here to be told from other physics that acts nearly the same"

@@ -92,11 +92,6 @@ def joints_of(member: Member, torque: FloatArray) -> list[int]:
     return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
 
 
-def without(members: Sequence[Member], index: int) -> tuple[Member, ...]:
-    """All members but one."""
-    return tuple(item for position, item in enumerate(members) if position != index)
-
-
 def name_of(effect: str, joint: int | None) -> str:
     """An effect and its place in words."""
     words = effect.replace("_", " ")

@@ -12,11 +12,11 @@ from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.effects.base import CERTAIN, Estimate, Place
 from identification.mismatch.heldout import worsened
 from identification.mismatch.names.alternatives import rivals
-from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of, without
+from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of
 from identification.mismatch.search.extension import uncertainties
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
-from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.search.trial import Trial, fitted, without
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from identification.mismatch.search.library import EffectRows, Library
-from identification.mismatch.search.pruning import pruned
 from identification.mismatch.search.refinement import Member, score_of
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.search import Renewal, SearchResult, on_own_torque, polished, shortlist
-from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.search.trial import Trial, fitted, pruned
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.covariance import ClassCovariance, ClassOnJoint
 

@@ -228,7 +228,7 @@ def _best_near(
     at: Callable[[float], tuple[float, Member | None]], parameter: ShapeParameter, value: float
 ) -> tuple[float, Member | None]:
     """The best value between the neighbours of `value` on the parameter's grid (or its bounds)."""
-    forward, backward = (math.log, math.exp) if parameter.logarithmic else (_same, _same)
+    forward, backward = (math.log, math.exp) if parameter.logarithmic else (float, float)
     below = [point for point in parameter.grid if point < value * (1.0 - 1e-9)]
     above = [point for point in parameter.grid if point > value * (1.0 + 1e-9)]
     lower = max(below, default=parameter.lower)
@@ -269,7 +269,3 @@ def _rest_to_top(places: tuple[float, float, float], scores: tuple[float, float,
     bend = (rise + fall) / (before + after)
     slope = (rise * after - fall * before) / (before + after)
     return slope**2 / (4.0 * bend) if bend > 0.0 else math.inf
-
-
-def _same(value: float) -> float:
-    return value

@@ -17,10 +17,9 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
 from identification.mismatch.search.library import EffectRows, Library
-from identification.mismatch.search.pruning import pruned
 from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
 from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
-from identification.mismatch.search.trial import Trial, fitted
+from identification.mismatch.search.trial import Trial, fitted, pruned
 from identification.mismatch.settings import DiagnosisSettings
 
 SHORTLIST = 6

@@ -17,7 +17,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, extended, off, reweighted, spread
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
 from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
-from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.refinement import Member, score_of
 from identification.mismatch.settings import DiagnosisSettings
 
 FULL_ROUNDS = 3
@@ -103,3 +103,27 @@ def fitted(
     afresh = complete or near is None or near.complete or not is_inflated(near.power)
     start, rounds = (power, FULL_ROUNDS) if afresh or near is None else (near.power, QUICK_ROUNDS)
     return Trial(tuple(members), nominal, problem, power, complete, start, rounds)
+
+
+def pruned(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial:
+    """Members whose loss costs less than it must, left out one by one, the weakest first."""
+    while trial.members:
+        scores = removal_scores(nominal, trial, settings)
+        weakest = int(np.argmin(scores))
+        if scores[weakest] >= (settings.provisional_score if nominal.noise_is_measured else settings.background_score):
+            return trial
+        trial = fitted(nominal, without(trial.members, weakest), settings)
+    return trial
+
+
+def removal_scores(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> tuple[float, ...]:
+    """Of every member what is lost when it is left out and the others are fitted again."""
+    rests = [fitted(nominal, without(trial.members, index), settings, trial) for index in range(len(trial.members))]
+    if nominal.noise_is_measured:
+        return tuple(score_of(rest.problem, member) for rest, member in zip(rests, trial.members, strict=True))
+    return tuple(trial.likelihood - rest.likelihood for rest in rests)
+
+
+def without(members: Sequence[Member], index: int) -> tuple[Member, ...]:
+    """All members but one."""
+    return tuple(item for position, item in enumerate(members) if position != index)

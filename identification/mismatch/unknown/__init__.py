@@ -2,5 +2,5 @@
 
 Reading order: `functions`, `inputs`, `classes`; `evidence` (the model and its log evidence), `rows` (what it is given),
 `selection` (which classes stand); `claims`, `judgement` (what is said),
-`named` (names against classes). Constants: `settings`.
+`named` (names against classes).
 """

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from identification.mismatch.settings import ALTERNATIVE, PRIOR_COST, SPEAK
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Selection
 from identification.mismatch.unknown.states import Held, JointState
@@ -41,7 +42,7 @@ def without_lone_background(selection: Selection) -> bool:
     Whether any joint was asked anew.
     """
     smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
-    heard = [item for item in selection.held if item.loss >= selection.settings.speak]
+    heard = [item for item in selection.held if item.loss >= SPEAK]
     if len({item.joint for item in heard if item.number in smooth}) > 1:
         return False
     selection.banned = smooth
@@ -65,7 +66,7 @@ def eliminated(selection: Selection, joint: int, banned: frozenset[int] = frozen
         losses = selection.losses(joint, state)
         weak = [number for number, loss in losses.items() if loss < WEAK]
         least = min(losses, key=lambda number: losses[number])
-        if losses[least] < selection.settings.prior_cost:
+        if losses[least] < PRIOR_COST:
             state = selection.settled(joint, selection.without(joint, state, weak or [least]), FEW_ROUNDS)
             continue
         shorter = _one_less(selection, joint, state, losses)
@@ -112,18 +113,18 @@ def exchange(selection: Selection, joints: Sequence[int], most: int = EXCHANGES)
             best = score + WEAK
             for number, family in selection.families(joint, state).items():
                 shorter = selection.settled(joint, selection.without(joint, state, family), FULL_ROUNDS)
-                loss = score + selection.settings.prior_cost * len(family) - selection.score(joint, shorter)
+                loss = score + PRIOR_COST * len(family) - selection.score(joint, shorter)
                 rest = selection.without(joint, state, [number])
                 as_good = []
                 gains = selection.gains(joint, rest)
-                least = gains[number] - selection.settings.alternative - selection.settings.prior_cost
+                least = gains[number] - ALTERNATIVE - PRIOR_COST
                 for other in (other for other, gain in gains.items() if other != number and gain > least):
                     option = selection.with_class(joint, rest, other)
                     option = selection.settled(joint, option, FEW_ROUNDS, quiet=FEW_ROUNDS)
                     value = selection.score(joint, option)
                     if value > best:
                         best, better = value, option
-                    if value > score - selection.settings.alternative:
+                    if value > score - ALTERNATIVE:
                         as_good.append((value, other))
                 names = tuple(other for _, other in sorted(as_good, reverse=True))
                 found.append(Held(number, joint, loss, names))

@@ -10,9 +10,9 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, beside
+from identification.mismatch.settings import VARIANCE_CAP
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence
-from identification.mismatch.unknown.settings import ClaimSettings
 
 ClassOnJoint = tuple[int, int]
 """Joint (from 0) and number of a class in CLASSES."""
@@ -74,5 +74,5 @@ def _mean_of(found: Dependence, rows: int, joint: int) -> FloatArray:
     """(rows, 1) whitened constant of a joint, as large as it may be: the functions of a smooth error have mean zero."""
     own = found.every.joints[joint]
     constant = [number for number, basis in enumerate(own.bases) if CLASSES[basis.number].name == "constant"]
-    deviation = np.sqrt(ClaimSettings().variance_cap * found.every.misfit[joint])
+    deviation = np.sqrt(VARIANCE_CAP * found.every.misfit[joint])
     return np.asarray(own.whitened[:rows, np.flatnonzero(np.isin(own.group, constant))] * deviation)

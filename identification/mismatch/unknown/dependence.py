@@ -16,7 +16,6 @@ from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held
 
 
@@ -38,16 +37,13 @@ class Dependence:
     dropped: tuple[Dropped, ...]
 
 
-def find_dependence(
-    fitted: Prepared, unseen: Prepared | None, named: Collection[int] = (), settings: ClaimSettings | None = None
-) -> Dependence:
+def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection[int] = ()) -> Dependence:
     """The classes of what the nominal model leaves. named: joints (from 0) that names are proposed for."""
-    settings = settings if settings is not None else ClaimSettings()
-    every = build_rows(fitted, unseen, settings, named)
-    together = choose_classes(Selection.of(every, range(every.folds + every.heldout), settings, predicted=True))
+    every = build_rows(fitted, unseen, named)
+    together = choose_classes(Selection.of(every, range(every.folds + every.heldout), predicted=True))
     if every.problem.noise_is_measured or not every.heldout:
         rows = every.limited([state.groups for state in together.states])
-        return _found(together, weighed(rows, settings, predicted=True), Left.of(rows), ())
+        return _found(together, weighed(rows, predicted=True), Left.of(rows), ())
     # Rows whose noise is not known are no proof for each other: there a class has to predict.
     alone, left, dropped = _predicting(together)
     together = kept(together, alone)
@@ -61,8 +57,8 @@ def _predicting(together: Selection) -> tuple[Selection, Left, tuple[Dropped, ..
     """Of the classes that stand, those that predict rows which were not fitted, weights of the fitted rows alone."""
     rows = together.rows.limited([state.groups for state in together.states])
     left = Left.of(rows)
-    before = left(Selection.nominal(rows, range(rows.folds), together.settings))[1]
-    alone, dropped = useful(weighed(rows, together.settings, predicted=True), lambda item: left(item)[1], before)
+    before = left(Selection.nominal(rows, range(rows.folds)))[1]
+    alone, dropped = useful(weighed(rows, predicted=True), lambda item: left(item)[1], before)
     return alone, left, dropped
 
 
@@ -72,16 +68,16 @@ def _found(together: Selection, alone: Selection, left: Left, dropped: tuple[Dro
     return Dependence(together.rows, held, chosen, alone, left, left(alone), dropped)
 
 
-def beside_names(found: Dependence, torque: Sequence[Sequence[FloatArray]], settings: ClaimSettings) -> Selection:
+def beside_names(found: Dependence, torque: Sequence[Sequence[FloatArray]]) -> Selection:
     """The classes that were chosen without names, weighed anew beside these.
 
     torque: (R, n) Nm of each evidence of the fitted and of the held-out rows, without that of the names.
     """
     rows = found.alone.rows.limited([state.groups for state in found.alone.states])
-    return weighed(rows.with_torque(list(chain(*torque)), settings), settings, predicted=True)
+    return weighed(rows.with_torque(list(chain(*torque))), predicted=True)
 
 
-def weighed(rows: Rows, settings: ClaimSettings, *, predicted: bool = False) -> Selection:
+def weighed(rows: Rows, *, predicted: bool = False) -> Selection:
     """All classes of the rows, with variances and weights of the fitted rows alone."""
-    plain = Selection.of(rows, range(rows.folds), settings, predicted=predicted)
+    plain = Selection.of(rows, range(rows.folds), predicted=predicted)
     return plain.with_groups([range(len(joint.bases)) for joint in rows.joints])

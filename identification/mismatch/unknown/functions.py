@@ -8,11 +8,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from identification.arrays import FloatArray
 
-ComplexArray = npt.NDArray[np.complex128]
+SETTLE_S = 2.0
+"""Behind a signal that does not repeat, within which filters come to rest."""
 
 GRID = 401
 """Points of a table of functions; between them they run straight."""
@@ -91,29 +91,22 @@ def stops(path: FloatArray, widths: FloatArray, *, periodic: bool) -> FloatArray
     return state[samples : 2 * samples] if periodic else state
 
 
-def filtered(signal: FloatArray, step_s: float, *, periodic: bool, settle_s: float) -> tuple[ComplexArray, FloatArray]:
-    """Spectrum of a signal (S,) and s = jω of its lines (rad/s), for linear filters that are zero at rest.
-
-    A signal that does not wrap around is taken from its first value, and followed by `settle_s` of that value, so that
-    what a causal filter makes of its end does not reach its beginning.
-    """
-    if not periodic:
-        signal = np.concatenate([signal - signal[0], np.zeros(round(settle_s / step_s))])
-    frequency = np.asarray(np.fft.rfftfreq(signal.size, step_s), dtype=np.float64)
-    return np.fft.rfft(signal), 2.0 * np.pi * frequency
-
-
 def responses(
     signal: FloatArray, step_s: float, *, periodic: bool, lags_s: FloatArray, resonances_hz: FloatArray, damping: float
 ) -> FloatArray:
     """A signal (S,) through filters that vanish at rest, (S, lags + 2 · resonances): what linear dynamics adds to it.
 
     s T/(1 + s T) for each lag, then s w/(s² + 2 ζ w s + w²) and s²/(…) for each resonance of w = 2π f: two phases.
+
+    A signal that does not wrap around is taken from its first value, and followed by SETTLE_S of that value, so that
+    what a causal filter makes of its end does not reach its beginning.
     """
-    spectrum, omega = filtered(signal, step_s, periodic=periodic, settle_s=2.0)
-    s = 1j * omega[:, None]
+    samples = signal.size
+    if not periodic:
+        signal = np.concatenate([signal - signal[0], np.zeros(round(SETTLE_S / step_s))])
+    s = 2.0j * np.pi * np.fft.rfftfreq(signal.size, step_s)[:, None]
     natural = 2.0 * np.pi * resonances_hz
     below = s**2 + 2.0 * damping * natural * s + natural**2
     transfer = np.concatenate([s * lags_s / (1.0 + s * lags_s), s * natural / below, s**2 / below], axis=1)
-    size = signal.size if periodic else signal.size + round(2.0 / step_s)
-    return np.asarray(np.fft.irfft(transfer * spectrum[:, None], n=size, axis=0)[: signal.size], dtype=np.float64)
+    spectrum = np.fft.rfft(signal)[:, None]
+    return np.asarray(np.fft.irfft(transfer * spectrum, n=signal.size, axis=0)[:samples], dtype=np.float64)

@@ -132,14 +132,10 @@ class Inputs:
         """(S,) 1 where all positions are."""
         return np.asarray(self.inside("position").prod(axis=1))
 
-    @cached_property
-    def _rigid(self) -> FloatArray:
-        return rigid_torque(self.motion).torque
-
     def _scaled(self, name: str, ranges: Ranges) -> FloatArray:
         lower, upper = ranges.bounds(name)
         half = 0.5 * (upper - lower)
-        values = self._rigid if name == "load" else getattr(self.motion, name)
+        values = rigid_torque(self.motion).torque if name == "load" else getattr(self.motion, name)
         return np.asarray((values - 0.5 * (lower + upper)) / np.where(half > 1e-9, half, np.inf))
 
     @cached_property

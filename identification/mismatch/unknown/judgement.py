@@ -20,7 +20,7 @@ from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import SPEAK, DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, beside_names
@@ -31,7 +31,6 @@ from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held, JointState
 
 FORMS_NAMED, LEAST_SHARE = 3, 0.1
@@ -57,25 +56,23 @@ def judge(
     names: Claims,
     problem: Problem,
     candidates: Sequence[EffectRows],
-    settings: ClaimSettings | None = None,
 ) -> Judgement:
     """Classes of what the nominal model leaves, and what the model gains by classes beside the names that stand.
 
     problem, candidates: of the fitted rows, to find the nearest forms.
     """
-    settings = settings if settings is not None else ClaimSettings()
     offered: Offer | None = None
     left_out = found.dropped
     if unseen is not None and names.heldout_after is not None:
         beside = found.alone
         if names.extension.members:
             torque = [torque_beside(names.extension, item.library(), item.torque) for item in (fitted, unseen)]
-            beside = beside_names(found, torque, settings)
+            beside = beside_names(found, torque)
         offered, more = offer(beside, found.left, names.heldout_after)
         left_out += more
     before = np.zeros(0) if names.heldout_before is None else names.heldout_before.rms_nm
     gain = cache(partial(_gain, found, before))
-    heard = [item for item in found.held if item.loss >= settings.speak]
+    heard = [item for item in found.held if item.loss >= SPEAK]
     standing = {item: weight for item in heard if (weight := _weight(found, item, gain)) > 0.0}
     smooth = [item for item in standing if CLASSES[item.number].background]
     # A smooth error that other joints show may have any form on this one, that of a class too.

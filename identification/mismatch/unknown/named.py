@@ -17,11 +17,11 @@ from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
+from identification.mismatch.settings import ALTERNATIVE, CAPTURE, INVARIANCE, PRIOR_COST, RIVAL, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import JointState
 
 ABSENT = 1e12
@@ -80,32 +80,30 @@ def shown_on(torque: FloatArray) -> tuple[int, ...]:
 
 
 def standings(
-    every: Rows, names: Sequence[Named], asked: Sequence[int], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
+    every: Rows, names: Sequence[Named], asked: Sequence[int], chosen: Sequence[Sequence[int]]
 ) -> dict[int, Standing]:
     """Those names that are asked, by their number, each beside all others. chosen: as in `_together`."""
     if not asked:
         return {}
-    whole = _together(every, names, settings, chosen)
+    whole = _together(every, names, chosen)
     ends = every.prior.size + np.cumsum([name.size.size for name in names])
     return {
-        index: _standing(whole, names[index], np.arange(ends[index] - names[index].size.size, ends[index]), settings)
+        index: _standing(whole, names[index], np.arange(ends[index] - names[index].size.size, ends[index]))
         for index in asked
     }
 
 
-def held_beside(
-    every: Rows, names: Sequence[Named], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
-) -> dict[int, frozenset[str]]:
+def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> dict[int, frozenset[str]]:
     """Joint (from 0) → the particular classes that it holds once all the names are in.
 
     Where the noise is measured they are chosen anew; else they are what is left of the groups that were chosen without
     names, as on rows of an unknown noise another choice says little.
     """
     if every.problem.noise_is_measured:
-        whole = _together(every, names, settings, chosen)
+        whole = _together(every, names, chosen)
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
-        whole = Selection.of(rows, range(rows.folds + rows.heldout), settings, predicted=True).with_groups(chosen)
+        whole = Selection.of(rows, range(rows.folds + rows.heldout), predicted=True).with_groups(chosen)
     losses = {
         joint: whole.losses(joint, whole.states[joint], whole.families(joint, whole.states[joint]))
         for joint in range(every.problem.n)
@@ -115,21 +113,19 @@ def held_beside(
         joint: frozenset(
             CLASSES[number].within or CLASSES[number].name
             for number, loss in own.items()
-            if loss >= settings.speak and not CLASSES[number].background
+            if loss >= SPEAK and not CLASSES[number].background
         )
         for joint, own in losses.items()
     }
 
 
-def _together(
-    every: Rows, names: Sequence[Named], settings: ClaimSettings, chosen: Sequence[Sequence[int]]
-) -> Selection:
+def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> Selection:
     """All names, and the classes that the joints hold beside them, chosen anew on those that a name shows on.
 
     chosen: groups of each joint's classes without names.
     """
     rows = every.with_columns([(name.columns, name.size) for name in names])
-    whole = Selection.of(rows, range(rows.folds + rows.heldout), settings)
+    whole = Selection.of(rows, range(rows.folds + rows.heldout))
     shown = {joint for name in names for joint in name.joints}
     for joint in range(rows.problem.n):
         if not rows.asked[joint] or not whole.asks(joint):
@@ -141,12 +137,12 @@ def _together(
     return whole
 
 
-def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSettings) -> Standing:
+def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
     described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     prior = whole.rows.prior.copy()
     prior[own] = ABSENT
-    rest = Selection(replace(whole.rows, prior=prior), settings, whole.worlds, whole.signs, list(whole.states))
-    cost = settings.prior_cost + name.cost
+    rest = Selection(replace(whole.rows, prior=prior), whole.worlds, whole.signs, list(whole.states))
+    cost = PRIOR_COST + name.cost
     for joint in name.joints:
         if whole.rows.asked[joint]:
             held = whole.states[joint]
@@ -163,23 +159,23 @@ def _standing(whole: Selection, name: Named, own: IntArray, settings: ClaimSetti
             beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
             particular = particular if CLASSES[number].background else max(loss, particular)
         for number, loss in losses.items():
-            if loss < settings.speak or _carried(rest, joint, number, whole, own, size) < settings.rival:
+            if loss < SPEAK or _carried(rest, joint, number, whole, own, size) < RIVAL:
                 continue
             rivals.append(CLASSES[number].name)
             # One that is missed as much with the name as without it is other physics on the same joint.
-            if left.get(number, 0.0) <= settings.rival * loss:
+            if left.get(number, 0.0) <= RIVAL * loss:
                 kept = max(kept, left.get(number, 0.0))
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
-    part = particular >= settings.speak and any(CLASSES[number].name == "constant" for number in described)
+    part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in described)
     shown, unnamed = _energies(whole, name, own, size)
-    clear = settings.capture * shown / 2.0 >= settings.alternative
+    clear = CAPTURE * shown / 2.0 >= ALTERNATIVE
     stands = (
-        odds >= (settings.speak if _unnamed(whole, settings) else settings.alternative)
+        odds >= (SPEAK if _unnamed(whole) else ALTERNATIVE)
         # A name that shows less than the classes beside it may be what their functions fail to describe.
         and shown >= unnamed
         and kept <= odds
-        and agree >= settings.invariance
+        and agree >= INVARIANCE
         and not part
     )
     different = tuple(dict.fromkeys(rivals))
@@ -196,10 +192,10 @@ def _taken_over(selection: Selection, joint: int, state: JointState) -> Selectio
     return selection.with_state(joint, option) if better else selection
 
 
-def _unnamed(whole: Selection, settings: ClaimSettings) -> bool:
+def _unnamed(whole: Selection) -> bool:
     """Whether torque of no known form is beside the names on any joint: odds are then only as good as its functions."""
     found = (whole.losses(joint, state).values() for joint, state in enumerate(whole.states))
-    return any(loss >= settings.speak for losses in found for loss in losses)
+    return any(loss >= SPEAK for losses in found for loss in losses)
 
 
 def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> tuple[float, float]:
@@ -236,7 +232,7 @@ def _agreement(whole: Selection, own: IntArray) -> float:
         return 1.0
     estimates = []
     for parts in (range(rows.folds), [rows.folds]):
-        side = Selection(rows, whole.settings, (rows.of(list(parts)),), (1.0,))
+        side = Selection(rows, (rows.of(list(parts)),), (1.0,))
         side.states = [side.state(joint, state.groups, state.hyper) for joint, state in enumerate(whole.states)]
         now = side.posterior(0, side.states[0])
         place = now.covariance.shape[0] - now.base.size + own

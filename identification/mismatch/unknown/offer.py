@@ -34,7 +34,7 @@ def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None
     names leaves of the held-out rows. A joint with terms has to do better than that, and better than the same model of
     the rows of `alone`: it is open in the same directions of the base parameters as they are.
     """
-    nominal = Selection.nominal(alone.rows, range(alone.rows.folds), alone.settings)
+    nominal = Selection.nominal(alone.rows, range(alone.rows.folds))
     plain = before.rms_nm
     best = np.minimum(plain, replace(before, rows=left.of_rows(nominal)[1]).rms_nm)
 

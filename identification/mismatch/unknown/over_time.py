@@ -8,7 +8,7 @@ a gain that drifts is no drift of the zero and no load that was taken off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,12 +23,12 @@ from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrif
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared, without_changes
 from identification.mismatch.problem import Problem
+from identification.mismatch.settings import FADE, SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, shown_on, standings
 from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
-from identification.mismatch.unknown.settings import ClaimSettings
 
 ASKED = (
     "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",
@@ -92,16 +92,15 @@ def _words(classes: Sequence[str]) -> str:
     return " and ".join(name.replace("_", " ") for name in classes) or "nothing that is known"
 
 
-def earned_over_time(prepared: Prepared, settings: ClaimSettings | None = None) -> tuple[Prepared, tuple[Refused, ...]]:
+def earned_over_time(prepared: Prepared) -> tuple[Prepared, tuple[Refused, ...]]:
     """The changes that are earned; what they leave is looked through again without the names that are not.
 
     A joint whose torque changes as one class does has no other lasting change: neither a drift nor a warm-up is asked.
     """
-    settings = settings if settings is not None else ClaimSettings()
     refused: list[Refused] = []
     for number, evidence in enumerate(prepared.evidences):
         banned: set[tuple[str, Place]] = set()
-        asked = _Recording.of(evidence, settings) if any(item.evidence == number for item in prepared.changes) else None
+        asked = _Recording.of(evidence) if any(item.evidence == number for item in prepared.changes) else None
         while asked is not None:
             own = [item for item in prepared.changes if item.evidence == number]
             # A push acts in a moment: there is no function of the state that it could be.
@@ -126,14 +125,12 @@ class _Recording:
 
     contrasts: Contrasts
     inputs: Inputs
-    settings: ClaimSettings
     known: dict[int, list[tuple[Basis, FloatArray]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, evidence: Evidence, settings: ClaimSettings) -> _Recording:
+    def of(cls, evidence: Evidence) -> _Recording:
         ranges = Ranges.of([evidence.motion])
-        known = replace(settings, noise_rows=KNOWN, other_noise=False)
-        return cls(Contrasts(evidence), Inputs(evidence.motion, ranges, 2.0 * settings.fade), known)
+        return cls(Contrasts(evidence), Inputs(evidence.motion, ranges, 2.0 * FADE))
 
     def functions(self, joint: int) -> list[tuple[Basis, FloatArray]]:
         """Whitened columns (R, m) of each group of the classes that are asked."""
@@ -150,15 +147,15 @@ class _Recording:
 
         What changes along one course is one thing: a name that leaves a class on its course is a part of it.
         """
-        contrasts, settings = self.contrasts, self.settings
+        contrasts = self.contrasts
         course = _course(contrasts.evidence, change)
         if course is None:
             return None
         names = [_named(contrasts, course, item) for item in (change, *(item for item in own if item is not change))]
         rows = self.rows(np.tensordot(course, contrasts.z, axes=1), names[0].joints)
         elsewhere = [()] * rows.problem.n
-        standing = standings(rows, [name for name in names if np.any(name.columns)], [0], settings, elsewhere)[0]
-        beside = {name: loss for name, loss in standing.beside.items() if loss >= settings.speak}
+        standing = standings(rows, [name for name in names if np.any(name.columns)], [0], elsewhere)[0]
+        beside = {name: loss for name, loss in standing.beside.items() if loss >= SPEAK}
         if standing.earned and not beside:
             return None
         joint = change.estimate.place.joint
@@ -214,6 +211,8 @@ class _Recording:
             misfit=(np.where(weight > 0.0, whitened.T * noise, 0.0) ** 2).sum(axis=1) / evidence.samples,
             asked=asked,
             samples=(evidence.samples, 0),
+            noise_rows=KNOWN,
+            noise_odds=0.0,
         )
 
 

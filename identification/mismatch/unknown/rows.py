@@ -16,10 +16,10 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
+from identification.mismatch.settings import FADE, FOLDS, NOISE_ROWS, PRIOR_COST
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.inputs import Inputs, Ranges
-from identification.mismatch.unknown.settings import ClaimSettings
 
 BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
 """Upper edges of the bands with a noise of their own, every other one of those in which misfit is tested."""
@@ -45,7 +45,8 @@ class Rows:
 
     problem: all rows. fitted: ranges of the fitted motions. inputs: of each evidence, the fitted ones first. misfit:
     (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more than their
-    noise. samples: behind the fitted and the held-out rows. prior: (P,) precision beforehand of what stands in F.
+    noise. samples: behind the fitted and the held-out rows. noise_rows: that the measured noise of a band is worth, 0
+    without any; noise_odds: that it is another one. prior: (P,) precision beforehand of what stands in F.
     grams: per joint (parts, bands, M, M), and count (n, parts, bands).
     """
 
@@ -63,6 +64,8 @@ class Rows:
     misfit: FloatArray
     asked: BoolArray
     samples: tuple[int, int]
+    noise_rows: float
+    noise_odds: float
 
     @property
     def heldout(self) -> bool:
@@ -80,7 +83,7 @@ class Rows:
             result.append(JointGram(total, count[list(parts)].sum(axis=0), joint.group))
         return tuple(result)
 
-    def with_torque(self, torque: Sequence[FloatArray], settings: ClaimSettings) -> Rows:
+    def with_torque(self, torque: Sequence[FloatArray]) -> Rows:
         """The same columns beside another torque, (R, n) Nm of each evidence."""
         problem = with_torque(self.problem, torque)
         residual = problem.residual.reshape(problem.weight.shape)
@@ -96,7 +99,7 @@ class Rows:
         return replace(
             self, problem=problem, joints=tuple(joints), grams=tuple(grams),
             misfit=_mean_square(problem, self.part < self.folds, self.samples[0]),
-            asked=self.asked & _worth_asking(problem, self.band, settings),
+            asked=self.asked & _worth_asking(problem, self.band),
         )  # fmt: skip
 
     def with_columns(self, names: Sequence[tuple[FloatArray, FloatArray]]) -> Rows:
@@ -137,7 +140,7 @@ class Rows:
         return replace(self, joints=tuple(joints), grams=tuple(grams), count=self.count[:, : self.folds])
 
 
-def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSettings, named: Collection[int] = ()) -> Rows:
+def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int] = ()) -> Rows:
     """The rows of both roles, base parameters common, what changes between the periods of each kept free.
 
     All classes on the joints that hold more than their noise, and on those (from 0) that a name is proposed for; their
@@ -151,10 +154,10 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSetting
         first += len(role.evidences)
     problem = build_problem(evidences, [rows for role in roles for rows in role.torque], nuisance)
     every = Ranges.of([item.motion for item in evidences])
-    inputs = tuple(Inputs(item.motion, every, 2.0 * settings.fade) for item in evidences)
-    part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured, settings)
+    inputs = tuple(Inputs(item.motion, every, 2.0 * FADE) for item in evidences)
+    part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured)
     band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
-    asked = _worth_asking(problem, band, settings)
+    asked = _worth_asking(problem, band)
     asked[list(named)] = True
     joints = _joints(problem, evidences, inputs, asked)
     bands, parts = len(BAND_EDGES_HZ) + 1, folds + (unseen is not None)
@@ -179,6 +182,8 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, settings: ClaimSetting
         misfit=_mean_square(problem, part < folds, samples[0]),
         asked=asked,
         samples=samples,
+        noise_rows=NOISE_ROWS if problem.noise_is_measured else 0.0,
+        noise_odds=float(np.exp(-PRIOR_COST)),
     )
 
 
@@ -189,7 +194,7 @@ def _mean_square(problem: Problem, chosen: BoolArray, samples: int) -> FloatArra
     return np.asarray((left[:, chosen] ** 2).sum(axis=1) / samples)
 
 
-def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool, settings: ClaimSettings) -> tuple[IntArray, int]:
+def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool) -> tuple[IntArray, int]:
     """Part of each row. Where noise is measured all fitted rows are one; else stretches of time in turn.
 
     The lines of a block of time begin at 0 Hz.
@@ -200,13 +205,13 @@ def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool, settings:
         blocks.append(np.maximum(np.cumsum(start).astype(np.int64) - 1, 0))
     offsets = np.cumsum([0, *(int(block[-1]) + 1 for block in blocks)])
     number = np.concatenate([block + offset for block, offset in zip(blocks, offsets, strict=False)])
-    folds = 1 if measured else min(settings.folds, int(offsets[-1]))
+    folds = 1 if measured else min(FOLDS, int(offsets[-1]))
     fold = number * folds // int(offsets[-1]) if not measured else np.zeros_like(number)
     rest = sum(item.frequency.size for item in evidences[fitted:])
     return np.concatenate([fold, np.full(rest, folds)]), folds
 
 
-def _worth_asking(problem: Problem, band: IntArray, settings: ClaimSettings) -> BoolArray:
+def _worth_asking(problem: Problem, band: IntArray) -> BoolArray:
     """(n,) joints whose rows below some frequency hold more than noise, beyond the odds against a class."""
     if not problem.noise_is_measured:
         return np.ones(problem.n, dtype=np.bool_)
@@ -216,7 +221,7 @@ def _worth_asking(problem: Problem, band: IntArray, settings: ClaimSettings) -> 
     edges = range(int(band.max()) + 1)
     rest, count = (np.stack([values[:, band <= edge].sum(axis=1) for edge in edges]) for values in (squares, freedom))
     chance = chdtrc(np.maximum(count, 1.0), rest)
-    return np.asarray(chance.min(axis=0) < np.exp(-settings.prior_cost))
+    return np.asarray(chance.min(axis=0) < np.exp(-PRIOR_COST))
 
 
 def _joints(

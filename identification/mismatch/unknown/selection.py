@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
+from identification.mismatch.settings import PRIOR_COST, VARIANCE_CAP
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import (
     LEAST_NOISE,
@@ -35,7 +36,6 @@ from identification.mismatch.unknown.evidence import (
     updated,
 )
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.mismatch.unknown.states import Held, JointState
 
 FULL_ROUNDS, FEW_ROUNDS = 8, 3
@@ -56,7 +56,6 @@ class Selection:
     """
 
     rows: Rows
-    settings: ClaimSettings
     worlds: tuple[tuple[JointGram, ...], ...]
     signs: tuple[float, ...]
     states: list[JointState] = field(default_factory=list)
@@ -65,9 +64,7 @@ class Selection:
     predicted: bool = False
 
     @classmethod
-    def nominal(
-        cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, predicted: bool = False
-    ) -> Selection:
+    def nominal(cls, rows: Rows, parts: Sequence[int], *, predicted: bool = False) -> Selection:
         """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
         predicted = predicted and not rows.problem.noise_is_measured and len(parts) > 1
 
@@ -80,27 +77,19 @@ class Selection:
         if not rows.problem.noise_is_measured and len(parts) > 1:
             worlds += [tuple(whole.less(own) for whole, own in zip(total, of([part]), strict=True)) for part in parts]
             signs = [float(len(parts)), *(-1.0 for _ in parts)]
-        result = cls(rows, settings, tuple(worlds), tuple(signs), predicted=predicted)
+        result = cls(rows, tuple(worlds), tuple(signs), predicted=predicted)
         start = np.ones(total[0].count.size)
         result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
         return result
 
     @classmethod
-    def of(cls, rows: Rows, parts: Sequence[int], settings: ClaimSettings, *, predicted: bool = False) -> Selection:
+    def of(cls, rows: Rows, parts: Sequence[int], *, predicted: bool = False) -> Selection:
         """No class on any joint; noise estimated."""
-        result = cls.nominal(rows, parts, settings, predicted=predicted)
+        result = cls.nominal(rows, parts, predicted=predicted)
         for _ in range(FULL_ROUNDS):
             for joint in range(rows.problem.n):
                 result.states[joint] = result.settled(joint, result.states[joint], 1)
         return result
-
-    @property
-    def _noise_rows(self) -> float:
-        return self.settings.noise_rows if self.rows.problem.noise_is_measured else 0.0
-
-    @property
-    def _odds(self) -> float:
-        return float(np.exp(-self.settings.prior_cost)) if self.settings.other_noise else 0.0
 
     def state(self, joint: int, groups: tuple[int, ...], hyper: Hyper) -> JointState:
         """A joint with some groups under given variances."""
@@ -137,14 +126,14 @@ class Selection:
         quiet: rounds before them in which the noise is held: a class that is new would find its torque taken for noise.
         """
         beside = self.others(joint, 0)
-        cap = self.settings.variance_cap * max(float(self.rows.misfit[joint]), 1e-24)
+        cap = VARIANCE_CAP * max(float(self.rows.misfit[joint]), 1e-24)
         hyper, part = state.hyper, state.part
         if quiet and state.groups:
             hyper = replace(hyper, variance=settled_variance(state.gram, hyper, beside, cap, quiet))
             part = marginal(state.gram, hyper)
         for _ in range(rounds):
             now = posterior(state.gram, part, beside.plus(part))
-            new = updated(state.gram, hyper, now, cap, self._noise_rows, self._odds)
+            new = updated(state.gram, hyper, now, cap, self.rows.noise_rows, self.rows.noise_odds)
             hyper = replace(new, noise=hyper.noise) if self.predicted else new
             part = marginal(state.gram, hyper)
         if self.predicted:
@@ -172,8 +161,8 @@ class Selection:
             sign * self.others(joint, world).plus(self.part(joint, state, world)).log_evidence
             for world, sign in enumerate(self.signs)
         )
-        prior = log_prior(state.hyper.noise, self._noise_rows, self._odds)
-        return evidence + prior - self.settings.prior_cost * len(self.classes(joint, state))
+        prior = log_prior(state.hyper.noise, self.rows.noise_rows, self.rows.noise_odds)
+        return evidence + prior - PRIOR_COST * len(self.classes(joint, state))
 
     def total(self) -> float:
         """Nats of the whole hypothesis, the prior cost of all classes taken off."""
@@ -184,9 +173,9 @@ class Selection:
             ).log_evidence
             for world, sign in enumerate(self.signs)
         )  # fmt: skip
-        prior = sum(log_prior(state.hyper.noise, self._noise_rows, self._odds) for state in self.states)
+        prior = sum(log_prior(state.hyper.noise, self.rows.noise_rows, self.rows.noise_odds) for state in self.states)
         count = sum(len(self.classes(joint, self.states[joint])) for joint in joints)
-        return evidence + prior - self.settings.prior_cost * count
+        return evidence + prior - PRIOR_COST * count
 
     def classes(self, joint: int, state: JointState) -> dict[int, list[int]]:
         """Number of each class that a state holds, with the positions of its groups in the state."""
@@ -255,9 +244,9 @@ class Selection:
         On a joint without any the noise is the measured one, or what takes it for noise would hide the class.
         """
         state = self.states[joint]
-        if not state.groups and self._noise_rows:
+        if not state.groups and self.rows.noise_rows:
             state = self.state(joint, (), Hyper(state.hyper.variance, np.ones_like(state.hyper.noise)))
-        return max(self.gains(joint, state).values(), default=0.0) > self.settings.prior_cost
+        return max(self.gains(joint, state).values(), default=0.0) > PRIOR_COST
 
     def gains(self, joint: int, state: JointState) -> dict[int, float]:
         """Nats that each absent class would gain, its variance the best of a grid, all else as it is."""
@@ -270,7 +259,7 @@ class Selection:
         visible, target = beside(gram, absent, held, state.hyper.noise, state.part, shared)
         bases = self.rows.joints[joint].bases
         number_of = np.array([bases[group].number for group in gram.group[absent]])
-        variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, self.settings.variance_cap, GRID)
+        variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, VARIANCE_CAP, GRID)
         found = {}
         for number in sorted(set(number_of.tolist()) - self.banned):
             chosen = np.flatnonzero(number_of == number)
@@ -291,7 +280,7 @@ class Selection:
         """A joint with some groups, not yet estimated, the noise as measured where it is."""
         noise = self.states[joint].hyper.noise
         start = np.full(len(groups), START * max(float(self.rows.misfit[joint]), 1e-24))
-        return self.state(joint, tuple(groups), Hyper(start, np.ones_like(noise) if self._noise_rows else noise))
+        return self.state(joint, tuple(groups), Hyper(start, np.ones_like(noise) if self.rows.noise_rows else noise))
 
     def full(self, joint: int) -> JointState:
         """A joint with all classes that its rows hold, not yet estimated."""

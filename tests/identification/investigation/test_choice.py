@@ -22,8 +22,8 @@ from identification.investigation.free_functions import lead
 from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, separations
 from identification.mismatch.effects.base import Place
+from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.classes import CLASSES, Basis
-from identification.mismatch.unknown.settings import ClaimSettings
 
 ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
 POSITION = next(number for number, kind in enumerate(CLASSES) if kind.name == "own_position")
@@ -79,7 +79,7 @@ def test_a_name_that_a_free_function_can_stand_for_is_told_from_nothing_by_less(
     torque, left = off @ column[:, 0] * 0.5, off @ functions
     whole = float(torque @ torque)
     best = max(log_evidence(left, variance, torque) for variance in np.geomspace(1e-6, 1e3, 600))
-    expected = min(whole, 2.0 * (-best + ClaimSettings().prior_cost))
+    expected = min(whole, 2.0 * (-best + PRIOR_COST))
     assert found == pytest.approx(expected, abs=1.0)
     assert (found < 0.5 * whole) == bool(like)
 

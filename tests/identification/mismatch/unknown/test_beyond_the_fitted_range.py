@@ -31,5 +31,5 @@ def test_what_grows_with_speed_is_predicted_at_speeds_that_were_not_fitted(
     assert speeds[1] > 1.3 * speeds[0]
     found = find_dependence(slow, fast)
     assert ("own_velocity", 2) in {(CLASSES[item.number].name, item.joint) for item in found.held}
-    plain = Selection.nominal(found.alone.rows, range(found.alone.rows.folds), found.alone.settings)
+    plain = Selection.nominal(found.alone.rows, range(found.alone.rows.folds))
     assert found.after[1][2] < 0.3 * found.left(plain)[1][2]

@@ -10,12 +10,12 @@ import pytest
 from identification.mismatch.effects.dynamics import rigid_torque
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
+from identification.mismatch.settings import FADE
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.functions import fade, responses, stops
 from identification.mismatch.unknown.inputs import Inputs, Ranges
-from identification.mismatch.unknown.settings import ClaimSettings
 
-FADE = 2.0 * ClaimSettings().fade
+FADE = 2.0 * FADE
 NUMBER = {item.name: number for number, item in enumerate(CLASSES)}
 
 

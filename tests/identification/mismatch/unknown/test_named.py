@@ -15,7 +15,6 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import find_dependence
 from identification.mismatch.unknown.named import Named, Standing, standings
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
@@ -69,10 +68,9 @@ def asked(
     pair: tuple[Prepared, Prepared], forms: dict[Form, float], effect: str = "", joints: frozenset[int] = frozenset()
 ) -> list[Standing]:
     """How names of these forms, found of these sizes, stand against the classes of the rows, asked on these joints."""
-    settings = ClaimSettings()
-    rows = build_rows(*pair, settings, joints)
+    rows = build_rows(*pair, joints)
     names = [_named(rows, form, size, effect) for form, size in forms.items()]
-    return list(standings(rows, names, range(len(names)), settings, [()] * rows.problem.n).values())
+    return list(standings(rows, names, range(len(names)), [()] * rows.problem.n).values())
 
 
 def _named(rows: Rows, form: Form, size: float, effect: str) -> Named:

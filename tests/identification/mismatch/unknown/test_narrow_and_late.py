@@ -12,7 +12,6 @@ from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE
 from identification.mismatch.unknown.rows import build_rows
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import RobotModel, load_robot
@@ -61,9 +60,7 @@ def test_friction_that_follows_late_is_not_asked_where_the_noise_is_not_measured
     recording = read_recording(recording_file("ur10.npz"))
     fitted = prepare([recording], robot, BaseRegressor(robot), settings, default_split([recording], settings))
     asked = {
-        CLASSES[basis.number].groups[basis.group]
-        for joint in build_rows(fitted, None, ClaimSettings()).joints
-        for basis in joint.bases
+        CLASSES[basis.number].groups[basis.group] for joint in build_rows(fitted, None).joints for basis in joint.bases
     }
     assert asked
     assert not asked & set(TOLD_BY_NOISE)

@@ -9,9 +9,9 @@ import pytest
 
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.findings import Diagnosis
-from identification.mismatch.names.verdict import verdict_of
 from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.summary import verdict_of
 from identification.mismatch.unknown.over_time import Refused, changing, earned_over_time
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel

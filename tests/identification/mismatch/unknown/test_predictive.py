@@ -13,7 +13,6 @@ from identification.mismatch.unknown.dependence import weighed
 from identification.mismatch.unknown.predictive import LEAST_CHANGE, harmless, useful
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
@@ -36,9 +35,8 @@ def all_classes(
     robot: RobotModel, base: BaseRegressor, truth: PhysicalParameters, *, only: int | None = None
 ) -> Selection:
     """All classes on every joint, or on one joint (from 0) alone."""
-    settings = ClaimSettings()
     fitted = prepare([record(robot, truth, bends)], robot, base, DiagnosisSettings(), None)
-    selection = weighed(build_rows(fitted, None, settings), settings)
+    selection = weighed(build_rows(fitted, None))
     for joint in range(7) if only is not None else ():
         if joint != only:
             state = selection.states[joint]

@@ -11,7 +11,6 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES, STATE_ORDER
 from identification.mismatch.unknown.functions import smooth_table, tabulated
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
@@ -28,7 +27,7 @@ def rows(iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParamet
         )
         for motion in (3, 9)
     ]
-    return build_rows(roles[0], roles[1], ClaimSettings())
+    return build_rows(roles[0], roles[1])
 
 
 def plain_products(rows: Rows, joint: int) -> np.ndarray:

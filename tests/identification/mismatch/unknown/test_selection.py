@@ -12,12 +12,12 @@ from identification.mismatch import diagnosis
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown import choice
 from identification.mismatch.unknown.choice import eliminated, exchange
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.settings import ClaimSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import RobotModel, load_robot
@@ -34,8 +34,8 @@ def test_what_is_held_stands_also_where_every_exchange_seems_better(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fitted = prepare([record(iiwa14, table3, bends)], iiwa14, iiwa14_base, DiagnosisSettings(), None)
-    settings = ClaimSettings(alternative=1e9)
-    selection = Selection.of(build_rows(fitted, None, settings), [0], settings)
+    monkeypatch.setattr(choice, "ALTERNATIVE", 1e9)
+    selection = Selection.of(build_rows(fitted, None), [0])
     selection.states[2] = eliminated(selection, 2)
     calls = count()
     monkeypatch.setattr(Selection, "score", lambda *_: float(next(calls)))
@@ -68,13 +68,12 @@ def test_noise_that_is_not_measured_is_what_stays_of_rows_that_were_not_fitted()
     """All classes together describe every fitted row of 18 s of the UR10 in some band; not of what is left out."""
     robot = load_robot(recording_file("ur10_mdh.csv"))
     recording = read_recording(recording_file("ur10.npz"))
-    settings = ClaimSettings()
     split = default_split([recording], DiagnosisSettings())
     fitted = prepare([recording], robot, BaseRegressor(robot), DiagnosisSettings(), split)
-    rows = build_rows(fitted, None, settings)
+    rows = build_rows(fitted, None)
     least = {}
     for predicted in (False, True):
-        selection = Selection.of(rows, range(rows.folds), settings, predicted=predicted)
+        selection = Selection.of(rows, range(rows.folds), predicted=predicted)
         before = selection.states[0].hyper.noise
         share = selection.settled(0, selection.full(0), 8).hyper.noise / before
         least[predicted] = float(share[selection.states[0].gram.count > 0.0].min())
