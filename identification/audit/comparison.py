@@ -20,6 +20,8 @@ PARTS = 8
 USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))
 """Blocks in turns. Each of those in use accepts what the others fitted; those that report are used for neither."""
 
+LEAST_SIGMAS = 5.0
+"""Deviations that what is said to be different is away from none."""
 MOST_NOISE = 2.0
 """Of what a model leaves of its own recordings."""
 

@@ -7,12 +7,11 @@ from scipy.optimize import lsq_linear
 
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
-from identification.audit.comparison import PARTS, REPORT
+from identification.audit.comparison import LEAST_SIGMAS, PARTS, REPORT
 from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
-LEAST_SIGMAS = 5.0
 LEAST_SHARE = 0.15
 """Of what a joint's torque lacks, that friction takes away on rows that it was not fitted to."""
 

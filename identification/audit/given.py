@@ -37,6 +37,8 @@ DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
 
+WEIGHS = 3.0
+"""Deviations that a load's mass must be from zero: a first moment alone is no load."""
 WIDEST = 20.0
 """Sizes of the arm's mean link that a load may have; more is no load of this arm."""
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from identification.arrays import BoolArray, IntArray
 from identification.audit.columns import Geometry, SetUp
+from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import GivenModel
-from identification.recordings.clock import clock_by_velocity
+from identification.recordings.clock import SMALLEST_CLOCK_ERROR, clock_by_velocity
 from identification.recordings.recording import Recording
 
-SMALLEST_CLOCK_ERROR = 0.03
 FILTERED = 0.005
 """By which the filter of a recorded velocity makes it smaller or larger."""
 STAYS = 0.12
@@ -56,7 +56,7 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], D
     ratio, std = (float(np.mean(values)) for values in zip(*each, strict=True))
     apart = float(np.std([value for value, _ in each]))
     std = float(np.sqrt(std**2 + apart**2 + (FILTERED * ratio) ** 2))
-    if abs(np.log(ratio)) < max(SMALLEST_CLOCK_ERROR, 5.0 * std / ratio):
+    if abs(np.log(ratio)) < max(SMALLEST_CLOCK_ERROR, LEAST_SIGMAS * std / ratio):
         return None
     number = Number("ratio", ratio, std, "")
     text = f"The clock is wrong: by the recorded velocity, true rate over stated rate is {with_interval(number)}"

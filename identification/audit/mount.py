@@ -12,7 +12,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
-from identification.audit.comparison import PARTS
+from identification.audit.comparison import LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, rows_of
@@ -27,7 +27,6 @@ LEAST_ANGLE = np.radians(3.0)
 """A floor is level within this; less is for the audit against a model."""
 LEAST_SHARE = 0.3
 """Of what the stated gravity leaves, that another takes away."""
-LEAST_SIGMAS = 5.0
 TELLS = np.radians(10.0)
 """Half of a 95 % interval: wider, a recording does not tell how the base stands."""
 _TURNS = 2

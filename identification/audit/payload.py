@@ -20,7 +20,7 @@ from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
 from identification.audit.difference import Number
 from identification.audit.evidence import Estimate, Products, as_they_scatter, posterior, products_of
-from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
+from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
 from identification.recordings.independence import refuse_repeated
@@ -28,7 +28,6 @@ from identification.recordings.recording import Recording
 from identification.robots.flange import Flange
 from identification.robots.model import RobotModel, refuse_followers
 
-LEAST_SIGMAS = 3.0
 TOOLS_REACH_M = 1.0
 """Half of an interval that is wider says nothing of where a load sits."""
 _TURNS = 3
@@ -99,7 +98,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
-    if abs(values[0]) < LEAST_SIGMAS * float(np.sqrt(covariance[0, 0])):
+    if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a motion "
             "that turns the wrist through its range, without and with the tool."

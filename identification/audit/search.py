@@ -12,16 +12,15 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.audit.basis import DAYS, Explanation, root_of
 from identification.audit.columns import PARAMETERS, Geometry, SetUp
-from identification.audit.comparison import ALL, USED, Comparison, torque_as_read, turned
+from identification.audit.comparison import ALL, LEAST_SIGMAS, USED, Comparison, torque_as_read, turned
 from identification.audit.directions import Directions
-from identification.audit.given import GivenModel, Sizes
+from identification.audit.given import WEIGHS, GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, Layout, hypotheses
 
 LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""
 FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
-LEAST_SIGMAS = 5.0
 EXPLAINS = 1.0
 """Deviations by which what a difference takes away is above nothing: without a share of its own nothing is said."""
 LEAST_TORQUE = 0.5
@@ -34,8 +33,6 @@ READINGS = 3
 """How many other readings of the data are asked what noise they leave."""
 TURNS = 4
 TRIED = 8
-WEIGHS = 3.0
-"""σ that a load's mass must be from zero: a first moment alone is no load."""
 FARTHEST = 3.0
 """Of the longest link's radius of inertia: a load's centre is no farther from its link's frame."""
 SLOWEST = 0.3

@@ -25,6 +25,7 @@ from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
+from identification.mismatch.settings import DIFFERENT
 from identification.regressor import rigid_body_columns
 
 
@@ -50,8 +51,6 @@ ASK = {
 """The question to the operator, in plain words."""
 TOLD = 3.0
 """Nats from which on one of two answers is given: odds of 20 to 1."""
-CLEAR = 1e-3
-"""Chance below which a difference is no noise."""
 LEAST_LOAD = 1e-3
 """Share of a known mass's largest torque on any joint from which on a joint's sensor is asked about it."""
 MOST_GAIN = 0.5
@@ -163,14 +162,14 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
             Action.ADD_MASS, "", False,
             f"{text}. No sensor is that wrong: see that the mass is on the flange, weigh it, give --added-mass again.",
         )  # fmt: skip
-    if distance < CLEAR:
+    if distance < DIFFERENT:
         worst = int(np.argmax(np.abs(np.array(gains) - gain) * np.sqrt(precision)))
         return Outcome(
             Action.ADD_MASS, "single_gain", True,
             f"{text}, but not alike: joint {loaded[worst] + 1} reads {100 * (1 + gains[worst]):.2f} % of it (chance "
             f"{distance:.1g}). Its sensor has a gain of its own.",
         )  # fmt: skip
-    if chi2.sf((gain / deviation) ** 2, 1) < CLEAR:
+    if chi2.sf((gain / deviation) ** 2, 1) < DIFFERENT:
         return Outcome(Action.ADD_MASS, "common_gain", True, f"{text}: all sensors have this gain, no link is heavier.")
     return Outcome(
         Action.ADD_MASS, "no_common_gain", True, f"{text}: no common gain beyond that; what the links weigh stands."
@@ -192,7 +191,7 @@ def turned_tool(difference: Difference) -> Outcome:
         f"Across the flange's axis the load has first moments of {moment[0]:+.4f} ± {1.96 * deviation[0]:.4f} and "
         f"{moment[1]:+.4f} ± {1.96 * deviation[1]:.4f} kg m (95 %; x and y of the last link, before the turn)"
     )
-    if chance < CLEAR:
+    if chance < DIFFERENT:
         return Outcome(Action.TURN_TOOL, "load", True, f"{text}: there is a load that turned with the tool.")
     return Outcome(
         Action.TURN_TOOL, "last_link", True,
@@ -211,7 +210,7 @@ def levelled(difference: Difference) -> Outcome:
     angle = math.degrees(float(np.linalg.norm(turn)))
     deviation = math.degrees(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
     text = f"Gravity turned by {angle:.3f} ± {1.96 * deviation:.3f}° (95 %) in the frame of the base"
-    if chance < CLEAR:
+    if chance < DIFFERENT:
         return Outcome(Action.LEVEL_BASE, "base_tilt", True, f"{text}: the base leaned by so much.")
     return Outcome(
         Action.LEVEL_BASE, "level", True, f"{text}: it stood no other way before. What is there is no tilt of the base."

@@ -26,7 +26,7 @@ from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.named import ABSENT
+from identification.mismatch.unknown.named import ABSENT, shown_on
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
 from identification.mismatch.unknown.states import JointState
@@ -41,8 +41,6 @@ _DESCRIBED = frozenset(number for number, kind in enumerate(CLASSES) if kind.des
 _BACKGROUND = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
 _CONSTANT = next(number for number, kind in enumerate(CLASSES) if kind.name == "constant")
 _MOST_PASSES = 3
-_TOUCHED = 0.1
-"""Share of its largest torque from which on a form touches a joint, so that the classes there are asked anew."""
 
 
 def assess(
@@ -160,8 +158,7 @@ def _weighed(
     parts = (among.of(range(among.folds)),)
     whole = Selection(among, parts, (1.0,))
     whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
-    size = np.sqrt(((columns @ item.coefficients) ** 2).sum(axis=1))
-    touched = {joint for joint, own in zip(joints, size, strict=True) if own > _TOUCHED * size.max()}
+    touched = {joints[place] for place in shown_on(columns @ item.coefficients)}
     # Joints share base columns: what a form explains, classes of other joints may have stood for. A smooth error stays.
     others = [] if _background(nothing) else [joint for joint, own in enumerate(nothing.states) if own.groups]
     for joint in (*touched, *(number for number in others if number not in touched)):

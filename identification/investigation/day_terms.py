@@ -20,9 +20,8 @@ from identification.investigation.actions import friction_columns, is_same
 from identification.investigation.columns import Form, Sums, form_rows, scaled_inverse, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
 from identification.mismatch.evidence import Evidence
+from identification.mismatch.settings import DIFFERENT
 
-CLEAR = 1e-3
-"""Chance, over all joints and recordings together, below which a change is no noise."""
 _OWN = 3
 """Columns of a change: constant, direction, speed."""
 
@@ -87,7 +86,8 @@ def day_terms(
     assert total is not None
     rest = total.projected(beside.deviations(variances))
     first = sum(form.size for form in forms)
-    limit = CLEAR / len(places)
+    # Over all joints and recordings together.
+    limit = DIFFERENT / len(places)
     chosen: list[tuple[int, int]] = []
     # The strongest first, each beside those found before: one change is not told on every joint that it moves.
     while True:

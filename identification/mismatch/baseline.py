@@ -22,14 +22,11 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import Extension
+from identification.mismatch.settings import CLEARLY, UNLIKELY
 from identification.model_file import Model, no_check
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_simulator_model
 
-SIGMAS = 4.0
-"""A base parameter further away than this is not the robot's: chance 6e-5 each."""
-PROBABILITY = 1e-4
-"""Below this, the parameters of a link together are not the robot's."""
 DRIVES = ("FV_", "FS_", "IA_", "OFF_")
 
 
@@ -53,7 +50,7 @@ class ParameterDeviation:
     @property
     def wrong(self) -> bool:
         """Whether the difference is beyond what the fit leaves open."""
-        return abs(self.sigmas) > SIGMAS
+        return abs(self.sigmas) > CLEARLY
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +64,7 @@ class LinkDeviation:
     @property
     def wrong(self) -> bool:
         """Whether the difference is beyond what the fit leaves open."""
-        return self.probability < PROBABILITY
+        return self.probability < UNLIKELY
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,8 @@ from identification.signals.processed import LinearOperator
 from identification.signals.standstill import over_standstills
 
 ABSENT = 1e-12
-"""Share of the longest column below which the motion does not ask for a base parameter; it stays at zero."""
+"""Share of the longest column below which the motion does not ask for a base parameter: it stays at zero, and its
+variance is still a number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,11 +20,7 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.problem import BAND_EDGES_HZ, Problem, off
 from identification.mismatch.search.extension import Extension, nominal_factor, predicted, prediction_scatter
 from identification.mismatch.search.library import Library
-from identification.mismatch.settings import OPEN_BEYOND_NOISE
-
-# Deviations beyond which a joint that gets worse speaks against a name: chance 3e-5, for seven joints about the one at
-# which a residual no longer counts as noise.
-WORSE = 4.0
+from identification.mismatch.settings import CLEARLY, OPEN_BEYOND_NOISE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +141,7 @@ def worsened(rest: Residuals, now: Residuals) -> BoolArray:
     share = np.minimum(now.freedom / np.maximum(used, 1), 1.0) / level
     moved = share * ((after - before) ** 2).sum(axis=1)
     rise = share * (after**2 - before**2).sum(axis=1)
-    return np.asarray(rise > np.maximum(2.0 * WORSE * np.sqrt(moved) - moved, 0.0))
+    return np.asarray(rise > np.maximum(2.0 * CLEARLY * np.sqrt(moved) - moved, 0.0))
 
 
 def misfit_probability(left: Residuals, evidences: Sequence[Evidence], highest_hz: float = np.inf) -> FloatArray:

@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
+from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import in_degrees
 from identification.audit.mount import Mounting, mounting_of
@@ -43,7 +44,7 @@ FAULTS = {
         "No rows are lost, repeated or garbled, and no sensor is at its end.",
     ),
 }
-LATEST_S, LEAST_SIGMAS = 0.005, 5.0
+LATEST_S = 0.005
 """A torque later than this shifts what a fit finds, where it shows."""
 NOT_ITS_OWN, ITS_OWN, CHEAPER = 0.5, 0.2, 0.3
 """Of a torque's square: what stays of one at least under the joint where it stands, and of each at most under the one

@@ -15,13 +15,13 @@ OPEN_BEYOND_NOISE = 5.0
 """Deviations of the noise along a direction of the base parameters beyond which rows leave it open: what other rows
 predict there says nothing of an effect, and it is settled by these rows."""
 
-# Of what may be claimed without a form, in nats of log-likelihood (4 nats are odds of about 1 : 50), shares and rows.
+# Of what may be claimed, in nats of log-likelihood (4 nats are odds of about 1 : 50), chances, shares and rows.
 PRIOR_COST = 4.0
 """Nats that one class on one joint, and one band whose noise is not the measured one, cost beforehand."""
 SPEAK = 8.0
-"""Nats by which the evidence must fall without a class for it to be claimed: 3000 : 1."""
+"""Nats by which the evidence must fall without a class for it to be claimed, or rise with a torque turned: 3000 : 1."""
 ALTERNATIVE = 3.0
-"""Nats within which another class in a class's place is as good: 20 : 1."""
+"""Nats within which one explanation is as good as another, and the simpler one, or both, are said: 20 : 1."""
 NOISE_ROWS = 20.0
 """How many rows the measured noise of a band is worth against its own residual."""
 VARIANCE_CAP = 100.0
@@ -35,8 +35,12 @@ RIVAL = 0.5
 rival."""
 CAPTURE = 0.1
 """Share of what is named that may be something else, of what two recordings differ by and of a name's energy."""
-INVARIANCE = 1e-3
-"""Chance below which coefficients of fitted and of held-out rows differ."""
+DIFFERENT = 1e-3
+"""Chance below which figures of two recordings, or of fitted and held-out rows, differ."""
+UNLIKELY = 1e-4
+"""Chance, over all that was looked at, below which what is seen is no noise."""
+CLEARLY = 4.0
+"""Deviations beyond which one figure is not another: a chance of 6e-5, of 3e-5 to one side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,7 @@ class DiagnosisSettings:
     provisional_score: float = 10.0
     push_score: float = 20.0
     background_score: float = 100.0
-    consistency_probability: float = 1e-4
+    consistency_probability: float = UNLIKELY
     margin_of_indistinguishable: float = 4.6
     largest_explanation: int = 3
     largest_findings: int = 5

@@ -10,6 +10,8 @@ from identification.arrays import BoolArray, FloatArray
 from identification.recordings.recording import Recording
 
 WIDEST_RATIO = 30.0
+SMALLEST_CLOCK_ERROR = 0.03
+"""Of the rate: less is no wrong clock."""
 SET_BACK_ROWS = 3
 """In a row with a time before an earlier row's: fewer are single rows that came late."""
 

@@ -27,11 +27,10 @@ from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
+from identification.mismatch.settings import UNLIKELY
 from identification.recordings.recording import Recording
 
 FEWEST_PERIODS = 3
-FALSE_ALARM = 1e-4
-"""Chance per recording and family that a change is claimed where there is none, by the noise's theory."""
 MOST_CHANGES = 5
 WINDOW_MARGIN_S = 0.1
 CLOSING_POINTS = 9
@@ -135,7 +134,7 @@ def _search(
         ],
     )
     claimed: list[Candidate] = []
-    bound = float(np.log10(FALSE_ALARM))
+    bound = float(np.log10(UNLIKELY))
     while len(claimed) < MOST_CHANGES:
         found: list[Candidate] = []
         # A push is the costliest to look for: last, and only where it may explain more than what was found.

@@ -30,6 +30,7 @@ from identification.mismatch.changes.push_fit import (
     unit_torque,
 )
 from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
+from identification.mismatch.settings import ALTERNATIVE
 
 REFINED = 1.2
 """A refinement of the window adds a fifth to the gain of a rough one."""
@@ -37,8 +38,6 @@ PROFILE_STARTS = ((1.0, 1.0), (0.2, 1.0), (0.4, 0.4))
 """Sharpness and skew from which the profile is looked for."""
 UNSEEN = 2.7e-3
 """Chance of the torque on a joint, or of what a larger link explains, up to which it is no reason for that link."""
-ON_AXIS = 3.0
-"""Logarithm of the odds at which a push that might be on a smaller link is taken for one on the last joint's axis."""
 FADING = 1.8
 """How much longer a push that fades slowly may be than the plain profile that describes its body."""
 LACK_KNOTS = 9
@@ -91,7 +90,8 @@ def locate_push(
 
     chosen = next(link for link in sorted(found) if not any(explains_more(other, link) for other in found))
     last = max(found)
-    if chosen < last and on_axis.evidence(noise) > found[chosen].evidence(noise) + ON_AXIS:
+    # One that might be on a smaller link is taken for one on the last joint's axis where the odds are clear.
+    if chosen < last and on_axis.evidence(noise) > found[chosen].evidence(noise) + ALTERNATIVE:
         chosen, found = last, {last: on_axis}
     push, left = _bent_if_needed(ground, chosen, {**push.shape, **found[chosen].point}, dispersion)
     best = max(item.value for item in found.values())

@@ -29,7 +29,7 @@ from identification.mismatch.search.library import COEFFICIENT_COST, Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import UNLIKELY, DiagnosisSettings
 from identification.signals.periodic import to_lines
 
 SHARE_OF_NARROWEST = 0.125
@@ -37,8 +37,6 @@ SHARE_OF_NARROWEST = 0.125
 FEWEST_JOINTS = 2
 LEAST_SHARE = 0.5
 """Share of all misfit that a push makes at least: beside more than that of other kinds none is looked for."""
-SEEN = 1e-4
-"""Chance of the torque on a joint below which the push is seen there; FEWEST_JOINTS have to see it."""
 FELT = 0.1
 """Share of the push's energy on its loudest joint, in units of the noise, that another joint it acts on has."""
 
@@ -126,7 +124,7 @@ def misfit_elsewhere(
 def _on_recording(ground: MeanGround, number: int, scan: Scan, least_score: float) -> Change | None:
     cost, tests = scan.cost, scan.tests
     shape = refine_window(ground, scan.start, scan.duration)
-    seen = seen_on(ground, shape) > chi2.isf(SEEN, 1)
+    seen = seen_on(ground, shape) > chi2.isf(UNLIKELY, 1)
     if 0.5 * window_gain(ground, shape) - cost < least_score or seen.sum() < FEWEST_JOINTS:
         return None
     change = _at(ground, number, shape, cost, tests, 2.0 * (least_score + cost))

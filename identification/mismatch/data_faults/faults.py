@@ -16,13 +16,14 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import savgol_filter
 
 from identification.arrays import FloatArray
+from identification.audit.comparison import LEAST_SIGMAS
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.torque_sign import positive_quantities
 from identification.mismatch.data_faults.rival_physics import beside, rival_physics
 from identification.mismatch.data_faults.torque_signs import SignRows, likeliest_signs
 from identification.mismatch.findings import DataFault
-from identification.recordings.clock import WIDEST_RATIO, clock_by_velocity
+from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
 from identification.signals.aperiodic import process_aperiodic
@@ -42,8 +43,6 @@ PLATEAU_OVER_NEIGHBOUR = 5.0
 ROWS_PER_NUMBER = 10.0
 """Residuals of neighbouring rows are alike: their number overstates what is known, by ten at least."""
 TIME_BASE_COST_RATIO = 1.3
-SMALLEST_TIME_ERROR = 0.03
-TIME_ERROR_SIGMAS = 5.0
 MOST_STATES = 1200
 SMOOTHED_S = 0.1
 _CUTOFF = 1e-9
@@ -256,10 +255,10 @@ def _time_base(
         other = _ratio_from_torque(stretch.signals, regressor, signs, stretch.rivals)
         claimed = _is_wrong(*other) and (other[0] > 1.0) == (ratio > 1.0)
     measured = clock_by_velocity(recording)
-    if measured is not None and abs(np.log(measured[0])) > SMALLEST_TIME_ERROR:
+    if measured is not None and abs(np.log(measured[0])) > SMALLEST_CLOCK_ERROR:
         ratio, std = measured
         source = "the recorded velocity against the change of position"
-        claimed = abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
+        claimed = abs(ratio - 1.0) >= max(SMALLEST_CLOCK_ERROR, LEAST_SIGMAS * std)
     if not claimed:
         return None
     stated = 1.0 / recording.sampling_period_s
@@ -284,7 +283,7 @@ def clock_in_doubt(recording: Recording, regressor: BaseRegressor) -> tuple[floa
 
 def _is_wrong(ratio: float, std: float, cost_ratio: float) -> bool:
     """Whether the misfit falls enough with another clock, and that clock is another."""
-    return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_TIME_ERROR, TIME_ERROR_SIGMAS * std)
+    return cost_ratio > TIME_BASE_COST_RATIO and abs(ratio - 1.0) >= max(SMALLEST_CLOCK_ERROR, LEAST_SIGMAS * std)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

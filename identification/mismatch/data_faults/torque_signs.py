@@ -17,11 +17,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.fitting.torque_sign import broken_squares
+from identification.mismatch.settings import ALTERNATIVE, SPEAK
 
-TURN = 8.0
-"""Log-odds against a turned torque: 3000 to 1. All of a recording turned (the vendor's sign) is one turn."""
-CLEAR = 3.0
-"""Log-odds within which a pattern with fewer turns is as good: 20 to 1."""
 ROUNDS = 6
 MOST_TURNED = 3
 """Joints turned against all others: every pattern of an arm with seven."""
@@ -73,9 +70,9 @@ def likeliest_signs(recordings: Sequence[SignRows]) -> FloatArray:
 
 
 def _simplest(likelihood: FloatArray, turns: FloatArray) -> int:
-    """Of the patterns that come within CLEAR of the likeliest the one with the fewest turns."""
-    score = likelihood - TURN * turns
-    near = np.flatnonzero(score >= score.max() - CLEAR)
+    """Of the patterns that are as good as the likeliest the one with the fewest turns, each of which costs SPEAK."""
+    score = likelihood - SPEAK * turns
+    near = np.flatnonzero(score >= score.max() - ALTERNATIVE)
     return int(min(near, key=lambda place: (turns[place], -score[place])))
 
 

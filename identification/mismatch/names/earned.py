@@ -10,7 +10,7 @@ from identification.mismatch.names.examination import Check, Examination
 from identification.mismatch.names.objections import Objection
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.trial import Trial, without
-from identification.mismatch.settings import INVARIANCE, RIVAL
+from identification.mismatch.settings import DIFFERENT, RIVAL
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Named, Standing, held_beside, named, standings
 
@@ -80,7 +80,7 @@ class AgainstClasses:
 
 def _why(standing: Standing) -> str:
     rivals = " and ".join(name.replace("_", " ") for name in standing.rivals if name != "constant")
-    if standing.agree < INVARIANCE:
+    if standing.agree < DIFFERENT:
         return "has another size on the data that were not fitted"
     if standing.weak:
         return "is too weak here to be told from other physics that acts nearly the same"

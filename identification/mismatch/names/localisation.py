@@ -13,13 +13,13 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.figures import Curve
 from identification.mismatch.problem import BAND_EDGES_HZ
 from identification.mismatch.search.detection import BandPower
+from identification.mismatch.settings import UNLIKELY
 
 BINS = 40
 SCANS = 20
 """Windows into which a stretch is cut for the time of the misfit."""
 SHARE_OF_WINDOWS = 0.7
 """Windows are named, the fullest first, until they hold this share of the energy."""
-NAMED_PROBABILITY = 1e-4
 
 COORDINATES = {"velocity": "rad/s", "position": "rad", "torque": "Nm", "travel": "rad", "time": "s"}
 PHASE = "phase"
@@ -30,7 +30,7 @@ def bands_hz(power: BandPower, joint: int, highest_hz: float) -> list[list[float
     """Bands of a joint (from 0) whose residual is no noise, neighbours joined: [[low, high], …] Hz."""
     edges = (0.0, *BAND_EDGES_HZ, np.inf)
     result: list[list[float]] = []
-    for band in np.flatnonzero(power.probability[joint] < NAMED_PROBABILITY):
+    for band in np.flatnonzero(power.probability[joint] < UNLIKELY):
         low, high = float(edges[band]), float(min(edges[band + 1], highest_hz))
         if result and result[-1][1] == low:
             result[-1][1] = high

@@ -13,6 +13,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import ShapeParameter
+from identification.mismatch.evidence import ABSENT
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
@@ -21,8 +22,6 @@ from identification.mismatch.search.refinement import Member
 SHAPE_STEP = 1e-2
 # Directions of the base parameters below this share of the best determined one count as open.
 OPEN = 1e-7
-# Share of the longest nominal column below which one is absent; beyond OPEN, and its variance still a number.
-ABSENT = 1e-12
 # Information on a parameter, in its own unit, below which it counts as open.
 LEAST_INFORMATION = 1e-12
 # Degrees of freedom of a noise estimate below which its possible values have no mean to speak of.

@@ -17,7 +17,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.settings import ALTERNATIVE, CAPTURE, INVARIANCE, PRIOR_COST, RIVAL, SPEAK
+from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DIFFERENT, PRIOR_COST, RIVAL, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
@@ -175,7 +175,7 @@ def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
         # A name that shows less than the classes beside it may be what their functions fail to describe.
         and shown >= unnamed
         and kept <= odds
-        and agree >= INVARIANCE
+        and agree >= DIFFERENT
         and not part
     )
     different = tuple(dict.fromkeys(rivals))
