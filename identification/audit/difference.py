@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,14 @@ class Number:
         """As plain JSON types."""
         value, std = number(self.value), number(self.std)
         return {"value": value, "std": std, "unit": self.unit, "ci95": json_list(self.interval)}
+
+
+def numbers_of(
+    names: Iterable[str], values: Iterable[float], deviations: Iterable[float], units: Iterable[str]
+) -> tuple[Number, ...]:
+    """Several numbers at once."""
+    each = zip(names, values, deviations, units, strict=True)
+    return tuple(Number(name, float(value), float(deviation), unit) for name, value, deviation, unit in each)
 
 
 def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) -> str:

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_SIGMAS, PARTS, REPORT
-from identification.audit.difference import Difference, Number, with_interval
+from identification.audit.difference import Difference, numbers_of, with_interval
 from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
@@ -50,12 +50,7 @@ def lacking_friction(
         # A mere offset is no friction, and no simulator's file holds one.
         if share < LEAST_SHARE or not (np.abs(values) > LEAST_SIGMAS * std)[:2].any():
             continue
-        numbers = tuple(
-            Number(name, float(value), float(deviation), unit)
-            for name, value, deviation, unit in zip(
-                ("viscous", "coulomb", "offset"), values, std, ("Nm s/rad", "Nm", "Nm"), strict=True
-            )
-        )
+        numbers = numbers_of(("viscous", "coulomb", "offset"), values, std, ("Nm s/rad", "Nm", "Nm"))
         text = ", ".join(f"{item.name} {with_interval(item)}" for item in numbers)
         found.append(
             Difference(

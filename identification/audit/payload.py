@@ -18,7 +18,7 @@ from identification.arrays import FloatArray
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
-from identification.audit.difference import Number
+from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Estimate, Products, as_they_scatter, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
@@ -232,6 +232,4 @@ def _in_frame(values: FloatArray, covariance: FloatArray, form: Callable[[FloatA
     std = np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0.0))
     names = ("mass", *(f"com_{axis}" for axis in "xyz"), *(f"inertia_{entry}" for entry in _INERTIA))
     units = ("kg", *3 * ("m",), *6 * ("kg m^2",))
-    return tuple(
-        Number(name, float(v), float(s), unit) for name, v, s, unit in zip(names, result, std, units, strict=True)
-    )
+    return numbers_of(names, result, std, units)

@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.columns import SYMBOLS, SetUp, across
-from identification.audit.difference import Difference, Number, with_interval
+from identification.audit.difference import Difference, Number, numbers_of, with_interval
 from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
 from identification.audit.search import Step
@@ -121,10 +121,7 @@ def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[
         if flange is not None:
             center, slopes, frame = flange.point(center), flange.rotation.T @ slopes, "from the flange"
         deviations = np.sqrt(np.maximum(np.diag(slopes @ found.covariance @ slopes.T), 0.0))
-        numbers += [
-            Number(f"com_{axis}", float(value), float(deviation), "m")
-            for axis, value, deviation in zip("xyz", center, deviations, strict=True)
-        ]
+        numbers += numbers_of([f"com_{axis}" for axis in "xyz"], center, deviations, 3 * ["m"])
         text += f", centre ({', '.join(f'{round(1e3 * value)}' for value in center)}) mm {frame}"
     for place, row in places.items():
         if place >= 4:
@@ -134,18 +131,12 @@ def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[
 
 def _body(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
     places = [int(column) % 14 for column in hypothesis.columns]
-    return tuple(
-        Number(_BODY[place], float(value), float(deviation), _BODY_UNITS[place])
-        for place, value, deviation in zip(places, values, std, strict=True)
-    )
+    return numbers_of([_BODY[place] for place in places], values, std, [_BODY_UNITS[place] for place in places])
 
 
 def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
-    symbols = [SYMBOLS[int(column) % 14] for column in hypothesis.columns]
-    return tuple(
-        Number(_FRICTION[symbol][0], float(value), float(deviation), _FRICTION[symbol][1])
-        for symbol, value, deviation in zip(symbols, values, std, strict=True)
-    )
+    names, units = zip(*(_FRICTION[SYMBOLS[int(column) % 14]] for column in hypothesis.columns), strict=True)
+    return numbers_of(names, values, std, units)
 
 
 def _tilt(found: Found, first: SetUp, last: SetUp) -> tuple[tuple[Number, ...], str]:
@@ -159,12 +150,13 @@ def _tilt(found: Found, first: SetUp, last: SetUp) -> tuple[tuple[Number, ...], 
     length = float(np.linalg.norm(towards))
     slope = towards / length / size if length > 1e-9 else frame[0] / size
     std = float(np.sqrt(max(0.0, float(slope @ spread @ slope))))
-    numbers = [Number("angle", angle, std, "rad")] + [
-        Number(f"gravity_{axis}", float(value), float(np.sqrt(max(0.0, spread[k, k]))), "m/s^2")
-        for k, (axis, value) in enumerate(zip("xyz", gravity, strict=True))
-    ]
+    deviations = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    numbers = (
+        Number("angle", angle, std, "rad"),
+        *numbers_of([f"gravity_{axis}" for axis in "xyz"], gravity, deviations, 3 * ["m/s^2"]),
+    )
     text = (
         f"The base is turned by {with_interval(numbers[0], degrees(1.0), '°').replace(' °', '°')}: gravity is "
         f"({', '.join(f'{value:.2f}' for value in gravity)}) m/s² in its frame"
     )
-    return tuple(numbers), text
+    return numbers, text

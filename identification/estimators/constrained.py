@@ -22,6 +22,7 @@ from identification.estimators.feasibility import FeasibilityRules, rules_for, v
 from identification.estimators.interior_point import InteriorPointResult
 from identification.estimators.observation import ReducedProblem
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
+from identification.json_values import plain
 from identification.physical_parameters import PhysicalParameters
 
 # Local minima that are taken on to full consistency, and rounds of cuts.
@@ -54,7 +55,7 @@ class Certificate:
     gap: (cost − lower_bound) / least_squares_cost, which bounds what a better optimiser could still gain.
     consistent_cost: of the pseudo-inertia program (full physical consistency, without the rules of (10d)).
     fully_consistent: whether all links' pseudo-inertias are positive definite, which (10d) does not ask for;
-    smallest_eigenvalue: the smallest of theirs. feasible: every rule of (10b)–(10d) holds, compared exactly; no other
+    smallest_pseudo_inertia_eigenvalue: of theirs. feasible: every rule of (10b)–(10d) holds, compared exactly; no other
     set is returned.
     """
 
@@ -64,21 +65,12 @@ class Certificate:
     gap: float
     consistent_cost: float
     fully_consistent: bool
-    smallest_eigenvalue: float
+    smallest_pseudo_inertia_eigenvalue: float
     feasible: bool = True
 
     def to_json(self) -> dict[str, object]:
         """The certificate as it stands in model.json; costs are weighted sums of squared residuals."""
-        return {
-            "feasible": self.feasible,
-            "cost": self.cost,
-            "least_squares_cost": self.least_squares_cost,
-            "lower_bound": self.lower_bound,
-            "gap": self.gap,
-            "consistent_cost": self.consistent_cost,
-            "fully_consistent": self.fully_consistent,
-            "smallest_pseudo_inertia_eigenvalue": self.smallest_eigenvalue,
-        }
+        return {"feasible": self.feasible, **plain(self)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +141,7 @@ def solve_constrained(
         gap=(cost - relaxation.lower_bound) / program.scale,
         consistent_cost=consistent.cost,
         fully_consistent=smallest > 0.0,
-        smallest_eigenvalue=smallest,
+        smallest_pseudo_inertia_eigenvalue=smallest,
     )
     return ConstrainedResult(
         physical=physical,

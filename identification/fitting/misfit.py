@@ -15,7 +15,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.fitting.blocks import Block
 from identification.fitting.rms import RmsTable
-from identification.json_values import json_list
+from identification.json_values import plain
 
 DEVIATIONS = 5.0
 """Of the energy that noise alone leaves, by which a misfit is beyond it."""
@@ -61,7 +61,7 @@ class Misfit:
 
     def to_json(self) -> dict[str, Any]:
         """The figures as plain JSON types."""
-        return {"over_noise": json_list(self.over_noise), "detected": [bool(value) for value in self.detected]}
+        return dict(plain(self))
 
 
 def misfit_over_noise(blocks: Sequence[Block], values: FloatArray) -> Misfit:
