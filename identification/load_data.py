@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from identification.arrays import FloatArray
-from identification.regressor import rigid_body_columns
+from identification.regressor import link_columns
 from identification.robots.model import RobotModel
 
 LEAST_MASS_KG = 0.1
@@ -54,10 +54,7 @@ def unknown_load(
     if samples < _FEWEST_SAMPLES:
         return None
     # Mass and first moments alone: they weigh. A load's own inertia adds little, and poor motions do not show it.
-    wanted: list[tuple[int, ...]] = [()] * (n - 1) + [(0, 1, 2, 3)]
-    load = np.empty((samples, n, 4))
-    for rows, columns in rigid_body_columns(robot, q, dq, ddq, wanted):
-        load[rows] = -columns.transpose(2, 1, 0)
+    load = -link_columns(robot, q, dq, ddq, n - 1, range(4))
     own = np.zeros((samples, n, 3 * n))
     for joint in range(n):
         own[:, joint, 3 * joint : 3 * joint + 3] = np.stack(
@@ -99,10 +96,9 @@ def weight_at_rest(
     `external`, and the torque that one kilogram there has, Nm over all joints. One posture tells no more than a weight:
     nothing keeps it apart from friction that the standing joints hold, or from a hand on the arm.
     """
-    n = robot.n
-    wanted: list[tuple[int, ...]] = [()] * (n - 1) + [(0, 3)]
-    ((_, columns),) = rigid_body_columns(robot, q[None], np.zeros((1, n)), np.zeros((1, n)), wanted)
-    kilogram = -(columns[0, :, 0] + reach_m * columns[1, :, 0])
+    still = np.zeros((1, robot.n))
+    kilogram, meter = -link_columns(robot, q[None], still, still, robot.n - 1, (0, 3))[0].T
+    kilogram = kilogram + reach_m * meter
     size = float(kilogram @ kilogram)
     mass = float(kilogram @ external) / size if size > 0.0 else 0.0
     left = external - mass * kilogram

@@ -64,12 +64,15 @@ class Model:
         frames = self.data.get("provenance", {}).get("robot", {}).get("joints")
         difference = difference_of_frames(frames, robot) if frames else ""
         if difference:
-            raise ModelFileError(
-                f"{self.path or 'The model'}: its parameters stand in the link frames of the robot it was fitted with; "
+            raise self.error(
+                "its parameters stand in the link frames of the robot it was fitted with; "
                 f"in those of {robot.source} {difference}. Give that robot as it was, or fit again",
-                file=self.path or None,
-                field="robot",
+                "robot",
             )
+
+    def error(self, message: str, field: str) -> ModelFileError:
+        """The error of this model in one of its fields."""
+        return ModelFileError(f"{self.path or 'The model'}: {message}", file=self.path or None, field=field)
 
     def fitted_among(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """Names of those recordings that it was fitted to, as far as the file says: they are no check of it.
@@ -90,12 +93,8 @@ class Model:
         """(n,) s by which its fit took the torque earlier. Raises ModelFileError for another number of joints."""
         shift = self.data.get("provenance", {}).get("torque_shift_s") or [0.0] * joints
         if len(shift) != joints:
-            raise ModelFileError(
-                f"{self.path or 'The model'}: field 'provenance.torque_shift_s' has {len(shift)} numbers, the robot "
-                f"{joints} joints",
-                file=self.path or None,
-                field="provenance.torque_shift_s",
-            )
+            field = "provenance.torque_shift_s"
+            raise self.error(f"field '{field}' has {len(shift)} numbers, the robot {joints} joints", field)
         return np.array(shift, dtype=np.float64)
 
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
@@ -107,12 +106,8 @@ class Model:
         mine = dict(zip(self.names, self.values, strict=True))
         missing = [name for name in regressor.names if name not in mine]
         if missing or len(mine) != regressor.size:
-            raise ModelFileError(
-                f"{self.path or 'The model'}: its base parameters are not those of {regressor.robot.name}"
-                + (f"; missing: {', '.join(missing[:6])}" if missing else ""),
-                file=self.path or None,
-                field="base_parameters",
-            )
+            absent = f"; missing: {', '.join(missing[:6])}" if missing else ""
+            raise self.error(f"its base parameters are not those of {regressor.robot.name}{absent}", "base_parameters")
         return np.array([mine[name] for name in regressor.names])
 
     def base_covariance(self, regressor: BaseRegressor) -> FloatArray:
@@ -133,12 +128,8 @@ class Model:
                 covariance[place, : place + 1] = covariance[: place + 1, place] = row
             np.linalg.cholesky(covariance)
         except (TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
-            raise ModelFileError(
-                f"{self.path or 'The model'}: field 'base_covariance' is no covariance of its "
-                f"{len(self.names)} parameters.",
-                file=self.path or None,
-                field="base_covariance",
-            ) from error
+            field = "base_covariance"
+            raise self.error(f"field '{field}' is no covariance of its {len(self.names)} parameters.", field) from error
         return covariance[np.ix_(order, order)]
 
     def physical_base_values(self, regressor: BaseRegressor) -> FloatArray | None:

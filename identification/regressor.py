@@ -66,6 +66,17 @@ def rigid_body_columns(
         yield rows, chunk
 
 
+def link_columns(
+    robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: FloatArray, link: int, entries: Sequence[int]
+) -> FloatArray:
+    """(S, n, len(entries)) torque per unit of some parameters of one link (from 0), by their positions in eq. (3)."""
+    wanted = [entries if other == link else () for other in range(robot.n)]
+    result = np.empty((len(q), robot.n, len(entries)))
+    for rows, columns in rigid_body_columns(robot, q, dq, ddq, wanted):
+        result[rows] = columns.transpose(2, 1, 0)
+    return result
+
+
 def fill_rigid_body_columns(
     robot: RobotModel,
     states: tuple[FloatArray, FloatArray, FloatArray],

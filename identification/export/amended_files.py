@@ -18,6 +18,7 @@ import pinocchio
 
 from identification.arrays import FloatArray
 from identification.errors import ModelFileError
+from identification.export.arm import origin, root_link
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, place, roll_pitch_yaw
 
 
@@ -86,8 +87,7 @@ def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
         inertial = link.find("inertial")
         whole = added.copy()
         if inertial is not None:
-            stated = inertial.find("origin")
-            pose = pinocchio.SE3.Identity() if stated is None else place(stated.get("xyz"), stated.get("rpy"))
+            pose = origin(inertial)
             entries = inertial.find("inertia")
             about = _tensor({} if entries is None else {key: float(value) for key, value in entries.items()})
             mass = inertial.find("mass")
@@ -112,17 +112,16 @@ def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
 
 
 def _turn_urdf(root: ElementTree.Element, turn: FloatArray) -> None:
-    children = {item.get("link") for joint in root.findall("joint") for item in joint.findall("child")}
-    base = next(link.get("name", "") for link in root.findall("link") if link.get("name") not in children)
+    base = root_link(root)
     if base == "world":
         for joint in root.findall("joint"):
             parent = joint.find("parent")
             if parent is not None and parent.get("link") == "world":
-                origin = joint.find("origin")
-                origin = add(joint, "origin") if origin is None else origin
-                pose = pinocchio.SE3(turn, np.zeros(3)) * place(origin.get("xyz"), origin.get("rpy"))
-                origin.set("xyz", numbers(pose.translation))
-                origin.set("rpy", numbers(roll_pitch_yaw(pose.rotation)))
+                pose = pinocchio.SE3(turn, np.zeros(3)) * origin(joint)
+                stated = joint.find("origin")
+                stated = add(joint, "origin") if stated is None else stated
+                stated.set("xyz", numbers(pose.translation))
+                stated.set("rpy", numbers(roll_pitch_yaw(pose.rotation)))
         return
     add(root, "link", name="world")
     joint = add(root, "joint", name="world_to_base", type="fixed")

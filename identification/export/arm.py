@@ -72,14 +72,18 @@ def origin(element: ElementTree.Element) -> pinocchio.SE3:
     return pinocchio.SE3.Identity() if stated is None else place(stated.get("xyz"), stated.get("rpy"))
 
 
+def root_link(urdf: ElementTree.Element) -> str:
+    """The link that no joint moves; the first in the file need not be it."""
+    moved = {_link(joint, "child") for joint in urdf.findall("joint")}
+    return next(link.get("name", "") for link in urdf.findall("link") if link.get("name") not in moved)
+
+
 def arm_of(urdf: ElementTree.Element, robot: RobotModel) -> Arm:
     """The bodies of a robot's URDF tree."""
     attached = attachments(urdf, robot)
     joints = {joint.get("name"): joint for joint in urdf.findall("joint")}
     own = {_link(joints[name], "child"): index for index, name in enumerate(robot.joint_names)}
-    children = {_link(joint, "child") for joint in urdf.findall("joint")}
-    root = next(link.get("name", "") for link in urdf.findall("link") if link.get("name") not in children)
-    names = {-1: root, **{index: link for link, index in own.items()}}
+    names = {-1: root_link(urdf), **{index: link for link, index in own.items()}}
     shapes: dict[int, list[Shape]] = {body: [] for body in names}
     frames: dict[int, list[tuple[str, pinocchio.SE3]]] = {body: [] for body in names}
     for link in urdf.findall("link"):

@@ -17,6 +17,7 @@ import pinocchio
 
 from identification.arrays import FloatArray
 from identification.errors import ExportCheckError
+from identification.export.arm import root_link
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import place
 from identification.robots import RobotModel
@@ -204,7 +205,7 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
     plant = MultibodyPlant(0.0)
     try:
         (instance,) = Parser(plant).AddModels(path)
-        root = _root_of_urdf(path) if path.suffix == ".urdf" else _WORLD
+        root = root_link(ElementTree.parse(path).getroot()) if path.suffix == ".urdf" else _WORLD
         # Drake takes a link of this name for the world itself: it is fixed already.
         if root != _WORLD:
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, instance))
@@ -215,13 +216,6 @@ def _drake(path: Path, robot: RobotModel) -> Read | None:
     order = [plant.GetJointByName(name).velocity_start() for name in robot.joint_names]
 
     return program, (_ROTOR, _VISCOUS), drake_torque(plant, order)
-
-
-def _root_of_urdf(path: Path) -> str:
-    """The link that no joint moves; the first in the file need not be it."""
-    root = ElementTree.parse(path).getroot()
-    moved = {child.get("link") for joint in root.findall("joint") for child in joint.findall("child")}
-    return next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in moved)
 
 
 def _first_line(error: BaseException) -> str:

@@ -26,7 +26,7 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.mismatch.settings import DIFFERENT
-from identification.regressor import rigid_body_columns
+from identification.regressor import link_columns
 
 
 class Action(StrEnum):
@@ -179,11 +179,8 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
 def turned_tool(difference: Difference) -> Outcome:
     """Whether what hangs on the flange turned with the tool."""
     motion = difference.before.motion
-    wanted: list[tuple[int, ...]] = [()] * (motion.n - 1) + [_TURNED]
-    columns = np.empty((motion.samples, motion.n, len(_TURNED)))
-    parts = rigid_body_columns(motion.robot, motion.position, motion.velocity, motion.acceleration, wanted)
-    for rows, values in parts:
-        columns[rows] = values.transpose(2, 1, 0)
+    states = (motion.position, motion.velocity, motion.acceleration)
+    columns = link_columns(motion.robot, *states, motion.n - 1, _TURNED)
     size, covariance = difference.fit(columns, range(motion.n))
     chance = float(chi2.sf(float(size @ np.linalg.solve(covariance, size)), size.size))
     moment, deviation = -0.5 * size[:2], 0.5 * np.sqrt(np.diag(covariance)[:2])

@@ -16,7 +16,6 @@ from scipy.stats import chi2
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
-from identification.errors import ModelFileError
 from identification.json_values import json_list, number, plain
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals
@@ -143,11 +142,9 @@ def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str,
     known = dict(zip(model.names, model.values, strict=True))
     missing = [name for name in regressor.names if name not in known and not name.startswith(DRIVES)]
     if missing:
-        raise ModelFileError(
-            f"{model.path or 'The model'}: its base parameters are not those of {regressor.robot.name}; missing: "
-            f"{', '.join(missing[:6])}",
-            file=model.path or None,
-            field="base_parameters",
+        absent = ", ".join(missing[:6])
+        raise model.error(
+            f"its base parameters are not those of {regressor.robot.name}; missing: {absent}", "base_parameters"
         )
     return Path(model.path or "model").name, np.array([known.get(name, 0.0) for name in regressor.names])
 

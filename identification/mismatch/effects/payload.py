@@ -10,7 +10,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
 from identification.mismatch.effects.describe import linear, size_of
 from identification.mismatch.motion import Motion
-from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns
+from identification.regressor import INERTIAL_SYMBOLS, link_columns
 
 _UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m²",))
 
@@ -56,9 +56,5 @@ class Payload(Effect):
 def columns_of_link(motion: Motion, link: int) -> tuple[tuple[int, ...], FloatArray]:
     """Joints (from 0) that carry a link (from 0), and their torque per unit of its ten parameters (S, joints, 10)."""
     joints = motion.robot.kinematics.upstream(link)
-    wanted = [tuple(range(len(INERTIAL_SYMBOLS))) if other == link else () for other in range(motion.n)]
-    values = np.empty((motion.samples, len(joints), len(INERTIAL_SYMBOLS)))
     states = (motion.position, motion.velocity, motion.acceleration)
-    for rows, columns in rigid_body_columns(motion.robot, *states, wanted):
-        values[rows] = columns[:, list(joints)].transpose(2, 1, 0)
-    return joints, values
+    return joints, np.take(link_columns(motion.robot, *states, link, range(len(INERTIAL_SYMBOLS))), joints, axis=1)
