@@ -202,16 +202,15 @@ def _beside(
     return table
 
 
-def _forth_and_back(half_width: float | FloatArray, legs: Sequence[tuple[float, int]]) -> FloatArray:
+def _forth_and_back(half_width: float, legs: Sequence[tuple[float, int]]) -> FloatArray:
     """(S,) rad: legs of (share of the period, times forth and back) at constant speed, corners rounded."""
     velocity = np.zeros(_SAMPLES)
     start = 0
-    widths = np.broadcast_to(np.asarray(half_width, dtype=np.float64), len(legs))
-    for (share, turns), width in zip(legs, widths, strict=True):
+    for share, turns in legs:
         count = round(share * _SAMPLES)
         stop = min(_SAMPLES, start + count)
         phase = (np.arange(stop - start) + 0.5) / max(1, count) * turns
-        velocity[start:stop] = np.where(phase % 1.0 < 0.5, 1.0, -1.0) * 4.0 * width * turns / (share * PERIOD_S)
+        velocity[start:stop] = np.where(phase % 1.0 < 0.5, 1.0, -1.0) * 4.0 * half_width * turns / (share * PERIOD_S)
         start = stop
     width = round(_CORNER_S * PLAN_RATE_HZ)
     window = np.hanning(width + 2)[1:-1]

@@ -17,6 +17,8 @@ from identification.mismatch.changes.contrasts import Contrasts, Fit
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 
+REFINED = 1.2
+"""A refinement adds a fifth to the gain of a rough one."""
 MOMENTS = 31
 """Moments of a step that are tried in one look."""
 
@@ -63,24 +65,20 @@ def refined_shape(
     shape: dict[str, float],
     name: str,
     bounds: tuple[float, float],
-    *,
-    log: bool = False,
     points: int = 7,
 ) -> dict[str, float]:
-    """One shape parameter at its best: a grid over the bounds, then a bounded search around its best point."""
-    forward, back = (np.log, np.exp) if log else (float, float)
-    low, high = float(forward(max(bounds[0], 1e-9) if log else bounds[0])), float(forward(bounds[1]))
+    """One positive shape parameter at its best: a grid of its logarithm, then a bounded search about its best point."""
 
     def gain_at(x: float) -> float:
-        return fit_of(contrasts, effect, place, {**shape, name: float(back(x))}).gain
+        return fit_of(contrasts, effect, place, {**shape, name: float(np.exp(x))}).gain
 
-    grid = np.linspace(low, high, points)
+    grid = np.linspace(float(np.log(max(bounds[0], 1e-9))), float(np.log(bounds[1])), points)
     gains = [gain_at(float(x)) for x in grid]
     best = int(np.argmax(gains))
     inner = (float(grid[max(0, best - 1)]), float(grid[min(points - 1, best + 1)]))
     result = minimize_scalar(lambda x: -gain_at(float(x)), bounds=inner, method="bounded", options={"maxiter": 20})
     x = float(result.x) if -result.fun > gains[best] else float(grid[best])
-    return {**shape, name: float(back(x))}
+    return {**shape, name: float(np.exp(x))}
 
 
 def best_moment(gain_at: Callable[[float], float], start: float, width: float, last: float) -> float:
@@ -128,8 +126,8 @@ def spread_of(
 
 
 def hopeless(gain: float, dof: int, tests: float) -> bool:
-    """Whether a refinement, which adds a fifth to a scan's gain, cannot make it significant."""
-    return bool(chi2.logsf(1.2 * gain + 3.0, dof) + np.log(tests) > -6.0)
+    """Whether a refinement of a scan's gain cannot make it significant."""
+    return bool(chi2.logsf(REFINED * gain + 3.0, dof) + np.log(tests) > -6.0)
 
 
 def dispersion_of(squares: float, freedom: int) -> float:

@@ -16,7 +16,7 @@ from scipy.optimize import Bounds, minimize
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray
-from identification.mismatch.changes.candidates import dispersion_of
+from identification.mismatch.changes.candidates import REFINED, dispersion_of
 from identification.mismatch.changes.contrasts import solve
 from identification.mismatch.changes.push_fit import (
     POINT,
@@ -32,8 +32,6 @@ from identification.mismatch.changes.push_fit import (
 from identification.mismatch.effects.external_contact import BENDS, ExternalContact, profile, reach_of
 from identification.mismatch.settings import ALTERNATIVE
 
-REFINED = 1.2
-"""A refinement of the window adds a fifth to the gain of a rough one."""
 PROFILE_STARTS = ((1.0, 1.0), (0.2, 1.0), (0.4, 0.4))
 """Sharpness and skew from which the profile is looked for."""
 UNSEEN = 2.7e-3

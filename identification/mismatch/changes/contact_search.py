@@ -10,8 +10,8 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.changes.candidates import Candidate, dispersion_of, fit_of, hopeless, inflated
-from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, window_gain
+from identification.mismatch.changes.candidates import REFINED, Candidate, dispersion_of, fit_of, hopeless, inflated
+from identification.mismatch.changes.contact_force import locate_push, refine_window, window_gain
 from identification.mismatch.changes.contrasts import Contrasts
 from identification.mismatch.changes.push_fit import WINDOW
 from identification.mismatch.effects.external_contact import ExternalContact

@@ -165,12 +165,11 @@ class Contrasts:
         share = np.einsum("prj,pq,qrj->rj", torque, products, torque, optimize=True)
         return Fit(float(right @ coefficients), coefficients, covariance, rank, self.freedom(share))
 
-    def fit(self, white: FloatArray, joints: Sequence[int], target: FloatArray | None = None) -> Fit:
-        """Fit whitened columns (K, R, J, m) to the contrasts of those joints (or of `target`, like z)."""
-        z = self.z if target is None else target
+    def fit(self, white: FloatArray, joints: Sequence[int]) -> Fit:
+        """Fit whitened columns (K, R, J, m) to the contrasts of those joints."""
         size = white.shape[-1]
         matrix = white.reshape(-1, size)
-        right = np.ascontiguousarray(z[:, :, list(joints)]).reshape(-1)
+        right = np.ascontiguousarray(self.z[:, :, list(joints)]).reshape(-1)
         gram, projected = matrix.T @ matrix, matrix.T @ right
         coefficients, covariance, rank = solve(gram, projected)
         share = ((white @ coefficients) ** 2).sum(axis=0)

@@ -63,9 +63,7 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
         index = max(choices, key=lambda choice: float(gains[choice, joint]))
         shape = {"course": float(course), "time_s": courses[index][1]}
         if course == EXPONENTIAL:
-            shape = refined_shape(
-                contrasts, effect, place, shape, "time_s", (float(first), float(last_bound)), log=True
-            )
+            shape = refined_shape(contrasts, effect, place, shape, "time_s", (float(first), float(last_bound)))
         elif course == STEP:
             period = float(starts[1] - starts[0])
             for width in (period, 0.1 * period, 0.01 * period):
@@ -116,7 +114,7 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
         return None
     _, place, time = best
     bounds = (parameter.lower, longest)
-    shape = refined_shape(contrasts, effect, place, {parameter.name: time}, parameter.name, bounds, log=True, points=9)
+    shape = refined_shape(contrasts, effect, place, {parameter.name: time}, parameter.name, bounds, 9)
     fit = fit_of(contrasts, effect, place, shape)
     dispersion = dispersion_of(rests[place], 2 * (contrasts.periods - 2))
     tests = float(len(places) * len(grid))

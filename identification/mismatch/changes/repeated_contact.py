@@ -15,7 +15,8 @@ from scipy.stats import chi2
 
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.changes.between_periods import Change
-from identification.mismatch.changes.contact_force import REFINED, locate_push, refine_window, seen_on, window_gain
+from identification.mismatch.changes.candidates import REFINED
+from identification.mismatch.changes.contact_force import locate_push, refine_window, seen_on, window_gain
 from identification.mismatch.changes.contact_search import CONTACT_DURATIONS_S, turned
 from identification.mismatch.changes.push_fit import WINDOW
 from identification.mismatch.effects.base import Estimate

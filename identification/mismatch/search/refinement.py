@@ -95,7 +95,7 @@ def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArra
     return coefficients_of(*gram_of(problem, member))
 
 
-def refine(problem: Problem, library: Library, member: Member, rounds: int = ROUNDS) -> Member:
+def refine(problem: Problem, library: Library, member: Member) -> Member:
     """The member with nonlinear parameters that gain most, within their bounds, near where they are.
 
     Parameters with a textbook value first stand at it; then they are freed, and stay so if that gains more than it
@@ -106,20 +106,18 @@ def refine(problem: Problem, library: Library, member: Member, rounds: int = ROU
         return member
     held = {item.name: item.textbook for item in parameters if item.textbook is not None}
     if not held:
-        return _refined(problem, library, member, parameters, rounds)
+        return _refined(problem, library, member, parameters)
     _, plain = _moved(problem, library, member, held)
     plain = member if plain is None else plain
-    best = _refined(problem, library, plain, [item for item in parameters if item.name not in held], rounds)
+    best = _refined(problem, library, plain, [item for item in parameters if item.name not in held])
     if score_of(problem, best) < LEAST_TO_FREE:
         return best
     starts = [best] if all(member.shape[name] == value for name, value in held.items()) else [best, member]
-    freed = [_refined(problem, library, start, parameters, rounds) for start in starts]
+    freed = [_refined(problem, library, start, parameters) for start in starts]
     return max(best, *freed, key=lambda item: score_of(problem, item))
 
 
-def _refined(
-    problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter], rounds: int
-) -> Member:
+def _refined(problem: Problem, library: Library, member: Member, parameters: Sequence[ShapeParameter]) -> Member:
     tied = [parameter for parameter in parameters if parameter.tied]
     if tied:
         member = _followed(problem, library, member, tied)
@@ -127,7 +125,7 @@ def _refined(
     if not parameters:
         return member
     best, best_score = member, score_of(problem, member)
-    for _ in range(rounds if len(parameters) > 1 else 1):
+    for _ in range(ROUNDS if len(parameters) > 1 else 1):
         before = best_score
         for parameter in parameters:
             at = partial(_with_one, problem, library, best, parameter.name)
