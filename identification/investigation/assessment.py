@@ -28,8 +28,7 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE
 from identification.mismatch.unknown.named import ABSENT, shown_on
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
-from identification.mismatch.unknown.states import JointState
+from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
 NO_FORM = 4.0
 """Prior odds of nothing against all forms of the library together, and against all classes: each kind shares evenly."""

@@ -15,7 +15,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis, Part
 from identification.mismatch.unknown.inputs import Inputs, Ranges
-from identification.mismatch.unknown.states import JointState
+from identification.mismatch.unknown.selection import JointState
 from identification.signals.processed import LinearOperator
 
 Variances = tuple[FloatArray, ...]

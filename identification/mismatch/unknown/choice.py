@@ -12,8 +12,7 @@ import numpy as np
 
 from identification.mismatch.settings import ALTERNATIVE, PRIOR_COST, SPEAK
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Selection
-from identification.mismatch.unknown.states import Held, JointState
+from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Held, JointState, Selection
 
 EXCHANGES = 3
 """Classes of one joint that another may take the place of."""

@@ -15,8 +15,7 @@ from identification.mismatch.unknown.choice import choose_classes, kept, without
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
-from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.states import Held
+from identification.mismatch.unknown.selection import Held, Selection
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,8 +30,7 @@ from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import Selection
-from identification.mismatch.unknown.states import Held, JointState
+from identification.mismatch.unknown.selection import Held, JointState, Selection
 
 FORMS_NAMED, LEAST_SHARE = 3, 0.1
 CURVE_POINTS = 61

@@ -21,8 +21,7 @@ from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DIFFERENT, PR
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.selection import FULL_ROUNDS, Selection
-from identification.mismatch.unknown.states import JointState
+from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
 ABSENT = 1e12
 """Precision beforehand of a name that is left out."""

@@ -36,7 +36,6 @@ from identification.mismatch.unknown.evidence import (
     updated,
 )
 from identification.mismatch.unknown.rows import Rows
-from identification.mismatch.unknown.states import Held, JointState
 
 FULL_ROUNDS, FEW_ROUNDS = 8, 3
 """Rounds of the fixed point with all classes of a joint, and after a change."""
@@ -44,6 +43,32 @@ START = 0.1
 """Share of a joint's misfit that each group is given to begin with."""
 GRID = 12
 """Variances that a class is tried with before it is put in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A class that stands on a joint (from 0), with nats lost without it and the classes as good in its place."""
+
+    number: int
+    joint: int
+    loss: float
+    alternatives: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """One joint with the classes that it holds. groups: numbers of its groups in `JointRows.bases`.
+
+    gram, part: of all rows that are fitted. grams, elsewhere: the same of other worlds, as far as they were asked for;
+    states of the same groups share the former.
+    """
+
+    groups: tuple[int, ...]
+    gram: JointGram
+    hyper: Hyper
+    part: Marginal
+    elsewhere: dict[int, Marginal] = field(default_factory=dict)
+    grams: dict[int, JointGram] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
