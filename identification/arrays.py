@@ -1,4 +1,4 @@
-"""The numpy arrays that the whole package speaks of, as types."""
+"""The numpy arrays that the whole package speaks of, as types, and where a mask is set."""
 
 from __future__ import annotations
 
@@ -8,3 +8,13 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+
+def runs_of(marked: BoolArray) -> IntArray:
+    """(k, 2) first and behind the last place of each run of marked places (N,)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8))).reshape(-1, 2)
+
+
+def longest_run(marked: BoolArray) -> int:
+    """Length of the longest run of marked places (N,); 0 without any."""
+    return int(np.ptp(runs_of(marked), axis=1).max(initial=0))

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct, idct
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, runs_of
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
@@ -199,9 +199,8 @@ def _blocks(recording: Recording, signals: ProcessedSignals, split: Split | None
         else:
             chosen = ~chosen
     step = float(time[1] - time[0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     blocks = []
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, last in runs_of(chosen).tolist():
         parts = max(1, round((last - first) * step / LONGEST_BLOCK_S))
         cuts = np.linspace(first, last, parts + 1).astype(int).tolist()
         for low, high in pairwise(cuts):

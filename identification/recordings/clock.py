@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import BoolArray, FloatArray, runs_of
 from identification.recordings.recording import Recording
 
 WIDEST_RATIO = 30.0
@@ -59,8 +59,7 @@ def before_a_clock_was_set_back(time: FloatArray, gap_s: float) -> BoolArray:
     """
     twice = np.zeros(time.size, dtype=np.bool_)
     backwards = time < highest_before_each(time)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], backwards, [False]]).astype(np.int8)))
-    for first, after in edges.reshape(-1, 2):
+    for first, after in runs_of(backwards):
         if after - first >= SET_BACK_ROWS and (after == time.size or time[after] - time[after - 1] <= gap_s):
             twice[:first] |= time[:first] >= time[first]
     return twice & ~backwards

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import BoolArray, FloatArray, runs_of
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.processed import ProcessedSignals
@@ -195,9 +195,7 @@ def standstill(velocity: FloatArray, slowest: FloatArray, *, shortest: int, marg
     """
     result = np.zeros(velocity.shape, dtype=np.bool_)
     for joint in range(velocity.shape[1]):
-        slow = np.abs(velocity[:, joint]) <= slowest[joint]
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(np.int8)))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        for start, stop in runs_of(np.abs(velocity[:, joint]) <= slowest[joint]):
             if stop - start >= shortest:
                 result[max(0, start - margin) : stop + margin, joint] = True
     return result

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray, longest_run
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
@@ -285,9 +285,7 @@ def _longest_run(marked: BoolArray) -> int:
     """Longest run of marked samples on the wrapped period."""
     if marked.all():
         return int(marked.size)
-    turned = np.roll(marked, -int(np.flatnonzero(~marked)[0]))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], turned, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+    return longest_run(np.roll(marked, -int(np.flatnonzero(~marked)[0])))
 
 
 def _successive_differences(values: FloatArray, present: BoolArray) -> tuple[FloatArray, BoolArray]:

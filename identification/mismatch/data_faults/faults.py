@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import savgol_filter
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, longest_run
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
@@ -120,9 +120,7 @@ def _saturation(recording: Recording, name: str) -> list[DataFault]:
         sides = []
         for extreme in (torque.max(), torque.min()):
             at = (torque == extreme) & moving
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-            longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
-            if at.sum() < PLATEAU_SAMPLES or longest < PLATEAU_RUN:
+            if at.sum() < PLATEAU_SAMPLES or longest_run(at) < PLATEAU_RUN:
                 continue
             values, counts = np.unique(torque, return_counts=True)
             beside = np.argsort(np.abs(values - extreme))[1:4]
