@@ -19,7 +19,7 @@ from fixtures.judge.log import judge_log
 from identification.audit.difference import Audit, Difference, Number
 from identification.excitation.nominal import nominal_parameters
 from identification.mismatch.baseline import LinkDeviation, ModelComparison, ParameterDeviation
-from identification.mismatch.findings import Alternative, DataFault, HeldOutMisfit, TooWeak
+from identification.mismatch.findings import Alternative, DataFault, HeldOutMisfit
 from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.recording_fit import FitSettings, fit_recordings
@@ -82,7 +82,7 @@ def full_diagnosis() -> Any:
             ClassClaim("own_position", 2, 0.1, (0.08, 0.12), 20.0, three, ("configuration",),
                        (NearestForm("cable_spring", 0.5),), "Joint 2.", ClassCurve("position", "rad", *[three] * 3)),
         ),
-        too_weak=(TooWeak("cable_spring", 1),),
+        too_weak=(Alternative("cable_spring", 1),),
         curves=(stribeck.curve,),
         class_model=ClassModel(*[three] * 4),
         offer=Offer({"terms": []}, np.zeros(2), np.ones(2), three, three),

@@ -16,7 +16,7 @@ from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
 from identification.mismatch.figures import Curve
-from identification.mismatch.findings import Alternative, Finding, TooWeak
+from identification.mismatch.findings import Alternative, Finding
 from identification.mismatch.fit_weights import with_periods, without_periods
 from identification.mismatch.heldout import Residuals, share_removed
 from identification.mismatch.names.alternatives import alternatives, significance
@@ -64,11 +64,11 @@ class Claims:
     remarks: tuple[str, ...]
     power: BandPower
     beside: Mapping[int, frozenset[str]] = field(default_factory=dict)
-    too_weak: tuple[TooWeak, ...] = ()
+    too_weak: tuple[Alternative, ...] = ()
 
     def with_too_weak(self, names: Iterable[tuple[str, int | None]]) -> Claims:
         """The same with further names, each with its joint from 1."""
-        return replace(self, too_weak=(*self.too_weak, *(TooWeak(*name) for name in names)))
+        return replace(self, too_weak=(*self.too_weak, *(Alternative(*name) for name in names)))
 
 
 def build_findings(

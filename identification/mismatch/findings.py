@@ -29,7 +29,7 @@ Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained",
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another name that this data cannot rule out. joint: from 1, or None."""
+    """A name, with its joint (from 1, or None), that this data cannot rule out, or that is too weak here to be told."""
 
     effect: str
     joint: int | None
@@ -122,14 +122,6 @@ class NotIdentifiable:
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types; joint from 1."""
         return {"effect": self.effect, "joint": self.place.joint, "reason": self.reason}
-
-
-@dataclass(frozen=True, slots=True)
-class TooWeak:
-    """A name, with its joint (from 1), that fits torque which is there and could not be told from other physics."""
-
-    effect: str
-    joint: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +256,7 @@ class Diagnosis:
     classes: tuple[ClassClaim, ...] = ()
     class_model: ClassModel | None = None
     offer: Offer | None = None
-    too_weak: tuple[TooWeak, ...] = ()
+    too_weak: tuple[Alternative, ...] = ()
 
     @property
     def unnamed(self) -> tuple[ClassClaim, ...]:
