@@ -277,5 +277,7 @@ def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[in
     edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
     for number, (first, last) in enumerate(pairwise(edges.tolist())):
         rows = order[first:last]
-        result[number] = left[rows].T @ right[rows]
+        block = left[rows]
+        # Of one array with itself only half of the products are computed.
+        result[number] = block.T @ (block if right is left else right[rows])
     return result.reshape(parts, bands, left.shape[1], right.shape[1])
