@@ -24,7 +24,20 @@ if TYPE_CHECKING:
 TrajectoryArgument = Annotated[
     Path | None, typer.Argument(help="Trajectory file (.json, .npz, .csv); without one, the shipped excitation.")
 ]
-RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14 or iiwa7; default: the trajectory's own.")]
+
+
+def _existing(robot: str | None) -> str | None:
+    """A robot that is there at all: an unknown one is missing for a motion as it is for a fit."""
+    if robot is not None:
+        from identification.robots import load_robot
+
+        load_robot(robot)
+    return robot
+
+
+RobotOption = Annotated[
+    str | None, typer.Option("--robot", help="iiwa14 or iiwa7; default: the trajectory's own.", callback=_existing)
+]
 WorkspaceOption = Annotated[
     Path | None,
     typer.Option("--workspace", metavar="FILE.yaml", help="Floor, walls, boxes, tool, margins; default: a floor."),

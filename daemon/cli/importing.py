@@ -113,7 +113,11 @@ def _check_targets(files: list[Path], targets: list[Path], force: bool) -> None:
 
 
 def _quantity_and_unit(text: str) -> tuple[str, str]:
-    quantity, separator, unit = text.partition("=")
+    from identification.recordings.units import unknown_unit
+
+    quantity, separator, unit = (part.strip() for part in text.partition("="))
     if not separator:
         raise typer.BadParameter(f"'{text}' states no unit; QUANTITY=UNIT does, such as q=deg.")
-    return quantity.strip(), unit.strip()
+    if unknown := unknown_unit(quantity, unit):
+        raise typer.BadParameter(f"By --unit {text}, {unknown}.")
+    return quantity, unit

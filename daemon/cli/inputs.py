@@ -124,8 +124,14 @@ def as_usage(*errors: type[Exception]) -> Iterator[None]:
 
 
 def names_of(joints: str | None) -> list[str] | None:
-    """The names in a list with commas."""
-    return None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
+    """The names in a list with commas. Raises a usage error for a list that no recording can have."""
+    if joints is None:
+        return None
+    names = [name.strip() for name in joints.split(",") if name.strip()]
+    if not names or len(set(names)) < len(names):
+        what = "names no joint" if not names else "chooses a joint twice"
+        raise typer.BadParameter(f"--joints '{joints}' {what}; A,B,… does, each recorded joint once.")
+    return names
 
 
 def installation_of(gravity: str | None, mount: str | None, lock: list[str] | None) -> Installation | None:

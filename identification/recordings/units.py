@@ -44,17 +44,22 @@ LIGHTEST, HEAVIEST = 0.1, 2000.0
 """kg/m³, see `wrong_torque_unit`: 35 times below and 9 times above what arms have; a wrong prefix is 1000."""
 
 
+def unknown_unit(quantity: str, unit: str) -> str:
+    """Why a quantity cannot be in that unit, with what is known; empty where it can."""
+    if unit in UNITS.get(quantity, {}):
+        return ""
+    known = ", ".join(UNITS.get(quantity, {})) or f"only those of {', '.join(UNITS)}"
+    return f"the unit of {quantity} is '{unit}'; known are {known}"
+
+
 def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | None = None) -> RawTable:
     """The table in s, rad (m), rad/s (m/s), Nm (N) by the units that the file or `stated` names; degrees turn revolute
     joints only, millimetres prismatic ones only. Raises RecordingError for a unit that is not known.
     """
     units = {**table.units, **(stated or {})}
     for quantity, unit in units.items():
-        if unit not in UNITS.get(quantity, {}):
-            known = ", ".join(UNITS.get(quantity, {})) or f"only of {', '.join(UNITS)}"
-            raise RecordingError.named(
-                table.path, f"the unit of {quantity} is '{unit}'; known are {known}", field=f"{quantity}_unit"
-            )
+        if unknown := unknown_unit(quantity, unit):
+            raise RecordingError.named(table.path, unknown, field=f"{quantity}_unit")
     revolute = (
         np.ones(table.position.shape[1], dtype=np.bool_)
         if robot is None

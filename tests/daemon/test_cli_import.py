@@ -129,5 +129,5 @@ def test_units_are_stated_where_the_file_does_not(tmp_path: Path) -> None:
     recording = read_recording(tmp_path / "a.mcap")
     np.testing.assert_allclose(recording.position, POSITION, atol=1e-12)
     np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
-    assert isinstance(call("import", source, "--unit", "q=feet", "--force").exception, RecordingError)
+    assert call("import", source, "--unit", "q=feet", "--force").exit_code == 2
     assert call("import", source, "--unit", "degrees", "--force").exit_code == 2

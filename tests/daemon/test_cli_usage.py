@@ -1,6 +1,7 @@
 """Claims about values of options that nothing can be done with: exit code 2 before anything is read, as agreed.
 
 A file that an option names and that cannot be used is no usage error: it is missing (66) or a configuration (78).
+Nor is a value that only a recording contradicts, such as a joint that it does not hold (65).
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import pytest
 
 from tests.daemon.command_line import run
 
+RECORDING = str(Path(__file__).parents[2] / "fixtures/recordings/ur10.npz")
+
 
 @pytest.mark.parametrize(
     "words",
@@ -18,6 +21,10 @@ from tests.daemon.command_line import run
         ["fit", "nowhere.npz", "--hold-out", "the rest"],
         ["fit", "nowhere.npz", "--low-pass", "-5"],
         ["fit", "nowhere.npz", "--low-pass", "inf"],
+        ["fit", "nowhere.npz", "--joints", "1,2,2"],
+        ["diagnose", "nowhere.npz", "--joints", ","],
+        ["import", "nowhere.npz", "--unit", "q=furlong"],
+        ["import", "nowhere.npz", "--unit", "speed=rad"],
         ["diagnose", "nowhere.npz", "--split", "the rest"],
         ["check", "--picture", "path.gif"],
         ["check", "--amplitude", "-inf"],
@@ -54,6 +61,27 @@ def test_bounds_that_cannot_be_used_are_a_configuration_and_name_their_file(
     assert run("fit", tmp_path / "nowhere.npz", "--bounds", file) == 78
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert run("fit", tmp_path / "nowhere.npz", "--bounds", tmp_path / "nowhere.yaml") == 66
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", RECORDING],
+        ["design"],
+        ["check"],
+        ["run", "--no-confirm"],
+        ["run", "--no-confirm", "path.json"],
+        ["investigate", "--budget", "5"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_robot_that_nobody_knows_is_missing_for_every_command(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("path.json").write_text("{}")
+    assert run(*words, "--robot", "kuka99") == 66
+    assert "There is no robot 'kuka99'" in capsys.readouterr().err
 
 
 def test_a_held_out_recording_that_is_not_there_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
