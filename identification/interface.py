@@ -73,7 +73,7 @@ class Fit(Printed):
         """Base parameters with σ, as Table 2 of the paper."""
         result = self.result
         rows = tuple(
-            (name, f"{value:.5f}", f"{std:.5f}", unit)
+            (name, f"{value:z.5f}", f"{std:.5f}", unit)
             for name, value, std, unit in zip(
                 result.names, result.values, result.std, result.regressor.units, strict=True
             )

@@ -161,8 +161,8 @@ def show_parameters(result: FitResult) -> None:
     for i, name in enumerate(result.names):
         value, std = float(result.values[i]), float(result.std[i])
         rows.append((
-            name, f"{value:.5f}", f"{std:.5f}", f"{100 * std / abs(value):.2f}" if value else "",
-            f"{float(result.equation_15_std[i]):.5f}", "" if feasible is None else f"{float(feasible[i]):.5f}",
+            name, f"{value:z.5f}", f"{std:.5f}", f"{100 * std / abs(value):.2f}" if value else "",
+            f"{float(result.equation_15_std[i]):.5f}", "" if feasible is None else f"{float(feasible[i]):z.5f}",
             result.regressor.units[i],
         ))  # fmt: skip
     show_table(("parameter", "value", "σ", "σ in %", "σ, eq. (15)", "feasible", "unit"), rows)

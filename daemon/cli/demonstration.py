@@ -266,7 +266,7 @@ def show_comparison(
     for parameter, true in zip(parameters, truth, strict=True):
         value, std = parameter["value"], parameter["std"]
         rows.append((
-            parameter["name"], f"{value:.5f}", f"{std:.5f}", f"{true:.5f}", f"{(value - true) / std:+.1f}",
-            f"{without[parameter['name']]:.5f}", parameter["unit"],
+            parameter["name"], f"{value:z.5f}", f"{std:.5f}", f"{true:z.5f}", f"{(value - true) / std:+.1f}",
+            f"{without[parameter['name']]:z.5f}", parameter["unit"],
         ))  # fmt: skip
     show_table(("parameter", "identified", "σ", "true", "off, in σ", "without effects", "unit"), rows)

@@ -125,7 +125,7 @@ def compared(body: Body, stated: Sequence[dict[str, str]]) -> str:
         for after, before in zip(center_after, center_before or (0.0, 0.0, 0.0), strict=True)
     ]
     place = [moment / mass for moment in moments]
-    said += f" at ({', '.join(f'{1e3 * value:.0f}' for value in place)}) mm"
+    said += f" at ({', '.join(f'{1e3 * value:z.0f}' for value in place)}) mm"
     for axis, item, value in zip("XYZ", body.center, place, strict=True):
         low, high = item.interval
         if not low - CENTER_AGREES_M <= value <= high + CENTER_AGREES_M:

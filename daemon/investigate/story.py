@@ -154,7 +154,7 @@ def _why(recorded: Recorded) -> str:
 def _known(step: Step, *, last: bool) -> list[Block]:
     first = step.alive[0].log_odds
     rows = tuple(
-        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{round(first - item.log_odds, 1) + 0.0:.1f}")
+        (item.name.capitalize(), f"{100 * item.probability:.1f} %", f"{first - item.log_odds:z.1f}")
         for item in step.alive[:_SHOWN]
     )
     blocks: list[Block] = [

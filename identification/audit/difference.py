@@ -42,7 +42,7 @@ def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) 
     """As 2.80 ± 0.11 kg: ± half of the 95 % interval, two digits of it."""
     half = 1.96 * number.std * abs(factor)
     digits = 2 if half <= 0.0 else max(0, min(6, 1 - math.floor(math.log10(half))))
-    text = f"{number.value * factor:.{digits}f} ± {half:.{digits}f}"
+    text = f"{number.value * factor:z.{digits}f} ± {half:.{digits}f}"
     return f"{text} {number.unit if unit is None else unit}".rstrip()
 
 

@@ -53,7 +53,7 @@ class Mounting:
 
     @property
     def _figures(self) -> tuple[str, str, str]:
-        x, y, z = (f"{round(value, 2) + 0.0:.2f}" for value in self.gravity.tolist())  # no -0.00
+        x, y, z = (f"{value:z.2f}" for value in self.gravity.tolist())
         return x, y, z
 
     @property

@@ -100,8 +100,8 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
         )
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
-            f"No load can be seen: {values[0]:.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a motion "
-            "that turns the wrist through its range, without and with the tool."
+            f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
+            "motion that turns the wrist through its range, without and with the tool."
         )
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
     return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, min(map(_seconds, (without, with_load))))
@@ -136,8 +136,8 @@ def cabinet_load_data(body: Body) -> dict[str, float | None]:
             axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
             angles = Rotation.from_matrix(axes).as_euler("ZYX", degrees=True)
     # A body that was taken off has these with the other sign; none has moments of both signs.
-    moments = np.sign(mass) * np.maximum(np.sign(mass) * moments, 0.0)
-    values = (mass, *place, *angles, *moments)
+    moments = np.minimum(moments, 0.0) if mass < 0.0 else np.maximum(moments, 0.0)
+    values = np.array([mass, *place, *angles, *moments]) + 0.0  # no zero with a sign
     return {name: None if name in open_ones else float(v) for name, v in zip(_LOAD_DATA, values, strict=True)}
 
 

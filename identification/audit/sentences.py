@@ -157,6 +157,6 @@ def _tilt(found: Found, first: SetUp, last: SetUp) -> tuple[tuple[Number, ...], 
     )
     text = (
         f"The base is turned by {with_interval(numbers[0], degrees(1.0), '°').replace(' °', '°')}: gravity is "
-        f"({', '.join(f'{value:.2f}' for value in gravity)}) m/s² in its frame"
+        f"({', '.join(f'{value:z.2f}' for value in gravity)}) m/s² in its frame"
     )
     return numbers, text

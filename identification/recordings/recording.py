@@ -191,7 +191,7 @@ class Recording(Printed):
         how_long = f"{self.duration_s:.4g} s, one each {1e3 * self.sampling_period_s:.4g} ms{parts}"
         names = self.joint_names or tuple(map(str, range(1, self.n + 1)))
         columns = (self.position.min(axis=0), self.position.max(axis=0), np.sqrt(np.mean(self.torque**2, axis=0)))
-        rows = tuple((name, *(f"{x:.4f}" for x in row)) for name, *row in zip(names, *columns, strict=True))
+        rows = tuple((name, *(f"{x:z.4f}" for x in row)) for name, *row in zip(names, *columns, strict=True))
         unit = "Nm (N)" if self.torque_unit == "Nm" else self.torque_unit
         return Table(
             ("joint", "from, rad (m)", "to, rad (m)", f"RMS torque, {unit}"), rows, (f"{what} in {how_long}.", *found)

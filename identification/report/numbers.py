@@ -32,8 +32,7 @@ def with_sigma(value: float | None, sigma: float | None) -> tuple[str, str]:
     place = 1 - _magnitude(sigma, 2)
     if place > 9 or place < -6:
         return rounded(value, 4), rounded(sigma, 2)
-    # Adding zero turns a rounded −0 into 0.
-    texts = (f"{round(number, place) + 0.0:.{max(place, 0)}f}" for number in (value, sigma))
+    texts = (f"{round(number, place):z.{max(place, 0)}f}" for number in (value, sigma))
     first, second = (text.replace("-", "−") for text in texts)
     return first, second
 

@@ -75,7 +75,7 @@ def test_a_recording_prints_as_what_it_is_and_not_as_its_arrays() -> None:
     assert text == str(recording) == str(recording.table)
     assert text.splitlines()[0] == f"{file}: 24841 samples of 1 joint in 24.84 s, one each 1 ms."
     with np.load(file) as columns:
-        lowest, highest = (f"{bound(columns['q']):.4f}" for bound in (np.min, np.max))
+        lowest, highest = (f"{bound(columns['q']):z.4f}" for bound in (np.min, np.max))
     assert text.splitlines()[-1].split()[:3] == ["1", lowest, highest]
     assert f"<td>{highest}</td>" in html
     assert "array(" not in text

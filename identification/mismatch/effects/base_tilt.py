@@ -53,6 +53,6 @@ class BaseTilt(Effect):
         tilt, x, y = self.parameters(estimate)
         lean = size(math.degrees(tilt.value), math.degrees(tilt.std), "°").replace(" °", "°")
         return (
-            f"The base is not level: it leans by {lean}, {math.degrees(x.value):.2f}° about its x axis and "
-            f"{math.degrees(y.value):.2f}° about its y axis (base tilt)."
+            f"The base is not level: it leans by {lean}, {math.degrees(x.value):z.2f}° about its x axis and "
+            f"{math.degrees(y.value):z.2f}° about its y axis (base tilt)."
         )

@@ -65,5 +65,5 @@ class CableSpring(OwnJointEffect):
         stiffness, rest, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)} is pulled as by a spring of {size_of(stiffness)} with its rest at "
-            f"{math.degrees(rest.value):.0f}° (cable or hose)."
+            f"{math.degrees(rest.value):z.0f}° (cable or hose)."
         )

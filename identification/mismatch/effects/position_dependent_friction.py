@@ -52,5 +52,5 @@ class PositionDependentFriction(OwnJointEffect):
         amplitude, angle, *_ = self.parameters(estimate)
         return (
             f"{joint_name(estimate)}'s friction changes over its turn by ± {size_of(amplitude)}, highest at "
-            f"{math.degrees(angle.value):.0f}° (position-dependent friction)."
+            f"{math.degrees(angle.value):z.0f}° (position-dependent friction)."
         )

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from identification.audit.difference import Number
+from identification.audit.difference import Number, with_interval
 from identification.audit.payload import Body, cabinet_load_data, weigh
 from identification.errors import EstimationError, RecordingError
 from identification.physical_parameters import PhysicalParameters
@@ -114,6 +114,16 @@ def test_axes_are_not_turned_where_one_product_of_inertia_is_not_known() -> None
     found = cabinet_load_data(body_known_to(0.001, {**shown, "xz": (0.0, 4.0)}))
     assert [found[name] for name in "ABC"] == [None] * 3
     assert [found[name] for name in ("JX", "JY", "JZ")] == [0.05, 0.03, 0.02]
+
+
+@pytest.mark.parametrize("mass", [3.0, -3.0])
+def test_no_zero_of_a_load_has_a_sign(mass: float) -> None:
+    """Moments that do not show are those of a point, also of a tool that was taken off; a value may round to zero."""
+    hidden = dict.fromkeys(("xx", "yy", "zz"), (-0.001, 0.01))
+    body = replace(body_known_to(0.001, hidden), mass=Number("mass", mass, 0.01, "kg"))
+    assert [f"{value:g}" for value in list(cabinet_load_data(body).values())[4:]] == ["0"] * 6
+    assert with_interval(Number("com_x", -1e-6, 0.001, "m"), 1e3) == "0.0 ± 2.0 m"
+    assert with_interval(Number("com_x", -1e-3, 0.001, "m"), 1e3) == "-1.0 ± 2.0 m"
 
 
 def test_a_tool_taken_off_has_a_negative_mass(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
