@@ -92,14 +92,15 @@ def _write(recording: Recording, file: object, folder: Path) -> None:
         writer.add_message(topic, int(nanoseconds[0]), data, int(nanoseconds[0]))
     schema = writer.register_schema(JOINT_STATE, "ros2msg", definition.encode())
     channel = writer.register_channel("/joint_states", "cdr", schema)
+    # A message takes its numbers as they lie in memory; those of a MATLAB file, and of columns that were chosen, lie
+    # column by column.
+    arrays = [np.ascontiguousarray(values) for values in (recording.position, velocity, recording.torque)]
     for row in range(recording.samples):
         time = int(nanoseconds[row])
         message = joint_state(
             header(stamp(time // 10**9, time % 10**9), ""),
             list(names),
-            recording.position[row],
-            velocity[row],
-            recording.torque[row],
+            *(values[row] for values in arrays),
         )
         writer.add_message(channel, time, bytes(store.serialize_cdr(message, JOINT_STATE)), time, row)
     writer.finish()  # type: ignore[no-untyped-call]
