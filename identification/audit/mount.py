@@ -14,6 +14,7 @@ from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
+from identification.audit.exchange import LEAST_GAIN, REPEATED, exchanged_positions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, rows_of
 from identification.errors import RecordingError
@@ -21,8 +22,6 @@ from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 
-LEAST_GAIN = 20.0
-"""Nats against the stated gravity: a recording's own misfit makes some."""
 LEAST_ANGLE = np.radians(3.0)
 """A floor is level within this; less is for the audit against a model."""
 LEAST_SHARE = 0.3
@@ -32,8 +31,6 @@ TELLS = np.radians(10.0)
 _TURNS = 2
 _SAME_DIRECTION = np.radians(0.5)
 """What is left under two directions so near is the same, and so would be the next direction."""
-_REPEATED = 4.0
-"""Neighbouring rows that count as one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +117,8 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
     """The first recording that contradicts the robot's gravity, and how its base stands; None where none does.
 
     Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing; an arm with
-    joints that follow others is not asked.
+    joints that follow others is not asked. Raises RecordingError, field q, where it is no other stand that a recording
+    shows but the positions of two joints in each other's place.
     """
     if robot.mimics:
         return None
@@ -130,6 +128,9 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
         except RecordingError:
             continue
         if found is not None and found.is_other:
+            exchange = exchanged_positions([excerpt(recording)], robot, found.gain)
+            if exchange is not None:
+                raise RecordingError.at(recording.source.path, exchange.sentence, field="q")
             return recording, found
     return None
 
@@ -141,19 +142,19 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
     then not asked. Raises RecordingError for recordings at rest or too short.
     """
     stated = np.array(robot.gravity, dtype=np.float64)
-    rows = rows_of([_excerpt(recording) for recording in recordings])
+    rows = rows_of([excerpt(recording) for recording in recordings])
     geometry, sizes = Geometry(robot, rows), sizes_of(robot, rows)
     if not geometry.heavy.any():
         return None
     everything = Directions.of(geometry, rows.torque)
     factor, mean = wide_open(sizes), np.zeros(len(sizes.each))
     gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
-    weight = 1.0 / (_REPEATED * std**2)
+    weight = 1.0 / (REPEATED * std**2)
     for _ in range(_TURNS):
         # Weighted by what is left, the next direction may be another one.
         before = gravity
         std = np.maximum(everything.left(before, 1.0 / std**2, factor), 1e-4 * sizes.torque)
-        weight = 1.0 / (_REPEATED * std**2)
+        weight = 1.0 / (REPEATED * std**2)
         gravity, _ = everything.best(weight, mean, factor, GRAVITY)
         if _angle(gravity, before) < _SAME_DIRECTION:
             break
@@ -173,7 +174,7 @@ def _angle(first: FloatArray, second: FloatArray) -> float:
     return float(np.arccos(np.clip(first @ second / size, -1.0, 1.0)))
 
 
-def _excerpt(recording: Recording) -> Recording:
+def excerpt(recording: Recording) -> Recording:
     """As many periods as every part of the rows needs to have blocks of: a motion repeated shows gravity no better."""
     if recording.period_index is None or recording.period_s is None:
         return recording

@@ -16,9 +16,10 @@ from scipy.optimize import linear_sum_assignment
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_SIGMAS
+from identification.audit.exchange import exchanged_positions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import in_degrees
-from identification.audit.mount import Mounting, mounting_of
+from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
@@ -67,6 +68,7 @@ class SetUpCheck:
 
 
 UNKNOWN_SIGNS = SetUpCheck("torque signs", "warning", "Signs cannot be told while torques stand under other joints.")
+UNKNOWN_STAND = SetUpCheck("gravity", "warning", "How the base stands cannot be told while joints are exchanged.")
 
 
 def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[SetUpCheck, ...]:
@@ -84,13 +86,9 @@ def set_up_checks(
 ) -> tuple[SetUpCheck, ...]:
     """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit."""
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
-    gravity = np.array(robot.gravity) if stand is None or not stand.is_other else stand.gravity
-    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
-    order = _order(rows, robot, np.array(robot.gravity), only_decisive=True)
-    if order.status == "ok":
-        order = _order(rows, robot, gravity)
+    order, exchanged = _places(recordings, rows, robot, stand, faults)
     checks = (
-        _gravity(stand),
+        UNKNOWN_STAND if exchanged else _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
@@ -102,6 +100,26 @@ def set_up_checks(
     return tuple(
         UNKNOWN_SIGNS if (item.name, item.status) == (UNKNOWN_SIGNS.name, "failed") else item for item in checks
     )
+
+
+def _places(
+    recordings: Sequence[Recording], rows: Rows, robot: RobotModel, stand: Mounting | None, faults: Sequence[DataFault]
+) -> tuple[SetUpCheck, bool]:
+    """Whether torques, positions and velocities stand under their own joints, and whether positions were exchanged."""
+    other = stand is not None and stand.is_other
+    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
+    order = _order(rows, robot, np.array(robot.gravity), only_decisive=True)
+    if order.status == "ok":
+        order = _order(rows, robot, stand.gravity if stand is not None and other else np.array(robot.gravity))
+    if order.status != "ok":
+        return order, False
+    rival = stand.gain if stand is not None and other else 0.0
+    exchange = exchanged_positions([excerpt(recording) for recording in recordings], robot, rival)
+    if exchange is not None:
+        return SetUpCheck(order.name, "failed", exchange.sentence), True
+    velocities = " ".join(fault.sentence for fault in faults if fault.fault == "wrong_joint_order")
+    # No fit uses a recorded velocity.
+    return (SetUpCheck(order.name, "warning", f"{order.sentence} {velocities}") if velocities else order), False
 
 
 def _gravity(found: Mounting | None) -> SetUpCheck:
@@ -145,6 +163,9 @@ def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: 
     torque = max(float(np.abs(item.torque).max()) for item in recordings)
     if wrong := wrong_torque_unit(torque, robot, gravity_acts=gravity_acts):
         return SetUpCheck("units", "failed", wrong)
+    doubts = [finding.sentence for item in recordings for finding in item.report.of_kind("unlikely_value")]
+    if doubts:
+        return SetUpCheck("units", "warning", f"{'; '.join(doubts)}.")
     return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
 
 

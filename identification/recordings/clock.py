@@ -8,6 +8,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, runs_of
 from identification.recordings.recording import Recording
+from identification.recordings.velocities import WindowedRates
 
 WIDEST_RATIO = 30.0
 SMALLEST_CLOCK_ERROR = 0.03
@@ -21,20 +22,11 @@ def clock_by_velocity(recording: Recording) -> tuple[float, float] | None:
 
     None where a recording has no velocity, or one that is not the derivative of its position.
     """
-    if recording.velocity is None or not np.isfinite(recording.velocity).all():
+    rates = WindowedRates.of(recording)
+    if rates is None or not np.isfinite(rates.recorded).all():
         return None
-    step = np.diff(recording.time)
-    even = step < 1.5 * recording.sampling_period_s
-    width = max(1, round(0.02 / recording.sampling_period_s))
-    index = np.flatnonzero(np.convolve(even, np.ones(2 * width), "valid") == 2 * width)
-    if index.size < 10 * width:
-        return None
-    duration = (recording.time[index + 2 * width] - recording.time[index])[:, None]
-    difference = (recording.position[index + 2 * width] - recording.position[index]) / duration
-    total = np.concatenate([np.zeros((1, recording.n)), np.cumsum(recording.velocity, axis=0)])
-    velocity = (total[index + 2 * width] - total[index]) / (2 * width)
+    difference, velocity, moving = rates.derived, rates.recorded, rates.moving
     slopes = (difference * velocity).sum(axis=0) / np.maximum((difference**2).sum(axis=0), 1e-300)
-    moving = difference.std(axis=0) > 0.1 * difference.std(axis=0).max()
     alike = (difference * velocity).sum(axis=0) ** 2 > 0.98 * (difference**2).sum(axis=0) * (velocity**2).sum(axis=0)
     chosen = slopes[moving & alike & (slopes > 0.0)]
     if chosen.size < max(1, 0.5 * moving.sum()):

@@ -16,6 +16,7 @@ from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
 from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
+from identification.recordings.velocities import unlike_velocities
 from identification.robots.model import RobotModel
 
 _DEGREE = math.pi / 180.0
@@ -132,11 +133,11 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
         f"joint {joint + 1}: the recorded velocity is {ratios[joint]:.3g} times the derivative of the position"
         for joint in np.flatnonzero(np.abs(ratios - 1.0) > RATIO_TOLERANCE)
     ]
-    if not notes:
-        return recording
     report = recording.report
-    added = (Finding.of_all("unlikely_value", report.rows_read, note) for note in notes)
-    return replace(recording, report=replace(report, findings=(*report.findings, *added)))
+    added = [Finding.of_all("unlikely_value", report.rows_read, note) for note in notes]
+    added = [item for item in (*added, *unlike_velocities(recording)) if item not in report.findings]
+    findings = tuple(sorted((*report.findings, *added), key=lambda finding: finding.first_row))
+    return replace(recording, report=replace(report, findings=findings)) if added else recording
 
 
 def _known_limits(robot: RobotModel | None, n: int) -> tuple[FloatArray, FloatArray]:

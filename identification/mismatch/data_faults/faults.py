@@ -35,6 +35,7 @@ ROW_FAULTS = {
     "repeated_rows": "lost_samples",
     "garbled_rows": "garbled_rows",
     "time_backwards": "garbled_rows",
+    "wrong_joint_order": "wrong_joint_order",
 }
 """Kinds of the import's findings. A repeated row stands for a sample that did not come."""
 PLATEAU_SAMPLES = 10

@@ -1,4 +1,7 @@
-"""The order of torques on an arm of few joints. Truth: torques by the closed form, two of them exchanged."""
+"""The order of torques on an arm of few joints, and of positions on real ones.
+
+Truth: torques by the closed form, two of them exchanged; columns of a recording exchanged.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fixtures.physics import iiwa14_table_three
+from identification.audit.exchange import exchanged_positions
+from identification.audit.mount import require_stated_stand
+from identification.errors import RecordingError
 from identification.mismatch.set_up import examine_set_up
-from identification.robots import load_robot
+from identification.physical_parameters import PhysicalParameters
+from identification.recordings import Recording, read_recording
+from identification.robots import RobotModel, load_robot
 from tests.identification.exported import random_arm, random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+from tests.reference import recording_file
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
@@ -30,3 +40,56 @@ def test_two_torques_exchanged_on_an_arm_of_three_joints_are_told(seed: int, tmp
     assert "that of joint 1 stands under joint 2" in found["order of joints"].sentence
     assert found["torque signs"].status != "failed"
     assert {right[name].status for name in ("order of joints", "torque signs")} == {"ok"}
+
+
+ARMS = {"ur10.npz": "ur10_mdh.csv", "tx40_excitation.npz": "tx40.urdf", "lbrmed7.npz": "med7dock.urdf"}
+
+
+def measured(file: str) -> tuple[Recording, RobotModel]:
+    robot = recording_file({**ARMS, "kr300_a.npz": "kr300.urdf", "kr300_b.npz": "kr300.urdf"}[file])
+    return read_recording(recording_file(file), robot=robot), load_robot(robot)
+
+
+def exchanged(recording: Recording, first: int, second: int, *names: str) -> Recording:
+    """Columns of joints `first` and `second`, from 1, in each other's place."""
+    order = np.arange(recording.n)
+    order[[first - 1, second - 1]] = second - 1, first - 1
+    return replace(recording, **{name: getattr(recording, name)[:, order] for name in names})
+
+
+@pytest.mark.parametrize("pair", [(1, 2), (2, 3), (2, 4), (4, 6)])
+@pytest.mark.parametrize("file", ARMS)
+def test_two_positions_exchanged_are_told_by_the_torque(file: str, pair: tuple[int, int]) -> None:
+    recording, robot = measured(file)
+    found = exchanged_positions([exchanged(recording, *pair, "position")], robot)
+    assert found is not None
+    assert found.joints == pair
+
+
+@pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz", "kr300_b.npz"])
+def test_no_exchange_is_seen_in_the_recording_of_a_real_arm(file: str) -> None:
+    """Nor where the position of a joint has the wrong sign, or where the clock is wrong."""
+    recording, robot = measured(file)
+    turned = recording.position * np.where(np.arange(recording.n) == 1, -1.0, 1.0)
+    slow = replace(recording, time=2.0 * recording.time, sampling_period_s=2.0 * recording.sampling_period_s)
+    for each in (recording, replace(recording, position=turned), replace(slow, period_index=None, period_s=None)):
+        assert exchanged_positions([each], robot) is None
+
+
+def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them() -> None:
+    """Of a fit that would be refused for its gravity, and of `doctor --log`."""
+    links = iiwa14_table_three()
+    bodies = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
+    robot = load_robot("iiwa14")
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=7)
+    torque = np.tile(inverse_dynamics(robot, bodies, *states), (4, 1))
+    torque += 0.05 * np.random.default_rng(7).standard_normal(torque.shape)
+    sound = recording_of(np.tile(states[0], (4, 1)), torque, period_s=10.0, periods=4)
+    spoilt = exchanged(sound, 2, 4, "position")
+    with pytest.raises(RecordingError, match="joints 2 and 4") as caught:
+        require_stated_stand([spoilt], robot)
+    assert caught.value.field == "q"
+    found, right = ({item.name: item for item in examine_set_up([each], robot)} for each in (spoilt, sound))
+    assert [item.name for item in found.values() if item.status == "failed"] == ["order of joints"]
+    assert "joints 2 and 4" in found["order of joints"].sentence
+    assert {item.status for item in right.values()} == {"ok"}
