@@ -272,3 +272,11 @@ def test_what_remains_is_said_joint_by_joint() -> None:
         "Something differs.", "Joint 2: 20.4 Nm RMS stay.", "Joint 4: 1.2 Nm RMS stay, 0.1 Nm before.",
         "On the fitted recordings nothing remains.",
     ]  # fmt: skip
+
+
+def test_torques_and_velocities_under_other_joints_are_both_faults_of_the_data() -> None:
+    torques = Difference("wrong_joint_order", None, None, (), 0.99, 50.0, "recording", "Torques 1 and 2.", (), (1, 2))
+    velocities = DataFault("wrong_joint_order", (3,), "a.npz: joint 3: the recorded velocity is another's.")
+    given = Audit("arm.json", "named", (torques,), (1.0,) * JOINTS, (0.1,) * JOINTS, "One difference.")
+    faults = diagnosis(data_faults=(velocities,), audit=given).to_json()["data_faults"]
+    assert [fault["joints"] for fault in faults] == [[3], [1, 2]]
