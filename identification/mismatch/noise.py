@@ -16,6 +16,8 @@ TRIMMED_SHARE = 0.25
 FEWEST_TO_TRIM = 5
 # Lines of line 0's neighbours that say how large noise at rest may be at least.
 NEIGHBOURS_OF_LINE_ZERO = 3
+# Of a torque (RMS of its rows), what its noise is at least: single precision has 6e-8 of a number.
+LEAST_SHARE = 1e-6
 # Chance of line 0's own estimate over theirs below which it contradicts them, and stands alone.
 CONTRADICTION = 0.05
 # Trimming costs this share of the freedom where many numbers are averaged first, and where there is one.
@@ -59,7 +61,9 @@ def noise_of_mean(period_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     variance[0] = np.maximum(own, neighbours)
     chance = fdtrc(of_one, behind, own / np.maximum(neighbours, 1e-300))
     freedom[0] = np.where(chance < CONTRADICTION, of_one, behind)
-    floor = 1e-12 * np.maximum(variance.max(axis=0), 1e-24)
+    # A torque that has no noise, of a simulator, is known to its rounding: what is weighed by less cannot be solved.
+    size = np.sqrt((period_rows**2).sum(axis=(0, 1)) / (periods * rows))
+    floor = np.maximum(1e-12 * np.maximum(variance.max(axis=0), 1e-24), (LEAST_SHARE * size) ** 2)
     return np.sqrt(np.maximum(variance, floor) / periods), freedom
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis, Finding
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
-from tests.identification.mismatch.plant import on_joint, record
+from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, on_joint, record
+from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
 
 def finding_of(diagnosis: Diagnosis, effect: str, joint: int | None) -> Finding:
@@ -131,6 +133,16 @@ def test_misfit_of_no_known_kind_is_located_and_not_named(iiwa14: RobotModel, ta
     assert diagnosis.baseline.detected.tolist() == [joint == 4 for joint in range(7)]
     assert [curve.joint for curve in diagnosis.curves] == [5]
     assert diagnosis.curves[0].coordinate == "position"
+
+
+def test_a_torque_without_any_noise_is_diagnosed(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """As a simulator gives it: weights without end have no solution."""
+    recording = record(iiwa14, table3, periods=4)
+    exact = inverse_dynamics(iiwa14, table3, *fourier_motion(7, period_s=PERIOD_S, samples=SAMPLES, seed=3))
+    found = diagnose([replace(recording, torque=np.tile(exact, (4, 1)))], iiwa14)
+    assert not found.findings
+    assert np.all(found.rms_after_nm < 1e-3)
+    assert found.verdict == "no_mismatch"
 
 
 def test_no_recording_is_refused(iiwa14: RobotModel) -> None:
