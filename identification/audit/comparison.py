@@ -127,9 +127,9 @@ def noise_of(
         values = posterior(gram, right, factor).values
         left = np.where(rows.used, measured - columns @ values, 0.0)
         std = np.sqrt((left**2).sum(axis=0) / np.maximum(rows.used.sum(axis=0), 1))
-        std = np.maximum(std, 1e-4 * sizes.torque)
+        std = np.maximum(std, sizes.least_noise)
     usual = np.where(np.isfinite(model.left), MOST_NOISE * model.left, np.inf)
-    return Noise(np.minimum(std, np.maximum(usual, 1e-4 * sizes.torque)), repeated_rows(left, rows.used))
+    return Noise(np.minimum(std, np.maximum(usual, sizes.least_noise)), repeated_rows(left, rows.used))
 
 
 def turned(set_up: SetUp, layout: Layout, place: int, values: FloatArray) -> SetUp:

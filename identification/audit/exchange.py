@@ -64,7 +64,7 @@ def exchanged_positions(
         other = Directions.of(Geometry(robot, _exchanged(rows, pair)), rows.torque)
         std = np.maximum(0.1 * sizes.torque, 1e-9)
         for _ in range(_TURNS):
-            std = np.maximum(other.left(gravity, 1.0 / std**2, factor), 1e-4 * sizes.torque)
+            std = np.maximum(other.left(gravity, 1.0 / std**2, factor), sizes.least_noise)
         weight = 1.0 / (REPEATED * std**2)
         gain = other.evidence(gravity, weight, mean, factor) - stated.evidence(gravity, weight, mean, factor)
         if gain <= max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain):

@@ -52,6 +52,14 @@ class Sizes:
     length: FloatArray
     torque: FloatArray
 
+    @property
+    def least_noise(self) -> FloatArray:
+        """(n,) Nm, what a residual is weighed by at least: a share of its torque, and of the arm's own weight. Torques
+        in another unit may be so far below that weight that the two have no solution together.
+        """
+        weight = 9.81 * float(self.mass @ self.length)
+        return np.maximum(1e-4 * self.torque, 1e-6 * weight)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GivenModel:

@@ -153,7 +153,7 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
     for _ in range(_TURNS):
         # Weighted by what is left, the next direction may be another one.
         before = gravity
-        std = np.maximum(everything.left(before, 1.0 / std**2, factor), 1e-4 * sizes.torque)
+        std = np.maximum(everything.left(before, 1.0 / std**2, factor), sizes.least_noise)
         weight = 1.0 / (REPEATED * std**2)
         gravity, _ = everything.best(weight, mean, factor, GRAVITY)
         if _angle(gravity, before) < _SAME_DIRECTION:

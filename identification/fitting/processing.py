@@ -104,7 +104,7 @@ def process_without_periods(recording: Recording, settings: FitSettings) -> Proc
         try:
             period_table(recording)
         except RecordingError as error:
-            notes = (f"{error}; used as not periodic",)
+            notes = (f"{str(error).removeprefix(f'{recording.source.path}: ')}; used as not periodic",)
     stretches = process_aperiodic(recording, settings.low_pass_hz)
     return Processed(recording, "aperiodic", tuple(stretches), notes)
 
