@@ -160,9 +160,12 @@ def _refuse_too_many(table: RawTable, keep: BoolArray, what: str) -> None:
     bad = int((~keep).sum())
     if bad > LARGEST_SHARE_OF_BAD_ROWS * keep.size:
         first = int(np.flatnonzero(~keep)[0]) + 1
+        named = (("q", table.position[first - 1]), ("tau", table.torque[first - 1]))
+        wrong = [f"{name}{j + 1}" for name, row in named for j in np.flatnonzero(~(np.abs(row) < LARGEST))]
+        where = f"row {first}" + (f" in {', '.join(wrong)}" if wrong else "")
         raise RecordingError.named(
             table.path,
-            f"{bad} of {keep.size} rows {what} (first: row {first}); too many to trust the rest",
+            f"{bad} of {keep.size} rows {what} (first: {where}); too many to trust the rest",
             field=f"row {first}",
         )
 

@@ -105,6 +105,8 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
         if key in columns:
             raise RecordingError.named(path, f"column '{name}' stands twice in the header", field=name)
         columns[key] = index
+    if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
+        raise RecordingError.named(path, f"its columns are not separated by commas: {header[0][:200]!r}", field="t")
     if ("t", "") not in columns:
         raise RecordingError.named(path, f"column 't' is missing; the header is: {', '.join(header)[:200]}", field="t")
     joints = max((int(number) for name, number in columns if name == "q"), default=0)

@@ -352,6 +352,9 @@ def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
     _refused(path, "'t'")
     path.write_text("t,q1,tau1\n")
     _refused(path, "no rows")
+    for separator in (";", "\t"):
+        path.write_text(f"t,q1,tau1\n{'0,1,2' * 9}\n".replace(",", separator))
+        _refused(path, "not separated by commas")
 
 
 def test_a_tenth_of_a_second_is_too_short(tmp_path: Path) -> None:
@@ -370,7 +373,9 @@ def test_time_that_stands_still_or_runs_back_is_refused(tmp_path: Path) -> None:
 def test_more_bad_rows_than_a_fifth_are_refused(tmp_path: Path) -> None:
     arrays = _arrays()
     arrays["tau"][::4] = np.nan
-    _refused(_save(tmp_path / "a.npz", **arrays), f"150 of {ROWS}", "row 1")
+    _refused(_save(tmp_path / "a.npz", **arrays), f"150 of {ROWS}", "row 1 in tau1, tau2")
+    unmeasured = np.where(np.arange(JOINTS) == 3, np.nan, _arrays()["tau"])
+    _refused(_save(tmp_path / "c.npz", **{**_arrays(), "tau": unmeasured}), f"{ROWS} of {ROWS}", "row 1 in tau4)")
     arrays["tau"] = 1e300 * _arrays()["tau"]
     _refused(_save(tmp_path / "b.npz", **arrays), "beyond any number measured")
 
