@@ -19,7 +19,7 @@ from daemon.errors import ConfigurationError, exit_code_of, sentence_of
 from identification.errors import RecordingError
 
 if TYPE_CHECKING:
-    from identification.mismatch.findings import Finding
+    from identification.mismatch.findings import Diagnosis, Finding
     from identification.robots import Installation
 
 Task = Literal["fit", "diagnose"]
@@ -91,10 +91,9 @@ def run_item(
         if task == "diagnose":
             found = diagnose_recordings([recording], unseen, inputs.robot, out)
             diagnosis = found.diagnosis
-            names = ", ".join(_claim(finding) for finding in diagnosis.findings) or "nothing named"
             left = diagnosis.rms_after_nm if diagnosis.findings else diagnosis.baseline.rms_nm
             return BatchItem(
-                file, 0, f"{diagnosis.verdict.replace('_', ' ')}: {names}", tuple(map(str, found.files)), out.name,
+                file, 0, diagnosis_in_a_line(diagnosis), tuple(map(str, found.files)), out.name,
                 tuple(json_list(left)), tuple(json_list(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
                 inputs.robot.units,
             )  # fmt: skip
@@ -109,6 +108,17 @@ def run_item(
         )  # fmt: skip
     except Exception as error:  # one bad file must not cost the others their result
         return BatchItem(file, exit_code_of(error), sentence_of(error), name=Path(folder).name)
+
+
+def diagnosis_in_a_line(diagnosis: Diagnosis) -> str:
+    """Verdict, names and faults of the data of one diagnosis among many."""
+    names = ", ".join(_claim(finding) for finding in diagnosis.findings) or "nothing named"
+    joints: dict[str, list[int]] = {}
+    for fault in diagnosis.data_faults:
+        joints.setdefault(fault.fault.replace("_", " "), []).extend(fault.joints)
+    faults = ", ".join(f"{fault} of joint {', '.join(map(str, sorted(set(own))))}" for fault, own in joints.items())
+    said = f"; faulty data: {faults}" if faults else ""
+    return f"{diagnosis.verdict.replace('_', ' ')}: {names}{said}"
 
 
 def _claim(finding: Finding) -> str:

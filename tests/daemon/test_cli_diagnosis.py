@@ -18,7 +18,7 @@ import pytest
 from daemon.api import RunRequest
 from daemon.cli.diagnosis import finding_lines
 from daemon.errors import ConfigurationError
-from daemon.jobs.batch import BatchItem, executor_of, folder_names, run_batch
+from daemon.jobs.batch import BatchItem, diagnosis_in_a_line, executor_of, folder_names, run_batch
 from daemon.jobs.batch_summary import write_summary
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
@@ -234,6 +234,18 @@ def test_a_batch_leaves_one_page_and_one_table(tmp_path: Path) -> None:
     names = ("recording", "rms_1", "rms_2", "noise_2", "page")
     assert [first[name] for name in names] == ["monday", "0.25", "", "0.2", "monday/report.html"]
     assert (second["exit_code"], second["page"]) == ("65", "")
+
+
+def test_a_line_of_a_batch_names_the_faults_of_its_data() -> None:
+    faults = [
+        SimpleNamespace(fault="wrong_joint_order", joints=(4,)),
+        SimpleNamespace(fault="inverted_torque_sign", joints=(1,)),
+        SimpleNamespace(fault="wrong_joint_order", joints=(2, 4)),
+    ]
+    found: Any = SimpleNamespace(verdict="no_mismatch", findings=(), data_faults=faults)
+    said = "faulty data: wrong joint order of joint 2, 4, inverted torque sign of joint 1"
+    assert diagnosis_in_a_line(found) == f"no mismatch: nothing named; {said}"
+    assert diagnosis_in_a_line(SimpleNamespace(**{**vars(found), "data_faults": ()})) == "no mismatch: nothing named"
 
 
 def test_batch_says_by_its_exit_code_that_one_failed(tmp_path: Path) -> None:
