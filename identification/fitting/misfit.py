@@ -88,14 +88,16 @@ def notes_on_joints_missed(rms: RmsTable) -> tuple[str, ...]:
     """A warning where a fit leaves a joint as much as no model at all would: the recording is not what it states."""
     fits = [row for row in rms.rows if row.label.startswith("fit,")]
     noise = np.array([row.rms_nm <= NOISE_ALONE * row.noise_floor_nm for row in fits])
-    share = np.where(noise, 0.0, [row.percent for row in fits]).max(axis=0)
+    each = np.where(noise, 0.0, [row.percent for row in fits])
+    share = each.max(axis=0)
     missed = np.flatnonzero(share >= 100.0)
     if not missed.size:
         return ()
     joints = ", ".join(str(joint + 1) for joint in missed)
     shares = ", ".join(f"{share[joint]:.0f}" for joint in missed)
+    which = "the model" if (each[0] >= 100.0).any() else "the feasible set, not the base parameters,"
     return (
-        f"WARNING, the model describes nothing of joint{'s' * (missed.size > 1)} {joints}: it leaves {shares} % of the "
+        f"WARNING, {which} describes nothing of joint{'s' * (missed.size > 1)} {joints}: it leaves {shares} % of the "
         "RMS torque there; `iiwa-ident doctor --log` checks signs, units, clock and order of the recording",
     )
 

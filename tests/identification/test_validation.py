@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError
-from identification.fitting.misfit import notes_on_models_contradicted
+from identification.fitting.misfit import notes_on_joints_missed, notes_on_models_contradicted
+from identification.fitting.rms import RmsRow, RmsTable
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import Recording
 from identification.robots import load_robot
@@ -74,3 +75,15 @@ def test_a_model_that_leaves_more_than_the_torque_itself_is_said(recordings: lis
     assert said.startswith("WARNING, ")
     assert "more than no model would" in said
     assert not notes_on_models_contradicted(validate_model(fitted, recordings[1:2]))
+
+
+def test_a_warning_of_a_joint_that_is_missed_says_which_parameters_miss_it() -> None:
+    """Torques in kNm have base parameters, and no body: what least squares leave is noise."""
+    torque, noise = np.array([10.0, 5.0]), np.array([0.1, 0.1])
+    near, far = np.array([0.1, 0.11]), np.array([0.2, 40.0])
+    both = RmsTable((RmsRow("fit, base", near, torque, noise), RmsRow("fit, physical", far, torque, noise)))
+    (said,) = notes_on_joints_missed(both)
+    assert said.startswith("WARNING, the feasible set, not the base parameters, describes nothing of joint 2")
+    assert "800 %" in said
+    (said,) = notes_on_joints_missed(RmsTable((RmsRow("fit, base", far, torque, noise),)))
+    assert said.startswith("WARNING, the model describes nothing of joint 2")
