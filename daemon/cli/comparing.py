@@ -15,6 +15,7 @@ from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
 from daemon.cli.protection import folder_to_write
+from daemon.folders import make_folder
 
 if TYPE_CHECKING:
     from identification.audit.between import Change
@@ -159,7 +160,7 @@ def _numbers(text: str | None) -> list[float] | None:
 def _write_page(trend: Trend, robot: str, out: Path) -> Path:
     from identification.report.trend_page import write_trend
 
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     page = out / "trend.html"
     write_trend(page, trend, robot)
     return page

@@ -18,6 +18,7 @@ from daemon.cli.output import JsonOption, data, is_verbose, show_table, wants_js
 from daemon.cli.protection import folder_to_write
 from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
+from daemon.folders import make_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -239,7 +240,7 @@ def prepare_motion_of(trajectory: Any, out: Path) -> PreparedMotion:
     """Write a shipped trajectory into the demo's folder and prepare it as any user's file."""
     from daemon.motion.preparation import prepare_motion
 
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     file = out / "unused-trajectory.json"
     file.write_text(json.dumps(trajectory.to_json(), indent=1) + "\n", encoding="utf-8")
     return prepare_motion(file)

@@ -15,6 +15,7 @@ from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
+from daemon.cli.protection import folder_to_write
 from daemon.cli.run import RobotHostOption, address_of, confirm_motion
 
 if TYPE_CHECKING:
@@ -36,9 +37,10 @@ def investigate(
     budget: Annotated[
         float | None, typer.Option("--budget", metavar="MINUTES", min=0.0, help="Minutes of motion at most.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder; one that exists is gone on with.")] = Path(
-        "investigation"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder; one that exists is gone on with.", callback=folder_to_write),
+    ] = Path("investigation"),
     bind: Annotated[str, typer.Option("--bind", help="Address and port the robot sends to.")] = "127.0.0.1:30200",
     robot_host: RobotHostOption = None,
     fri_version: Annotated[str, typer.Option("--fri-version", help="As of `run`.")] = "1.15",

@@ -11,6 +11,7 @@ import errno
 import os
 import re
 import sqlite3
+import tempfile
 import zipfile
 from contextlib import closing
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 import typer
 
 from daemon.errors import LogIOError
+from daemon.folders import make_folder
 
 _MCAP = b"\x89MCAP0\r\n"
 _SQLITE = b"SQLite format 3\x00"
@@ -60,7 +62,7 @@ def _is_bag(file: Path) -> bool:
 
 def not_a_recording(file: Path | None) -> Path | None:
     """The file as it is, for an option that names one to write. Raises a usage error where it is a recording, OSError
-    where it cannot be written: better now than after an hour, or after a motion.
+    or LogIOError where it cannot be written: better now than after an hour, or after a motion.
     """
     if file is None or str(file) == "-":
         return file
@@ -76,18 +78,26 @@ def not_a_recording(file: Path | None) -> Path | None:
 
 
 def folder_to_write(folder: Path | None) -> Path | None:
-    """The folder as it is, for an option that names one to write into. Raises OSError where it cannot be one."""
+    """The folder as it is, for an option that names one to write into. Raises OSError, LogIOError where it cannot be
+    one.
+    """
     if folder is not None:
         _require_room(folder, folder)
     return folder
 
 
 def _require_room(folder: Path, named: Path) -> None:
-    """Raises OSError, which names `named`, where the folder is no folder and cannot be made one, or is read-only."""
+    """Raises OSError or LogIOError, which name `named`, where the folder is no folder and cannot be made one, or takes
+    nothing.
+    """
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not there.is_dir():
         raise OSError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(named))
     _require_access(there, named)
+    try:
+        os.rmdir(tempfile.mkdtemp(dir=there))
+    except OSError as error:  # of /proc, of which everybody else says that it can be written to
+        raise LogIOError(str(named), error) from error
 
 
 def _require_access(place: Path, named: Path) -> None:
@@ -96,9 +106,6 @@ def _require_access(place: Path, named: Path) -> None:
 
 
 def in_its_folder(file: Path) -> Path:
-    """The file, once the folder that it is to stand in is there. Raises OSError, LogIOError where no folder can be."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except FileNotFoundError as error:  # of /proc: not an input that is missing
-        raise LogIOError(str(file), error) from error
+    """The file, once the folder that it is to stand in is there. Raises LogIOError where no folder can be."""
+    make_folder(file.parent)
     return file

@@ -14,6 +14,7 @@ from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
 from daemon.cli.protection import folder_to_write
+from daemon.folders import make_folder
 from daemon.proof.prove import ProvenCase, Source, page_name, select_cases
 from daemon.proof.prove import prove as run_proof
 from daemon.proof.score import CaseScore
@@ -119,7 +120,7 @@ def _run(
     if not indices:
         raise typer.BadParameter(f"no case is called '{only}'; groups: single, negative, decoy, background, pair, …")
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
     with progress_shown(lines=False) as show:
         return run_proof(
             source,

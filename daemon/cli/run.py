@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +26,7 @@ from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountO
 from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
+from daemon.cli.protection import folder_to_write
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
 
@@ -109,7 +111,9 @@ def run(
     ] = None,
     arm: ArmOption = None,
     robot_host: RobotHostOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the run; default: runs/RUN_ID.", callback=folder_to_write)
+    ] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     diagnose: Annotated[
         bool, typer.Option("--diagnose", help="After the fit: name what the model leaves out, into diagnosis/.")
@@ -155,7 +159,7 @@ def run(
     from daemon.motion.preparation import write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
-    from daemon.run.folder import make_room
+    from daemon.run.folder import kept_once_begun, make_room
     from daemon.run.service import run_acquisition
     from daemon.runtime_folder import lock_folder
     from daemon.times import new_job_id
@@ -208,7 +212,9 @@ def run(
     if monitor_only:
         make_room(out)
         surroundings = load_surroundings(robot or "iiwa14", cell, carried)
-        request = write_monitor_request(robot or "iiwa14", surroundings, stand or ON_THE_FLOOR, out, **settings)
+        write_request = partial(
+            write_monitor_request, robot or "iiwa14", surroundings, stand or ON_THE_FLOOR, out, **settings
+        )
         message("Nothing will be commanded. The arm moves only if you or the robot's own program move it.")
     else:
         amplitude, lead_in_s = settings.pop("amplitude"), settings.pop("lead_in_s")
@@ -217,9 +223,9 @@ def run(
         _admit(motion, settings)
         if not no_confirm and not simulation:
             confirm_motion(motion, settings["periods"])
-        request = write_run_request(motion, out, **settings)
-    with live_served(port, viewers), run_shown() as view:
-        outcome = run_acquisition(request, observe=view.observe)
+        write_request = partial(write_run_request, motion, out, **settings)
+    with live_served(port, viewers), run_shown() as view, kept_once_begun(out):
+        outcome = run_acquisition(write_request(), observe=view.observe)
     fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
     _show(view, outcome, fit, json_file)
     if outcome.exit_code:

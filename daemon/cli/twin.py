@@ -11,6 +11,7 @@ from daemon.cli.app import app
 from daemon.cli.output import JsonOption, data, told_in_words
 from daemon.cli.protection import folder_to_write
 from daemon.cli.simulation import MotorInertiaOption, motor_prior, read_back
+from daemon.folders import make_folder
 
 NAMES = {"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"}
 
@@ -36,7 +37,7 @@ def twin(
     from identification.model_file import read_model, write_model
     from identification.robots.joint_units import in_units
 
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     sentence, parameters = "", "consistent"
     if model_file is None:
         found = twin_of_table_three()

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.errors import ConfigurationError, LogIOError
+from daemon.folders import make_folder
 from daemon.investigate.cell import Cell
 from daemon.investigate.states import State
 from daemon.json_files import read_json, write_json
@@ -162,7 +163,7 @@ def read_account(folder: Path) -> Account | None:
 def save(folder: Path, account: Account) -> Account:
     """Write the account; the same, so that a step can end with it. Raises LogIOError."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         write_json(folder / NAME, account)
     except OSError as error:
         raise LogIOError(str(folder / NAME), error) from error

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from daemon.errors import ConfigurationError, exit_code_of, sentence_of
+from daemon.folders import make_folder
 from identification.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def run_item(
         from identification.robots.joint_units import in_units
 
         out = Path(folder)
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
         checking = heldout if task == "diagnose" else ()
         inputs = read_inputs([file, *checking], robot=robot, joints=joints, installation=installation)
         recording, *unseen = inputs.recordings

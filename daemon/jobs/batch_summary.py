@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from daemon.folders import make_folder
 from daemon.jobs.batch import BatchItem, Task
 from identification.report.document import Document, Section, Table
 from identification.report.numbers import joint_heads, row_of
@@ -16,7 +17,7 @@ from identification.robots.joint_units import in_units
 
 def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Path, Path]:
     """Write `index.html` and `summary.csv` into the folder `out`, which is made if it is not there; their paths."""
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     page, table = out / "index.html", out / "summary.csv"
     joints = max((len(item.rms_nm) for item in items), default=0)
     page.write_text(render(_document(task, items, out, joints)), encoding="utf-8")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from daemon.folders import make_folder
 from daemon.json_files import write_bytes_atomically
 from identification.audit.difference import Difference
 from identification.errors import RecordingError
@@ -70,7 +71,7 @@ def diagnose_recordings(
             f"extended model: {phase}", _SHARE_OF_DIAGNOSIS + (1.0 - _SHARE_OF_DIAGNOSIS) * share
         ),
     )
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     result_file = out / "diagnosis.json"
     text = json.dumps(diagnosis.to_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     write_bytes_atomically(str(result_file), text.encode())
@@ -100,7 +101,7 @@ def write_model_back(
 
     Raises the errors of `identification.export.amend`, and OSError.
     """
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     written = write_back(recordings, robot, source, differences, target)
     picture = target.with_name(f"{target.name}.png")
     draw_before_after(written).savefig(picture, dpi=110)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunRequest
+from daemon.folders import make_folder
 from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
 from daemon.motion.tool import Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
@@ -157,10 +158,10 @@ def is_safe_motion(trajectory: Trajectory) -> bool:
 def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
     """Write table, trajectory, workspace and preflight into the run's folder; the request that points to them.
 
-    settings: further fields of RunRequest. Raises OSError when the folder cannot be written, ConfigurationError for a
-    setting out of range.
+    settings: further fields of RunRequest. Raises OSError, LogIOError when the folder cannot be written,
+    ConfigurationError for a setting out of range.
     """
-    out_dir.mkdir(parents=True, exist_ok=True)
+    make_folder(out_dir)
     table_file = out_dir / "table.npy"
     trajectory_file = out_dir / "trajectory.json"
     table = io.BytesIO()
@@ -189,7 +190,7 @@ def write_monitor_request(
 
     settings: further fields of RunRequest. Raises as `write_run_request`.
     """
-    out_dir.mkdir(parents=True, exist_ok=True)
+    make_folder(out_dir)
     settings |= _noted_stand(surroundings, installation, out_dir)
     settings |= {"fit": False, "amplitude": 1.0, "periods": 1}
     return RunRequest(

@@ -17,6 +17,7 @@ import psutil
 from daemon.api import Message
 from daemon.children import start_python
 from daemon.errors import exit_code_of, sentence_of
+from daemon.folders import make_folder
 from daemon.json_files import read_json, write_json
 
 ORDER_NAME, ANSWER_NAME = "step-order.json", "step-answer.json"
@@ -92,7 +93,7 @@ def start_step(job_id: str, order: Order, post: Callable[[StepEnded], None]) -> 
 
 def _answer_to(order: Order) -> StepAnswer:
     folder = Path(order.folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     answer, file = folder / ANSWER_NAME, folder / ORDER_NAME
     answer.unlink(missing_ok=True)
     write_json(file, order)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from daemon.api import RunEvent, RunOutcome
 from daemon.errors import ChildProcessFailedError, SealBrokenError
+from daemon.folders import make_folder
 from daemon.motion.preparation import PreparedMotion, write_run_request
 from daemon.run.service import run_acquisition
 from identification.base_parameters import BaseRegressor
@@ -111,7 +112,7 @@ def record(
     fit: fit and diagnose afterwards, checked on the recordings `heldout`. publish: is given the hash of the effect that
     is drawn from the seed hidden_effect, before anything moves.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     port = free_udp_port()
     request = write_run_request(
         motion,

@@ -1,17 +1,21 @@
 """The folder of a run before anything is started: room in it, inputs copied, paths absolute, port free.
 
-The supervisor calls `prepare_folder`; the command line `make_room` before it writes the inputs there.
+The supervisor calls `prepare_folder`; the command line `make_room` before it writes the inputs there, and
+`kept_once_begun` around both.
 """
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 
 from daemon.api import LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, LoopReport, RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError
+from daemon.folders import make_folder
 from daemon.json_files import read_json, write_json
 from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
@@ -33,6 +37,9 @@ def prepare_folder(request: RunRequest) -> RunRequest:
     Raises ConfigurationError (also for a folder that holds a run already), MissingInputError, PortInUseError,
     LogIOError.
     """
+    # Whether the port is free is said before anything is written or started.
+    with UdpChannel() as probe:
+        bind(probe, request.bind_host, request.bind_port)
     folder = Path(request.out_dir).absolute()
     make_room(folder)
     changes: dict[str, str] = {"out_dir": str(folder)}
@@ -47,7 +54,7 @@ def prepare_folder(request: RunRequest) -> RunRequest:
             raise MissingInputError(str(source), field.removesuffix("_file"))
         changes[field] = str(folder / source.name)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for field, file in sources.items():
             if Path(file).absolute() != Path(changes[field]):
                 shutil.copyfile(file, changes[field])
@@ -58,10 +65,28 @@ def prepare_folder(request: RunRequest) -> RunRequest:
         write_json(folder / "request.json", resolved)
     except OSError as error:
         raise LogIOError(str(folder), error) from error
-    # Whether the port is free is said before any process is started.
-    with UdpChannel() as probe:
-        bind(probe, request.bind_host, request.bind_port)
     return resolved
+
+
+@contextlib.contextmanager
+def kept_once_begun(folder: Path) -> Iterator[None]:
+    """Take back what the block put into a run's folder, and the folder, where it fails and left no run in it.
+
+    A start that got so far that it left a recording or an account keeps it: `make_room` knows what to do with both.
+    """
+    folder = folder.absolute()
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    before = set() if missing else set(folder.iterdir())
+    try:
+        yield
+    except BaseException:
+        if state_of_recording(folder) == "none" and not (folder / RUN_NAME).exists():
+            with contextlib.suppress(OSError):
+                for file in set(folder.iterdir()) - before:
+                    file.unlink()
+                for place in missing:
+                    place.rmdir()
+        raise
 
 
 def make_room(folder: Path) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from daemon.errors import LogIOError
+from daemon.folders import make_folder
 from tests.daemon.command_line import run
 
 RECORDING = str(Path(__file__).parents[2] / "fixtures/recordings/ur10.npz")
@@ -90,6 +92,29 @@ def test_a_held_out_recording_that_is_not_there_is_missing(capsys: pytest.Captur
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which nobody can make another")
+@pytest.mark.parametrize("words", [("run", "--no-confirm"), ("investigate",), ("twin",), ("demo",)], ids=" ".join)
+@pytest.mark.parametrize("place", ["/proc/nowhere", "/proc"])
+def test_a_folder_in_which_nobody_can_make_a_file_is_no_missing_input(
+    words: tuple[str, ...], place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*words, "--out", place) == 74
+    assert capsys.readouterr().err == f"iiwa-ident: {place}: No such file or directory.\n"
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which nobody can make another")
 def test_a_folder_that_cannot_be_made_is_no_missing_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("check", "--amplitude", "0.1", "--json", "/proc/nowhere/found.json") == 74
     assert "/proc/nowhere/found.json" in capsys.readouterr().err
+
+
+def test_a_folder_is_made_however_deep_it_lies(tmp_path: Path) -> None:
+    deep = make_folder(tmp_path.joinpath(*["d"] * 1200))
+    assert deep.is_dir()
+    while deep != tmp_path:  # nor could pytest tidy up so deep
+        deep.rmdir()
+        deep = deep.parent
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LogIOError, match=r"file/new/folder: Not a directory"):
+        make_folder(tmp_path / "file" / "new" / "folder")
+    with pytest.raises(LogIOError, match=r"file: File exists"):
+        make_folder(tmp_path / "file")

@@ -86,8 +86,22 @@ def test_a_port_in_use_is_said_with_its_number(tmp_path: Path) -> None:
         holder.bind(("127.0.0.1", 0))
         port = holder.getsockname()[1]
         result = iiwa_ident("run", "--bind", f"127.0.0.1:{port}", "--out", tmp_path / "run", "--no-fit")
-    assert result.returncode == 69
-    assert str(port) in result.stderr + result.stdout
+        assert result.returncode == 69
+        assert str(port) in result.stderr + result.stdout
+        assert not (tmp_path / "run").exists()
+        (tmp_path / "mine").mkdir()
+        (tmp_path / "mine" / "notes.txt").write_text("kept")
+        for folder in ("mine", "new/folder"):
+            words = ("--monitor-only",) if folder == "mine" else ("--amplitude", "0.1", "--fri-version", "auto")
+            assert iiwa_ident("run", *words, "--bind", f"127.0.0.1:{port}", "--out", tmp_path / folder).returncode == 69
+    assert [file.name for file in tmp_path.rglob("*")] == ["mine", "notes.txt"]
+
+
+def test_a_robot_whose_version_nobody_heard_leaves_no_folder(tmp_path: Path) -> None:
+    bind = f"127.0.0.1:{free_udp_port()}"
+    words = ("--no-fit", "--fri-version", "auto", "--start-timeout", 0.1)
+    assert iiwa_ident("run", "--bind", bind, "--out", tmp_path / "run", *words).returncode == 69
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_robot_is_said_after_the_time_allowed(tmp_path: Path) -> None:
