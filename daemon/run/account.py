@@ -81,13 +81,15 @@ def kept_elsewhere(folder: Path) -> str:
 
 def _report_from(held: RecoverReport) -> LoopReport:
     """The report of a loop that left none, from the recording alone."""
+    end = (
+        "; the robot got no more answers and braked by itself, standstill unconfirmed."
+        if held.samples
+        else ". The recording holds no message of a robot: as far as it tells, nothing was moved by this run."
+    )
     return LoopReport(
         outcome="fault",
         reason="LOOP_LOST",
-        sentence=(
-            "Loop and supervisor ended without a word; the robot got no more answers and braked by itself, standstill "
-            "unconfirmed."
-        ),
+        sentence=f"Loop and supervisor ended without a word{end}",
         received=held.samples,
         answered=held.messages.get("/fri/command", 0),
         missing=held.missing,
@@ -112,7 +114,8 @@ def _write(
         lost = lost_between(ring, lost, 0 if held is None else held.next_index)
     lost = max(lost, report.received - samples)
     exit_code = exit_code or int(lost > 0)
-    gone += f", and no fit was started; `iiwa-ident fit` takes the recording.{trouble}"
+    gone += ", and no fit was started"
+    gone += f"; `iiwa-ident fit` takes the recording.{trouble}" if samples else f".{trouble}"
     tidy(folder)
     outcome = RunOutcome(
         run_id=request.run_id,

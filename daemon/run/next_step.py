@@ -37,7 +37,7 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
         )
     if outcome.outcome in ("no_robot", "port_in_use"):
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
-    if _never_began(outcome) or (outcome.outcome == "stopped" and nothing_moved(outcome)):
+    if _never_began(outcome) or (outcome.outcome in ("stopped", "fault") and nothing_moved(outcome)):
         return _AGAIN
     recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
     if request is not None and request.monitor_only and outcome.samples:

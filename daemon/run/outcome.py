@@ -87,13 +87,15 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
     """
     status = ring.status
     words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
+    end = (
+        "; the robot gets no more answers and brakes by itself, standstill unconfirmed."
+        if status.received
+        else " before a message of a robot came; nothing was moved by this run."
+    )
     return LoopReport(
         outcome="fault",
         reason="LOOP_LOST",
-        sentence=(
-            f"The loop process {_how(return_code)}; the robot gets no more answers and brakes by itself, standstill "
-            f"unconfirmed.{words}"
-        ),
+        sentence=f"The loop process {_how(return_code)}{end}{words}",
         tick=status.tick,
         received=status.received,
         answered=status.answered,

@@ -24,7 +24,10 @@ from daemon.errors import (
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import recover
 from daemon.run.account import account_for_folder
+from daemon.run.folder import make_room
+from daemon.run.next_step import next_step
 from daemon.run.service import run_acquisition
+from tests.daemon.command_line import run
 from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
@@ -246,3 +249,32 @@ def test_all_processes_killed_at_once_leave_all_but_the_last_chunk_and_recover_s
     assert (report.missing, report.missing_in_handover) == (0, 0)
     states = read_states(report.recovered)
     assert len(states) == report.samples > 2 * PERIOD_SAMPLES
+
+
+@pytest.mark.parametrize("with_supervisor", [False, True], ids=["the loop alone", "all processes"])
+def test_of_a_run_that_no_robot_spoke_to_nobody_says_that_an_arm_may_still_move(
+    tmp_path: Path, with_supervisor: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    process = start_run(gentle_request(tmp_path, free_udp_port()))
+    assert process.stdout is not None
+    while not process.stdout.readline().startswith("waiting"):
+        pass
+    supervisor = psutil.Process(process.pid)
+    children = supervisor.children()
+    if with_supervisor:
+        kill_together([supervisor, *children])
+    else:
+        child_of(supervisor, "daemon.run.loop_process").kill()
+    process.communicate(timeout=WATCHDOG_S)
+    wait_gone(children)
+    if with_supervisor:
+        assert run("recover", tmp_path / "run") == 0
+        assert "nothing was moved by this run" in capsys.readouterr().out
+    outcome = read_json(tmp_path / "run" / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.exit_code, outcome.samples) == ("fault", 70, 0)
+    told = " ".join(outcome.sentences)
+    assert "nothing was moved by this run" in told
+    assert "standstill" not in told
+    assert "takes the recording" not in told
+    assert next_step(outcome, None) == "Next: nothing moved; the same command can be given again."
+    make_room(tmp_path / "run")
