@@ -6,6 +6,7 @@ those), and writing. Recovery calls it.
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -24,6 +25,10 @@ MAXIMUM_CHUNK_BYTES = 256 * 1024 * 1024
 """Uncompressed size beyond which a chunk's own claim is not believed."""
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
+_NAME_AT = 20
+"""Of an attachment, behind its two times and the length of its name."""
+_LONGEST_NAME = 200
+"""Of a damaged attachment; its stated length may be damaged too."""
 
 
 @dataclass(slots=True)
@@ -34,6 +39,7 @@ class Found:
     channels: dict[int, tuple[int, str, str, dict[str, str]]] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     damaged_chunks: int = 0
+    damaged_attachments: list[str] = field(default_factory=list)
     bytes_used: int = 0
     complete: bool = False
 
@@ -119,9 +125,13 @@ def readable_items(source: Path, found: Found) -> Iterator[RawMessage | RawAttac
                     return
                 elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
                     found.bytes_used = stream.tell()
+                    found.complete = True
                     return
                 elif opcode == Opcode.ATTACHMENT:
-                    yield _attachment(content)
+                    if _has_checksum_of(content):
+                        yield _attachment(content)
+                    else:
+                        found.damaged_attachments.append(_name_of(content))
                 else:
                     message = _plain_record(opcode, content, found)
                     if message is not None:
@@ -202,3 +212,31 @@ def _attachment(content: bytes) -> RawAttachment:
     log_time, create_time = cursor.integer(8), cursor.integer(8)
     name, media_type = cursor.text(), cursor.text()
     return RawAttachment(log_time, create_time, name, media_type, cursor.take(cursor.integer(8)))
+
+
+def damaged_attachments(source: Path) -> list[str]:
+    """Names of the attachments of a log whose checksums do not fit; nothing else of it is looked at. Raises OSError."""
+    found = []
+    with source.open("rb") as stream:
+        stream.seek(len(MAGIC))
+        while len(head := stream.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
+            opcode, length = RECORD_HEADER.unpack(head)
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                break
+            if opcode != Opcode.ATTACHMENT:
+                stream.seek(length, os.SEEK_CUR)
+            elif not _has_checksum_of(content := stream.read(min(length, source.stat().st_size))):
+                found.append(_name_of(content))
+    return found
+
+
+def _has_checksum_of(content: bytes) -> bool:
+    """Whether an attachment's checksum, its last four bytes, fits the rest; 0 states none."""
+    stated = int.from_bytes(content[-4:], "little")
+    return not stated or zlib.crc32(content[:-4]) == stated
+
+
+def _name_of(content: bytes) -> str:
+    """The name of a damaged attachment as far as it can be read."""
+    length = int.from_bytes(content[_NAME_AT - 4 : _NAME_AT], "little")
+    return content[_NAME_AT : _NAME_AT + min(length, _LONGEST_NAME)].decode(errors="replace")

@@ -22,7 +22,14 @@ from mcap.writer import CompressionType, Writer
 
 from daemon.errors import BadLogError, LogIOError, MissingInputError
 from daemon.log.cdr import command_index, event_index, is_out_of_order, state_counters
-from daemon.log.raw_reader import MAGIC, Found, RawAttachment, RawMessage, readable_items
+from daemon.log.raw_reader import (
+    MAGIC,
+    Found,
+    RawAttachment,
+    RawMessage,
+    damaged_attachments,
+    readable_items,
+)
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
 from fri_client.session.replayed_counter import ReplayedCounter
@@ -84,16 +91,18 @@ def recover_log(path: str | Path) -> RecoverReport:
 
 
 def is_whole(source: Path) -> bool:
-    """True when the library reads every message and the closing magic stands where it should."""
+    """True when the library reads every message, the closing magic stands where it should and no attachment is
+    damaged.
+    """
     try:
         with source.open("rb") as stream:
             stream.seek(-len(MAGIC), os.SEEK_END)
             if stream.read() != MAGIC:
                 return False
         count_messages(source)
+        return not damaged_attachments(source)
     except (OSError, BadLogError):
         return False
-    return True
 
 
 @dataclass(slots=True)
@@ -168,7 +177,7 @@ def merge_logs(parts: Sequence[str | Path], output: str | Path) -> RecoverReport
     counts, found = _write_copy(sources, target)
     names = ", ".join(source.name for source in sources)
     sentence = f"{target} was joined from {names} and holds {counts.samples} samples."
-    return counts.report(sources[0], target, found, total, (sentence,))
+    return counts.report(sources[0], target, found, total, (sentence, *_damage_sentences(found)))
 
 
 def _write_copy(sources: Sequence[Path], target: Path) -> tuple[_Counts, Found]:
@@ -276,6 +285,8 @@ def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
             total.metadata += [each for each in found.metadata if each[0] not in known]
             total.bytes_used += found.bytes_used
             total.damaged_chunks += found.damaged_chunks
+            total.damaged_attachments += found.damaged_attachments
+            total.complete = found.complete
         if not copy.counts.messages:
             raise unreadable or BadLogError(str(sources[0]), "holds no readable message; nothing can be recovered.")
         for name, metadata in total.metadata:
@@ -294,16 +305,28 @@ def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
 
 
 def _sentences(source: Path, target: Path, counts: _Counts, found: Found, total: int) -> tuple[str, ...]:
-    sentences = [
-        f"{source} was broken off after {found.bytes_used} of {total} readable bytes; {counts.samples} samples are in "
-        f"{target}."
-    ]
+    damaged = _damage_sentences(found)
+    how = (
+        f"{source} is not broken off, but parts of it are damaged"
+        if found.complete and damaged
+        else f"{source} was broken off after {found.bytes_used} of {total} readable bytes"
+    )
+    sentences = [f"{how}; {counts.samples} samples are in {target}."]
     if counts.first_counter is not None:
+        after = "" if found.complete else f"; what came after counter {counts.last_counter} is not in the file"
         sentences.append(
             f"They carry the robot's counters {counts.first_counter} to {counts.last_counter} with "
             f"{counts.counter.missing} missing in between and {counts.missing_in_handover} missing between loop and "
-            f"file; what came after counter {counts.last_counter} is not in the file."
+            f"file{after}."
         )
+    return (*sentences, *damaged)
+
+
+def _damage_sentences(found: Found) -> tuple[str, ...]:
+    sentences = []
     if found.damaged_chunks:
         sentences.append(f"{found.damaged_chunks} chunks were damaged and left out.")
+    if found.damaged_attachments:
+        names = ", ".join(f"'{name}'" for name in found.damaged_attachments)
+        sentences.append(f"Damaged attachments were left out: {names}. No sample stands in them.")
     return tuple(sentences)

@@ -94,6 +94,7 @@ def set_up_checks(
         order,
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
+        *_damaged_files(recordings),
     )
     if order.status != "failed":
         return checks
@@ -120,6 +121,17 @@ def _places(
     velocities = " ".join(fault.sentence for fault in faults if fault.fault == "wrong_joint_order")
     # No fit uses a recorded velocity.
     return (SetUpCheck(order.name, "warning", f"{order.sentence} {velocities}") if velocities else order), False
+
+
+def _damaged_files(recordings: Sequence[Recording]) -> tuple[SetUpCheck, ...]:
+    """A warning where bytes of a file are damaged or missing; of whole files nothing is said."""
+    found = [
+        f"{name}: {finding.sentence}."
+        for recording, name in zip(recordings, recording_names(recordings), strict=True)
+        for kind in ("truncated_file", "damaged_attachment")
+        for finding in recording.report.of_kind(kind)
+    ]
+    return (SetUpCheck("file", "warning", " ".join(found)),) if found else ()
 
 
 def _gravity(found: Mounting | None) -> SetUpCheck:

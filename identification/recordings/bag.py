@@ -23,7 +23,7 @@ from identification.arrays import IntArray
 from identification.errors import RecordingError
 from identification.recordings import archive
 from identification.recordings.fixed_columns import FixedColumns
-from identification.recordings.mcap_records import records_of
+from identification.recordings.mcap_records import DamagedAttachment, records_of
 from identification.recordings.unpacking import Allowance
 
 FRI_STATE_TOPIC = "/fri/state"
@@ -79,11 +79,14 @@ class Topic:
 
 @dataclass(slots=True)
 class Bag:
-    """Topics by name, the run's metadata, the import's arrays where there are any, and what ended the reading early."""
+    """Topics by name, the run's metadata, the import's arrays where there are any, the names of attachments whose bytes
+    are damaged, and what ended the reading early.
+    """
 
     topics: dict[str, Topic] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
     archive: bytes | None = None
+    damaged: list[str] = field(default_factory=list)
     broken_off: str = ""
 
     @property
@@ -199,6 +202,8 @@ def _read_mcap(file: Path, path: Path, allowance: Allowance, bag: Bag) -> None:
                 bag.metadata.update(record.metadata)
             elif isinstance(record, Attachment) and record.name == archive.ATTACHMENT_NAME:
                 bag.archive = record.data
+            elif isinstance(record, DamagedAttachment):
+                bag.damaged.append(record.name)
             elif isinstance(record, Footer):
                 complete = True
     except RecordingError:

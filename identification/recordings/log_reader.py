@@ -33,6 +33,12 @@ def read_bag_folder(path: Path) -> list[RawTable] | Recording:
 
 
 def _read(path: Path, bag: Bag) -> list[RawTable] | Recording:
+    if archive.ATTACHMENT_NAME in bag.damaged:
+        raise RecordingError.named(
+            path,
+            f"the bytes of its attachment {archive.ATTACHMENT_NAME}, which holds the recording, are damaged (their "
+            "checksum does not fit); import the original once more",
+        )
     if bag.archive is not None:
         return archive.unpack(bag.archive, path)
     tables = [read_fri_log(path, bag)] if FRI_STATE_TOPIC in bag.topics else read_joint_states(path, bag)
@@ -41,4 +47,8 @@ def _read(path: Path, bag: Bag) -> list[RawTable] | Recording:
             rows = table.time.shape[0]
             sentence = f"the file breaks off after row {rows} ({bag.broken_off}); its complete chunks were read"
             table.findings.append(Finding("truncated_file", max(rows, 1), max(rows, 1), 1, sentence))
+    for name in bag.damaged:
+        for table in tables:
+            sentence = f"the attachment '{name}' is damaged, its checksum does not fit; no sample stands in it"
+            table.findings.append(Finding.of_all("damaged_attachment", table.time.shape[0], sentence))
     return tables

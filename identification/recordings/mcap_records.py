@@ -5,6 +5,7 @@ The messages of a chunk are found at once. Which topics are kept is decided else
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import struct
 import zlib
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Schema
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
 
 from identification.arrays import IntArray
@@ -33,6 +34,10 @@ _HEAD = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seque
 """What stands before the bytes of a message in a chunk."""
 _LOOKED_AT = 24
 """Records of a chunk that are walked one by one before a repetition is looked for."""
+_TIMES_BYTES = 16
+"""Of an attachment, before its name."""
+_LONGEST_NAME = 200
+"""Of a damaged attachment; its stated length may be damaged too."""
 _AHEAD = 8
 """Records, and unpacked chunks, that are made ready while those before them are taken apart."""
 
@@ -89,7 +94,29 @@ class _WithoutIndexes(StreamReader):
         if opcode in (Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX):
             self._stream.read(length)
             return None
+        if opcode == Opcode.ATTACHMENT:
+            return attachment_of(self._stream.read(length))
         return super()._read_record(opcode, length)
+
+
+class DamagedAttachment(McapRecord):
+    """In place of an attachment whose checksum does not fit; its name as far as that can be read."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def attachment_of(content: bytes) -> Attachment | DamagedAttachment:
+    """The attachment of a record's bytes, which the library would give as they are. A checksum of 0 states none."""
+    stated = int.from_bytes(content[-4:], "little")
+    stream = ReadDataStream(BytesIO(content))
+    if not stated or zlib.crc32(content[:-4]) == stated:
+        return Attachment.read(stream)
+    name = b""
+    with contextlib.suppress(EndOfFile):
+        stream.read(_TIMES_BYTES)
+        name = stream.read(min(stream.read4(), _LONGEST_NAME))
+    return DamagedAttachment(name.decode(errors="replace"))
 
 
 def _in_chunk(data: bytes, topics: Mapping[int, MessageSink | None]) -> Iterator[McapRecord]:

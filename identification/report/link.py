@@ -11,10 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from mcap.records import Attachment
 
+from identification.recordings.mcap_records import attachment_of
 from identification.report.numbers import rounded
 
 ATTACHMENT = "loop_report.json"
+_RECORD_HEAD_BYTES = 9
+"""Kind and length of an MCAP record, before its content."""
 
 
 def read_loop_report(file: Path) -> Mapping[str, Any] | None:
@@ -23,9 +27,12 @@ def read_loop_report(file: Path) -> Mapping[str, Any] | None:
         return None
     try:
         with file.open("rb") as stream:
-            for attachment in make_reader(stream).iter_attachments():
-                if attachment.name == ATTACHMENT:
-                    report = json.loads(attachment.data)
+            summary = make_reader(stream).get_summary()
+            for index in () if summary is None else summary.attachment_indexes:
+                if index.name == ATTACHMENT:
+                    stream.seek(index.offset + _RECORD_HEAD_BYTES)
+                    found = attachment_of(stream.read(index.length - _RECORD_HEAD_BYTES))
+                    report = json.loads(found.data) if isinstance(found, Attachment) else None
                     return report if isinstance(report, Mapping) else None
     except Exception:  # the library leaks errors of its decoders; a log that breaks off has no closing attachments
         return None

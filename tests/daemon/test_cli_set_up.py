@@ -20,6 +20,7 @@ from fixtures.physics import iiwa14_table_three
 from identification.mismatch.set_up import set_up_checks
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
+from identification.recordings.recording import Finding
 from identification.robots import load_robot
 from tests.daemon.command_line import run
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
@@ -80,6 +81,22 @@ def test_a_sound_recording_passes_every_check(sound: dict[str, np.ndarray], tmp_
         "gravity", "torque signs", "clock", "rows", "units", "order of joints", "late torque", "load data"
     ]  # fmt: skip
     assert {item["status"] for item in checks.values()} == {"ok"}
+
+
+def test_bytes_of_a_file_that_are_damaged_or_missing_are_a_warning(
+    sound: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **sound)  # type: ignore[arg-type]
+    recording = read_recording(tmp_path / "log.npz")
+    findings = tuple(
+        Finding.of_all(kind, 1000, f"of this {kind} it is said") for kind in ("damaged_attachment", "truncated_file")
+    )
+    damaged = replace(recording, report=replace(recording.report, findings=findings))
+    robot = load_robot("iiwa14")
+    checks = {each.name: each for each in set_up_checks([damaged], robot, [])}
+    assert checks["file"].status == "warning"
+    assert all(f"of this {finding.kind} it is said" in checks["file"].sentence for finding in findings)
+    assert "file" not in {each.name for each in set_up_checks([recording], robot, [])}
 
 
 def test_a_turned_sensor_fails_its_check(sound: dict[str, np.ndarray], tmp_path: Path) -> None:

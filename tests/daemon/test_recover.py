@@ -192,6 +192,29 @@ def test_attachments_and_metadata_survive(log: bytes, chunk_ends: list[tuple[int
         assert reader.get_header().profile == "ros2"
 
 
+def test_a_damaged_attachment_is_named_and_costs_nothing_else(log: bytes, tmp_path: Path) -> None:
+    """The library gives an attachment as it reads; the truth is which bytes were flipped."""
+    with io.BytesIO(log) as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    names = [index.name for index in summary.attachment_indexes]
+    assert len(names) > 3
+    for index in summary.attachment_indexes:
+        broken = bytearray(log)
+        broken[index.offset + index.length - 5] ^= 0x20  # the last byte of its data
+        file = tmp_path / f"{index.name}.mcap"
+        file.write_bytes(broken)
+        report = recover_log(file)
+        assert not report.whole
+        assert f"'{index.name}'" in report.sentences[-1]
+        assert "broken off after" not in " ".join(report.sentences)
+        assert counters(report.recovered) == EXPECTED
+        with report.recovered.open("rb") as stream:
+            kept = {each.name: each.data for each in make_reader(stream).iter_attachments()}
+        assert set(kept) == set(names) - {index.name}
+        assert recover_log(report.recovered).whole
+
+
 @settings(max_examples=40, print_blob=False, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_flipped_bytes_never_give_a_false_sample_or_another_exception(

@@ -11,11 +11,13 @@ from typing import Any
 import mcap_ros2.reader
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from identification.errors import RecordingError
 from identification.recordings import read_recording, write_recording
+from identification.report.link import read_loop_report
 
 ROWS, STEP_NS = 1200, 1_000_000
 FRI_STATE = """
@@ -81,6 +83,7 @@ def _write_log(
     states: list[dict[str, Any]],
     metadata: dict[str, str] | None = None,
     compression: CompressionType = CompressionType.ZSTD,
+    attachments: dict[str, bytes] | None = None,
 ) -> Path:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(FRI_STATE, STATE_NAME))
@@ -90,6 +93,8 @@ def _write_log(
         writer.start("ros2", "test")
         if metadata is not None:
             writer.add_metadata("iiwa_ident", metadata)
+        for name, data in (attachments or {}).items():
+            writer.add_attachment(0, 0, name, "application/json", data)
         schema = writer.register_schema(STATE_NAME, "ros2msg", FRI_STATE.encode())
         channel = writer.register_channel("/fri/state", "cdr", schema)
         for row, state in enumerate(states):
@@ -239,6 +244,40 @@ def test_a_damaged_byte_is_no_torque(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recording.position, reference.position[: recording.samples])
         np.testing.assert_array_equal(recording.torque, reference.torque[: recording.samples])
         assert "a chunk is damaged" in recording.report.of_kind("truncated_file")[0].sentence
+
+
+def test_a_damaged_attachment_is_said_and_costs_no_sample(tmp_path: Path) -> None:
+    log = _write_log(tmp_path / "run.mcap", _states(), METADATA, attachments={"host.json": b"{1234}", "a": b"5678"})
+    reference = read_recording(log)
+    assert not reference.report.of_kind("damaged_attachment")
+    log.write_bytes(log.read_bytes().replace(b"{1234}", b"{1235}"))
+    recording = read_recording(log)
+    np.testing.assert_array_equal(recording.torque, reference.torque)
+    (finding,) = recording.report.of_kind("damaged_attachment")
+    assert "'host.json'" in finding.sentence
+
+
+def test_a_loop_report_whose_bytes_are_damaged_is_not_shown(tmp_path: Path) -> None:
+    report = b'{"received": 1234}'
+    log = _write_log(tmp_path / "run.mcap", _states(), METADATA, attachments={"loop_report.json": report})
+    assert read_loop_report(log) == {"received": 1234}
+    log.write_bytes(log.read_bytes().replace(report, b'{"received": 1235}'))
+    assert read_loop_report(log) is None
+
+
+def test_an_import_whose_arrays_are_damaged_is_refused(tmp_path: Path) -> None:
+    """Where the bytes of the arrays still unpack, only their checksum tells."""
+    file = write_recording(read_recording(_write_log(tmp_path / "run.mcap", _states(), METADATA)), tmp_path / "i.mcap")
+    data = file.read_bytes()
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    (place,) = [each.offset + each.length for each in summary.attachment_indexes if each.name == "recording.npz"]
+    for before_end in (5, 40, 3000):
+        at = place - before_end
+        file.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+        with pytest.raises(RecordingError, match=r"recording\.npz.*damaged"):
+            read_recording(file)
 
 
 def _write_bag(path: Path, *, names: list[list[str]], effort: bool = True, stamped: bool = True) -> Path:
