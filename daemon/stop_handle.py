@@ -27,8 +27,13 @@ SIGNALS = {
 def handled(
     numbers: Iterable[int], handler: Callable[[int, FrameType | None], None] | signal.Handlers
 ) -> Iterator[None]:
-    """These signals go to the handler while the block runs; in the main thread alone."""
-    before = {number: signal.signal(number, handler) for number in numbers}
+    """These signals go to the handler while the block runs; in the main thread alone.
+
+    A SIGHUP that was ignored before stays ignored: who says `nohup` wants the run to outlive the terminal. SIGINT and
+    SIGTERM always count, though a shell's script has its background jobs ignore SIGINT: they have to stop the arm.
+    """
+    taken = (each for each in numbers if each != signal.SIGHUP or signal.getsignal(each) is not signal.SIG_IGN)
+    before = {number: signal.signal(number, handler) for number in taken}
     try:
         yield
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import sys
 import tempfile
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,7 +32,7 @@ from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from daemon.api import RunOutcome, WorkerStatus
     from daemon.cli.run_view import RunView
@@ -224,14 +225,34 @@ def run(
         if not no_confirm and not simulation:
             confirm_motion(motion, settings["periods"])
         write_request = partial(write_run_request, motion, out, **settings)
-    with live_served(port, viewers), run_shown() as view, kept_once_begun(out):
-        outcome = run_acquisition(write_request(), observe=view.observe)
-    fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
+    with _interrupted_in_words(out):
+        with live_served(port, viewers), run_shown() as view, kept_once_begun(out):
+            outcome = run_acquisition(write_request(), observe=view.observe)
+        fit = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid) if outcome.worker_pid is not None else None
     _show(view, outcome, fit, json_file)
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)
     if fit is not None and (fit.phase == "failed" or fit.diagnosis_error is not None):
         raise typer.Exit(fit.exit_code or 1)
+
+
+@contextmanager
+def _interrupted_in_words(out: Path) -> Iterator[None]:
+    """Where the command is interrupted after the motion, say that run and recording are whole, and that the fit goes on
+    without it.
+    """
+    from daemon.api import RUN_NAME, RunOutcome
+    from daemon.json_files import read_json
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        if (out / RUN_NAME).is_file():
+            outcome = read_json(out / RUN_NAME, RunOutcome)
+            message(f"Interrupted after the motion. {outcome.sentences[0]} Everything is in {outcome.out_dir}.")
+            if outcome.worker_pid is not None:
+                message(f"The fit goes on by itself; {outcome.worker_status_file} says how far it is.")
+        raise
 
 
 def _refuse_check_of_nothing(diagnose: bool, heldout: Sequence[Path], *, fits: bool) -> None:

@@ -126,6 +126,15 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
     return report, gone.exit_code
 
 
+def stopped_nothing(outcome: RunOutcome) -> bool:
+    """Whether a signal to the run came when its motion had come to its planned end, and nothing says that it was heard.
+
+    What only records ends well by a signal.
+    """
+    watched = outcome.request is not None and outcome.request.monitor_only
+    return outcome.outcome == "completed" and not outcome.exit_code and not watched
+
+
 def note_no_start(request: RunRequest, error: Exception, started_at: str) -> None:
     """Write run.json of a run whose processes could not be started, so that its folder may be written to again; as far
     as the disk allows.

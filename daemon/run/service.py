@@ -53,10 +53,12 @@ from daemon.run.outcome import (
     note_no_start,
     outcome_sentences,
     report_of_loop,
+    stopped_nothing,
     tidy,
 )
 from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
 from daemon.run.start_check import StartCheck
+from daemon.run.supervision import silence_s
 from daemon.run.version_search import hear_version
 from daemon.runtime_folder import lock_port
 from daemon.stop_handle import StopHandle
@@ -77,10 +79,11 @@ def run_acquisition(
     """Run one acquisition in the calling thread and return how it ended; everything is in `request.out_dir`.
 
     SIGINT and SIGTERM ask for the stop ramp (in the main thread) and are then waited for; so does `stop`, from any
-    thread at any time. port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything
-    moves: MissingInputError, ConfigurationError (also for a folder that holds a recording already), PortInUseError,
-    LogIOError, FolderGoneError, ChildProcessFailedError, LadderError, and where the version is "auto" those of
-    `hear_version`. A run that was stopped, dropped or never began is an outcome, not an error.
+    thread at any time. Where the motion was over already, a KeyboardInterrupt follows once the books are closed.
+    port_is_locked: the caller holds the lock of the UDP port already. Raises, before anything moves: MissingInputError,
+    ConfigurationError (also for a folder that holds a recording already), PortInUseError, LogIOError, FolderGoneError,
+    ChildProcessFailedError, LadderError, and where the version is "auto" those of `hear_version`. A run that was
+    stopped, dropped or never began is an outcome, not an error.
     """
     observe = unfailing(observe)
     _tell_if(observe, admit(request))
@@ -97,12 +100,9 @@ def run_acquisition(
         outcome = acquisition.run()
     motion = msgspec.structs.replace(outcome, exit_code=acquisition.motion_exit_code)
     _tell_if(observe, remember(request, motion))
+    if stop.signal_number is not None and stopped_nothing(outcome):
+        raise KeyboardInterrupt
     return outcome
-
-
-def silence_s(said_ns: int, began_s: float) -> float:
-    """Seconds of the monotonic clock since a loop last spoke (ns, 0: never), or was begun where it never did."""
-    return time.monotonic() - (said_ns * 1e-9 if said_ns else began_s)
 
 
 def _tell_if(observe: Observer, sentence: str) -> None:

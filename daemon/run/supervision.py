@@ -1,6 +1,6 @@
-"""Whether the supervisor still lives, asked from its children: the loop's process and the recorder.
+"""Whether the supervisor still lives, asked from its children: the loop's process and the recorder; and the other way.
 
-Here: the one question. Not here: what is done when the answer is no (`rescue`, `recorder`). Light enough for the loop's
+Here: the questions. Not here: what is done when the answer is no (`rescue`, `recorder`). Light enough for the loop's
 process, which imports it before it answers a robot.
 """
 
@@ -45,3 +45,8 @@ class Supervision:
                 return True
             time.sleep(POLL_S)
         return True
+
+
+def silence_s(said_ns: int, began_s: float) -> float:
+    """Seconds of the monotonic clock since a loop last spoke (ns, 0: never), or was begun where it never did."""
+    return time.monotonic() - (said_ns * 1e-9 if said_ns else began_s)

@@ -142,6 +142,22 @@ def test_a_closed_terminal_stops_the_arm_by_ramp_and_the_books_are_closed(
     assert "last_samples.json" in names
 
 
+def test_a_run_under_nohup_outlives_its_terminal(robot: tuple[int, Path], tmp_path: Path) -> None:
+    """As nohup does it: SIGHUP is ignored from the start. Neither the supervisor nor the loop is stopped by it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        process = start_run(gentle_request(tmp_path, robot[0], periods=4))
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    read_until_period(process, 1)
+    supervisor = psutil.Process(process.pid)
+    for each in (supervisor, child_of(supervisor, "daemon.run.loop_process")):
+        each.send_signal(signal.SIGHUP)
+    process.communicate(timeout=WATCHDOG_S)
+    outcome = read_json(tmp_path / "run" / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.exit_code) == ("completed", 0), outcome.sentences
+
+
 def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tuple[int, Path], tmp_path: Path) -> None:
     killed: list[psutil.Process] = []
 

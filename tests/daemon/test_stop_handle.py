@@ -79,3 +79,17 @@ def test_without_a_sign_of_the_watching_thread_the_operator_counts_as_unheard() 
     handle = StopHandle(watched_by_s=1000.0)
     handle.tick()
     assert handle.alive
+
+
+def test_only_a_closed_terminal_that_was_ignored_before_stays_ignored() -> None:
+    """A script's background job ignores SIGINT; it stops the arm all the same."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        with StopHandle().on_signals():
+            heard = {number: signal.getsignal(number) is not signal.SIG_IGN for number in numbers}
+        assert heard == {signal.SIGINT: True, signal.SIGTERM: True, signal.SIGHUP: False}
+        assert all(signal.getsignal(number) is signal.SIG_IGN for number in numbers)
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

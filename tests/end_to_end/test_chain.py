@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -113,6 +115,41 @@ def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajecto
     assert json.loads(status_file.read_text())["phase"] == "done", status_file.read_text()
     model = json.loads((folder / "model.json").read_text())
     assert len(model["base_parameters"]) == 57
+
+
+INTERRUPTED_WITH_THE_FIT = """
+import os, sys
+from daemon.cli import main
+from daemon.cli.run_view import RunView
+number, observe = int(sys.argv[1]), RunView.observe
+def interrupt(view, event):
+    observe(view, event)
+    if event.kind == "worker":
+        os.kill(os.getpid(), number)
+RunView.observe = interrupt
+main(sys.argv[2:])
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupt_just_as_the_fit_begins_ends_the_command_and_neither_run_nor_fit(
+    number: signal.Signals, tmp_path: Path, short_trajectory: Path
+) -> None:
+    port, folder = free_udp_port(), tmp_path / "run"
+    words = ["run", short_trajectory, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--out", folder]
+    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 4):
+        done = subprocess.run(
+            [sys.executable, "-c", INTERRUPTED_WITH_THE_FIT, str(int(number)), *map(str, words)],
+            capture_output=True, text=True, timeout=WATCHDOG_S, check=False,
+        )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert "Interrupted after the motion." in done.stderr
+    assert "The fit goes on by itself" in done.stderr
+    outcome = json.loads((folder / "run.json").read_text())
+    assert (outcome["outcome"], outcome["exit_code"]) == ("completed", 0)
+    status_file = folder / "worker_status.json"
+    wait_until(lambda: json.loads(status_file.read_text())["phase"] in ("done", "failed"))
+    assert json.loads(status_file.read_text())["phase"] == "done"
 
 
 def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: Path, short_trajectory: Path) -> None:
