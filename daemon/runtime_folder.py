@@ -15,6 +15,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
+
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
 
@@ -71,6 +73,17 @@ def lock_port(host: str, port: int) -> Iterator[None]:
             yield
     except _HeldError as error:
         raise PortInUseError(host, port, holder_pid=error.pid) from error
+
+
+def port_has_holder(port: int) -> bool:
+    """Whether a run or a service of this user, or what came after it under its number, holds that UDP port.
+
+    Only read: a lock that is tried could be in the way of a run that begins at this moment.
+    """
+    with contextlib.suppress(OSError):
+        holder = (runtime_folder() / f"port-{port}.lock").read_text(errors="replace").strip()
+        return not holder.isdigit() or psutil.pid_exists(int(holder))
+    return False
 
 
 @contextlib.contextmanager

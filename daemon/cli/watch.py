@@ -88,11 +88,18 @@ def _port_of(run: Path | None, port: int | None) -> int:
     from daemon.api import RunRequest
     from daemon.json_files import read_json
     from daemon.live.subscription import served_ports
+    from daemon.runtime_folder import port_has_holder
 
     if run is not None:
         if not run.is_dir():
             raise MissingInputError(str(run), "the folder of a run")
-        return read_json(run / "request.json", RunRequest).bind_port
+        own = read_json(run / "request.json", RunRequest).bind_port
+        if own not in served_ports() and not port_has_holder(own):
+            raise NothingToWatchError(
+                f"Nobody records into {run} any more: its run was broken off. `iiwa-ident recover {run}` makes its "
+                "recording whole."
+            )
+        return own
     served = served_ports()
     if port is not None:
         if port not in served:

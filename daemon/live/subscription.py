@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import re
+import socket
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -17,9 +19,21 @@ _MAXIMUM_BYTES = 65536
 
 
 def served_ports() -> list[int]:
-    """UDP ports with the socket of a live view of this user; the one of a killed recorder stays and says nothing."""
-    found = (re.fullmatch(r"watch-(\d+)", path.name) for path in runtime_folder().iterdir())
-    return sorted(int(match[1]) for match in found if match)
+    """UDP ports with a live view of this user; the socket that a killed recorder left is none."""
+    found = {path: re.fullmatch(r"watch-(\d+)", path.name) for path in runtime_folder().iterdir()}
+    return sorted(int(match[1]) for path, match in found.items() if match and _is_listened_at(path))
+
+
+def _is_listened_at(path: Path) -> bool:
+    """Whether a process has this socket: the kernel refuses a connection where none has."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK) as probe:
+        try:
+            probe.connect(str(path))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return False
+        except OSError:  # one that is held (SIGSTOP) takes no more, say
+            return True
+    return True
 
 
 class LiveSubscription:

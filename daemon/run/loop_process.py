@@ -4,8 +4,8 @@ Here: reading the request, binding the port, real-time settings, signals, and th
 is `fri_client.loop.loop`. The supervisor starts this process with the ring's descriptor inherited; it needs nobody
 afterwards: with the supervisor and the recorder dead it stops the arm by ramp and writes its report.
 
-SIGTERM, SIGINT and SIGHUP (unless ignored from the start) ask for the stop ramp. Whatever happens, the ring is marked as
-finished, so the recorder ends.
+SIGTERM, SIGINT and SIGHUP (unless it was ignored before) ask for the stop ramp. Whatever happens, the ring is marked
+as finished, so the recorder ends.
 Exit codes (contract): 0 completed; 1 stopped or dropped, the recording is kept; 65 or 78 a request that cannot be
 run; 66 its files are missing; 69 port in use, no robot or no command from it; 70 internal; 74 report not written;
 76 version.

@@ -5,6 +5,7 @@ Truth: the samples that these tests push, closed forms of sinusoids, and noise w
 
 from __future__ import annotations
 
+import contextlib
 import io
 import itertools
 import json
@@ -115,8 +116,42 @@ def test_what_killed_recorders_left_is_asked_at_once_and_is_no_run(private: Path
     for port in (41001, 41002, 41003):
         with socket.socket(socket.AF_UNIX) as left:
             left.bind(str(folder / f"watch-{port}"))
-    with pytest.raises(NothingToWatchError, match="No run is being recorded"):
-        _port_of(None, None)
+    assert served_ports() == []
+    for port in (None, 41001):
+        with pytest.raises(NothingToWatchError, match="No run is being recorded"):
+            _port_of(None, port)
+
+
+def test_a_recorder_that_is_held_is_no_dead_one(private: Path) -> None:
+    """It has its socket and takes nothing from it: its queue of connections is full."""
+    with contextlib.ExitStack() as stack:
+        held = stack.enter_context(socket.socket(socket.AF_UNIX))
+        held.bind(str(runtime_folder() / "watch-41001"))
+        held.listen(0)
+        for _ in range(4):
+            other = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK))
+            with contextlib.suppress(BlockingIOError):
+                other.connect(str(runtime_folder() / "watch-41001"))
+        assert served_ports() == [41001]
+
+
+@pytest.mark.parametrize("holder", ["none", "dead", "lives"])
+def test_the_folder_of_a_killed_run_is_not_waited_for(private: Path, tmp_path: Path, holder: str) -> None:
+    """One that lives may be about to begin: its recorder is waited for."""
+    folder = tmp_path / "run"
+    write_json(folder / "request.json", make_request(folder, bind_port=PORT))
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(runtime_folder() / f"watch-{PORT}"))
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    number = {"dead": ended.pid, "lives": os.getpid()}.get(holder)
+    if number is not None:
+        (runtime_folder() / f"port-{PORT}.lock").write_text(f"{number}\n")
+    if holder == "lives":
+        assert _port_of(folder, None) == PORT
+        return
+    with pytest.raises(NothingToWatchError, match="recover"):
+        _port_of(folder, None)
 
 
 def test_a_watcher_that_never_reads_holds_up_nothing(private: Path, tmp_path: Path, ring: HandoverRing) -> None:
