@@ -63,6 +63,7 @@ class Peer:
         self._rivals[host] = self._rivals.get(host, 0) + 1
         if self._rivals[host] >= RIVAL_DATAGRAMS:
             self.doubt = (
-                f"{host} sends to this port as well as {robot}, and nobody said which robot is meant: name its address "
-                "(--robot-host)"
+                f"{host} sends to this port as well as {robot}, and nobody said which robot is meant: add "
+                f"--robot-host {robot} (in the configuration: robot_host) if that is the arm to move, and see to what "
+                f"{host} is"
             )

@@ -175,7 +175,7 @@ def test_where_two_machines_send_no_arm_moves_before_one_is_named(host: str, dat
         if host == "127.0.0.2" and datagrams > 10 and not named:
             assert result.outcome == "not_started"
             assert "127.0.0.2 sends to this port as well as 127.0.0.1" in result.sentence
-            assert "--robot-host" in result.sentence
+            assert "add --robot-host 127.0.0.1 (in the configuration: robot_host)" in result.sentence
         else:
             assert result.outcome == "completed"
 
