@@ -179,11 +179,30 @@ def load_config(path: str | Path, arm: str | None = None) -> DaemonConfig:
         return config
     for name in config.arms:
         _check(config.of_arm(name), f"{path}, arm {name}")
+    _check_serials(config, str(path))
     if arm not in config.arms:
         names = ", ".join(config.arms) or "none"
         said = "no arm is named" if arm is None else f"there is no arm '{arm}'"
         raise ConfigurationError(f"{said}; the file has {names}: choose with --arm.", file=str(path), field="arms")
     return config.of_arm(arm)
+
+
+def _check_serials(config: DaemonConfig, file: str) -> None:
+    """Raises ConfigurationError where arms at different addresses have one serial number, by which ladders are kept."""
+    seen: dict[str, tuple[str, tuple[str | None, str, int]]] = {}
+    for name in config.arms:
+        own = config.of_arm(name)
+        address = (own.fri.robot_host, own.fri.bind_host, own.fri.bind_port)
+        if own.run.serial is None:
+            continue
+        first, known = seen.setdefault(own.run.serial, (name, address))
+        if known != address:
+            raise ConfigurationError(
+                f"arm {first} and arm {name} are at different addresses and have one serial number, "
+                f"'{own.run.serial}': what one of them completed would count for the other; give each its own.",
+                file=file,
+                field=f"arms.{name}.serial",
+            )
 
 
 def parse_version(text: str) -> str:

@@ -179,3 +179,25 @@ def test_a_mistake_in_another_arm_is_found_too(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="arm right") as caught:
         load_config(_written(tmp_path / "lab.yaml", text), "left")
     assert caught.value.field == "fri.bind_port"
+
+
+@pytest.mark.parametrize("serials", [('serial: "111", ', 'serial: "111", '), ("", "")])
+def test_two_arms_with_one_serial_number_would_share_a_ladder_and_are_refused(
+    tmp_path: Path, serials: tuple[str, str]
+) -> None:
+    """What the left arm completed in T1 let the right one begin with 0.25 in AUT."""
+    left, right = serials
+    text = (
+        'run: {serial: "111"}\narms:\n'
+        f"  left: {{{left}bind_port: 30200, robot_host: 127.0.0.1}}\n"
+        f"  right: {{{right}bind_port: 30201, robot_host: 127.0.0.1}}\n"
+    )
+    with pytest.raises(ConfigurationError, match="arm left and arm right .* one serial number, '111'") as caught:
+        load_config(_written(tmp_path / "lab.yaml", text), "left")
+    assert caught.value.field == "arms.right.serial"
+
+
+def test_one_arm_may_have_two_names(tmp_path: Path) -> None:
+    """Such as with and without a gripper: its address is the same."""
+    text = 'run: {serial: "111"}\narms: {bare: {}, gripping: {tool: "2.5@0,0,0.06"}}\n'
+    assert load_config(_written(tmp_path / "lab.yaml", text), "gripping").run.serial == "111"
