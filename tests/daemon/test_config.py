@@ -192,7 +192,7 @@ def test_two_arms_with_one_serial_number_would_share_a_ladder_and_are_refused(
         f"  left: {{{left}bind_port: 30200, robot_host: 127.0.0.1}}\n"
         f"  right: {{{right}bind_port: 30201, robot_host: 127.0.0.1}}\n"
     )
-    with pytest.raises(ConfigurationError, match="arm left and arm right .* one serial number, '111'") as caught:
+    with pytest.raises(ConfigurationError, match=r"arm left and arm right .* one serial number, '111'") as caught:
         load_config(_written(tmp_path / "lab.yaml", text), "left")
     assert caught.value.field == "arms.right.serial"
 
