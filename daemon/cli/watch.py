@@ -185,9 +185,16 @@ def _write_frames(subscription: LiveSubscription, stream: TextIO) -> None:
 
 
 def _frames(subscription: LiveSubscription) -> list[LiveFrame]:
-    frames = subscription.receive(_SILENCE_S)
-    if not frames:
-        raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
+    """The next ones. Raises NothingToWatchError: at once where nobody is left who could send any."""
+    from daemon.live.subscription import served_ports
+    from daemon.runtime_folder import port_has_holder
+
+    deadline = time.monotonic() + _SILENCE_S
+    while not (frames := subscription.receive(_WORD_S)):
+        if subscription.port not in served_ports() and not port_has_holder(subscription.port):
+            raise NothingToWatchError("The recording has ended; run.json in the run's folder says how.")
+        if time.monotonic() > deadline:
+            raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
     return frames
 
 

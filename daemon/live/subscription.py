@@ -40,6 +40,7 @@ class LiveSubscription:
     """Frames of the run on one UDP port; a context manager. It may begin before the run does and outlive it."""
 
     def __init__(self, port: int) -> None:
+        self.port = port
         self._context: zmq.Context[Any] = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.linger = 0

@@ -26,7 +26,7 @@ import pytest
 import zmq
 from rich.console import Console
 
-from daemon.cli.watch import NothingToWatchError, _port_of
+from daemon.cli.watch import NothingToWatchError, _frames, _port_of
 from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.frame import LiveFrame
@@ -152,6 +152,11 @@ def test_the_folder_of_a_killed_run_is_not_waited_for(private: Path, tmp_path: P
         return
     with pytest.raises(NothingToWatchError, match="recover"):
         _port_of(folder, None)
+
+
+def test_a_watcher_that_came_too_late_for_the_last_frame_says_that_it_ended(private: Path) -> None:
+    with LiveSubscription(PORT) as subscription, pytest.raises(NothingToWatchError, match="has ended"):
+        _frames(subscription)
 
 
 def test_a_watcher_that_never_reads_holds_up_nothing(private: Path, tmp_path: Path, ring: HandoverRing) -> None:
