@@ -211,9 +211,16 @@ class JobQueue:
             if job.thinking:
                 way = "it weighs what was recorded and moves nothing; once it asks for a motion, `cancel` ends it"
             raise RefusedRequestError("not_waiting", f"Job {job_id} is {job.phase} and cannot be cancelled: {way}.", 1)
-        for motion in self.store.all("run", "queued", "held"):
-            if motion.asked_by == job_id:
-                self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.")
+        motions = [run for run in self.store.all("run", "queued", "held", "preparing") if run.asked_by == job_id]
+        if begins := next((run.job_id for run in motions if run.phase == "preparing"), None):
+            raise RefusedRequestError(
+                "not_waiting",
+                f"Job {job_id} cannot be cancelled now: its motion {begins} is about to begin, and `iiwa-ident stop` "
+                "holds it.",
+                1,
+            )
+        for motion in motions:
+            self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.")
         return self.store.change(job_id, "cancelled", "Cancelled; nothing of it will move.").sentence
 
     # ---- fits

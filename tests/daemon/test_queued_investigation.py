@@ -192,6 +192,23 @@ def test_a_cancelled_investigation_takes_its_motion_along_and_ends_for_good(tmp_
     assert [run.phase for run in queue.runs] == ["cancelled", "held"]
 
 
+def test_one_whose_motion_is_about_to_begin_is_not_called_cancelled(tmp_path: Path) -> None:
+    """It was said that nothing of it would move, and then the arm moved."""
+    queue = Queue(tmp_path)
+    number = queue.begin()
+    queue.think(MOTION)
+    queue.jobs.release()
+    queue.jobs.preparation_of(queue.runs[0])
+    queue.investigations.follow()
+    with pytest.raises(RefusedRequestError, match="about to begin, and `iiwa-ident stop` holds it") as caught:
+        queue.jobs.cancel(number)
+    assert caught.value.exit_code == 1
+    assert queue.phases() == [("investigation", "held"), ("run", "preparing")]
+    queue.jobs.hold(queue.runs[0].job_id)  # as the stop does
+    queue.jobs.cancel(number)
+    assert queue.phases() == [("investigation", "cancelled"), ("run", "cancelled")]
+
+
 def test_after_a_restart_a_step_is_taken_again_and_a_motion_still_waits(tmp_path: Path) -> None:
     queue = Queue(tmp_path)
     queue.begin(unasked=True)
