@@ -60,10 +60,12 @@ def _read_identity(file: Path) -> tuple[bytes, bytes]:
     certificates = b"".join(block for name, block in blocks if name == b"CERTIFICATE")
     keys = [block for name, block in blocks if name == b"PRIVATE KEY"]
     if not certificates or len(keys) != 1:
+        # What stands in the file named may be anything else: its name is not one to have openssl write to.
+        new = f"new-{file.stem}.pem"
         raise ConfigurationError(
             "must hold a certificate and one private key (PKCS #8), both as PEM. `openssl req -x509 -newkey rsa:3072 "
-            f"-nodes -days 365 -subj /CN=robot-pc -keyout {file.name} -out certificate.pem` and then `cat "
-            f"certificate.pem >> {file.name}` make such a file.",
+            f"-nodes -days 365 -subj /CN=robot-pc -keyout {new} -out certificate.pem` and then `cat "
+            f"certificate.pem >> {new}` make such a file.",
             file=str(file),
         )
     if mode & 0o077:

@@ -93,7 +93,7 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
     file. Raises MissingInputError for a file that is not there, ConfigurationError for everything that describes no
     tool.
     """
-    if text.strip().lower() in ("", NO_TOOL):
+    if text.strip().lower() == NO_TOOL:
         return None
     if Path(text).suffix.lower() in (".yaml", ".yml"):
         return check_tool(read_settings(text, Tool, "the tool"), text)
@@ -104,7 +104,7 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
         numbers = []
     if len(numbers) == 4:
         return check_tool(Tool(mass_kg=numbers[0], center_of_mass_m=(numbers[1], numbers[2], numbers[3])), None)
-    if is_name and not _is_meant_as_more(text):
+    if is_name and text.strip() and not _is_meant_as_more(text):
         return Tool(name=text.strip())
     name = " A name has no @, no / and no ending of a file." if is_name else ""
     raise ConfigurationError(

@@ -62,8 +62,11 @@ def test_a_key_that_is_not_there_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("missing", ["CERTIFICATE", "PRIVATE KEY"])
 def test_half_an_identity_is_refused_with_the_way_to_make_a_whole_one(key: Path, missing: str) -> None:
     key.write_text(key.read_text().replace(missing, "NOTHING"))
-    with pytest.raises(ConfigurationError, match="openssl req"):
+    with pytest.raises(ConfigurationError, match="openssl req") as caught:
         Door.of(None, 8765, key)
+    # What openssl would write over may be anything: a trajectory was named by mistake once.
+    assert f"-keyout new-{key.stem}.pem" in str(caught.value)
+    assert f" {key.name}" not in str(caught.value)
 
 
 def test_a_private_key_that_others_may_read_is_refused(key: Path) -> None:

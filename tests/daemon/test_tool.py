@@ -84,6 +84,14 @@ def test_what_was_meant_as_a_load_or_a_file_is_not_taken_for_the_name_of_a_tool_
     assert named.name == "gripper v1.2"
 
 
+@pytest.mark.parametrize("is_name", [False, True])
+def test_nothing_is_no_word_for_no_tool(is_name: bool) -> None:
+    """`--tool "$TOOL"` with an unset variable took the workspace's tool away, weight and shape."""
+    for text in ("", " "):
+        with pytest.raises(ConfigurationError, match="is no tool"):
+            read_tool(text, is_name=is_name)
+
+
 def test_a_file_that_is_not_there_is_missing_input(tmp_path: Path) -> None:
     with pytest.raises(MissingInputError):
         read_tool(str(tmp_path / "tool.yaml"))
