@@ -179,7 +179,7 @@ def read_model(path: str | Path) -> Model:
         raise ModelFileNotFoundError.at(path, "there is no such model")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RecursionError) as error:
         raise ModelFileError.named(path, f"cannot be read as JSON ({reason_of(error)})") from error
     if not isinstance(data, dict) or data.get("format") != MODEL_FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__

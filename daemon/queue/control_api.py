@@ -261,12 +261,20 @@ def encode(message: ControlRequest | ControlReply) -> bytes:
     return _encoder.encode(message)
 
 
-def decode_request(data: bytes) -> ControlRequest:
-    """The request behind the bytes. Raises RefusedRequestError, whatever the bytes are."""
+def require_length(data: bytes) -> None:
+    """Raises RefusedRequestError for a request that no service reads; its socket does not even answer."""
     if len(data) > MAXIMUM_REQUEST_BYTES:
         raise RefusedRequestError(
-            "too_long", f"The request has {len(data)} bytes; at most {MAXIMUM_REQUEST_BYTES} are read.", 65
+            "too_long",
+            f"The request has {len(data)} bytes; at most {MAXIMUM_REQUEST_BYTES} are read. Is its file a "
+            "trajectory? A table of a motion is smaller as .npz.",
+            65,
         )
+
+
+def decode_request(data: bytes) -> ControlRequest:
+    """The request behind the bytes. Raises RefusedRequestError, whatever the bytes are."""
+    require_length(data)
     try:
         version = _header_decoder.decode(data).api
         if version != API_VERSION:

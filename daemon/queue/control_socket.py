@@ -181,6 +181,8 @@ def ask(
     """
     if (key_file is None) != (server_key_file is None):
         raise ConfigurationError("Both keys are needed: the client's secret one and the service's public one.")
+    data = api.encode(request)
+    api.require_length(data)
     if endpoint.startswith("ipc://") and not _is_served(endpoint.removeprefix("ipc://")):
         raise ServiceUnreachableError(endpoint, 0.0)
     with zmq.Context() as context, context.socket(zmq.REQ) as channel:
@@ -193,7 +195,7 @@ def ask(
             channel.connect(endpoint)
         except zmq.ZMQError as error:
             raise ConfigurationError(f"'{endpoint}' is no address: {error}.", field="--endpoint") from error
-        channel.send(api.encode(request))
+        channel.send(data)
         if not channel.poll(int(timeout_s * 1000)):
             raise ServiceUnreachableError(endpoint, timeout_s)
         reply = api.decode_reply(channel.recv())

@@ -173,6 +173,8 @@ def _read(path: Path) -> Trajectory:
                 return trajectory_from_json(json.loads(_text(path)))
             except json.JSONDecodeError as error:
                 raise TrajectoryError(f"no valid JSON: {error.msg} in line {error.lineno}") from error
+            except RecursionError as error:
+                raise TrajectoryError("no trajectory: brackets in brackets without end") from error
         case ".npz":
             return _from_npz(path)
         case ".csv":

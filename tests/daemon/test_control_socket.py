@@ -15,7 +15,15 @@ import pytest
 import zmq
 
 from daemon.errors import ConfigurationError, DaemonError, MissingInputError
-from daemon.queue.control_api import MAXIMUM_REQUEST_BYTES, ErrorReply, Ping, Pong, RefusedRequestError, decode_request
+from daemon.queue.control_api import (
+    MAXIMUM_REQUEST_BYTES,
+    ErrorReply,
+    Ping,
+    Pong,
+    RefusedRequestError,
+    SubmitRun,
+    decode_request,
+)
 from daemon.queue.control_socket import ControlSocket, ServerKeys, ServiceUnreachableError, ask, check_endpoint
 from daemon.queue.keys import create_keys
 from tests.watchdog import WATCHDOG_S
@@ -204,6 +212,14 @@ def test_a_message_beyond_the_limit_costs_its_sender_the_connection_and_nobody_e
         assert not peer.poll(500)
         assert ask(endpoint, Ping(), timeout_s=WATCHDOG_S) == PONG
         peer.close()
+
+
+def test_a_file_that_is_too_long_is_said_by_the_client(tmp_path: Path) -> None:
+    """The service's socket gives no answer to it, and it was said that no service was there."""
+    endpoint = f"ipc://{tmp_path / 'control'}"
+    with served(endpoint), pytest.raises(RefusedRequestError, match="at most 8388608 are read") as caught:
+        ask(endpoint, SubmitRun(trajectory=bytes(MAXIMUM_REQUEST_BYTES), suffix=".npz", name="big"), timeout_s=0.1)
+    assert caught.value.exit_code == 65
 
 
 def test_bytes_that_are_not_even_zeromq_do_no_harm(tmp_path: Path) -> None:

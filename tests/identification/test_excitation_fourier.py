@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.errors import TrajectoryError, TrajectoryNotFoundError
+from identification.errors import ModelFileError, TrajectoryError, TrajectoryNotFoundError
 from identification.excitation import FourierTrajectory, TableTrajectory, load_trajectory, trajectory_from_json
+from identification.model_file import read_model
 
 
 def _trajectory(seed: int = 0, joints: int = 3, harmonics: int = 4) -> FourierTrajectory:
@@ -115,6 +116,15 @@ def test_unusable_content_is_bad_data(tmp_path: Path, field: str, value: Any) ->
         load_trajectory(path)
     assert caught.value.exit_code == 65
     assert "motion.json" in str(caught.value)
+
+
+def test_brackets_without_end_are_bad_data(tmp_path: Path) -> None:
+    path = tmp_path / "motion.json"
+    path.write_text("[" * 100_000, encoding="utf-8")
+    with pytest.raises(TrajectoryError, match=r"motion\.json"):
+        load_trajectory(path)
+    with pytest.raises(ModelFileError, match=r"motion\.json"):
+        read_model(path)
 
 
 def test_no_file_is_missing_input(tmp_path: Path) -> None:
