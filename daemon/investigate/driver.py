@@ -17,6 +17,7 @@ from daemon.investigate.loop import Drive
 from daemon.json_files import read_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
 from daemon.motion.tool import Tool
+from daemon.run.folder import nothing_moved
 from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
 from identification.robots import Installation
@@ -108,5 +109,11 @@ def _drive_of(outcome: RunOutcome) -> Drive:
     sentence = " ".join(outcome.sentences)
     if outcome.outcome == "completed" and not outcome.exit_code:
         return Drive("recorded", recording, sentence)
-    how: Literal["dropped", "stopped"] = "dropped" if outcome.outcome == "dropped" else "stopped"
+    how: Literal["dropped", "stopped"] = "dropped" if _has_to_be_looked_at(outcome) else "stopped"
     return Drive(how, recording, sentence, outcome.exit_code)
+
+
+def _has_to_be_looked_at(outcome: RunOutcome) -> bool:
+    """Whether the robot dropped out, or nobody saw the arm come to rest, as after a kill of the loop."""
+    unseen = outcome.loop is not None and not outcome.loop.standstill_confirmed and not nothing_moved(outcome)
+    return outcome.outcome == "dropped" or (outcome.outcome in ("stopped", "fault") and unseen)

@@ -134,8 +134,8 @@ class Investigation:
         state = self.account.state
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
-                "the robot dropped out of the session during the last motion, and nothing moves again by itself: look "
-                "at the arm and the cabinet, then add --after-drop.",
+                "in the last motion the robot dropped out of the session, or nobody saw the arm come to rest, and "
+                "nothing moves again by itself: look at the arm and the cabinet, then add --after-drop.",
                 file=str(self._folder),
             )
         if state in (State.NEEDS_ACTION, State.SETTLED):

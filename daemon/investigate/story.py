@@ -30,7 +30,7 @@ TITLES: dict[State, str] = {
     State.DECLINED: "Open: the motion was declined",
     State.PLANNED: "Planned, not driven",
     State.INTERRUPTED: "Broken off; everything recorded is kept",
-    State.DROPPED: "The robot dropped out; nothing moves until somebody says so",
+    State.DROPPED: "The robot dropped out, or its standstill is unconfirmed; nothing moves until somebody says so",
 }
 _SHOWN, _PANELS = 6, 3
 _BOX, _TICKED = "☐", "☑"

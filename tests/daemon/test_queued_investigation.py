@@ -13,14 +13,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from daemon.api import RunOutcome
+from daemon.api import LoopOutcome, LoopReport, RunOutcome
 from daemon.config import DaemonConfig, FriSettings
 from daemon.errors import ConfigurationError
 from daemon.investigate import queued
 from daemon.investigate.account import Account, Motion, Recorded, read_account, save
 from daemon.investigate.loop import Investigation
 from daemon.investigate.states import Event, State
-from daemon.json_files import write_json
+from daemon.json_files import read_json, write_json
 from daemon.motion.tool import Tool
 from daemon.queue.control_api import JobPhase, RefusedRequestError, SubmitInvestigation
 from daemon.queue.investigation_step import Order, StepAnswer, StepEnded
@@ -339,6 +339,33 @@ def test_a_drop_in_the_queue_is_latched_as_everywhere(tmp_path: Path) -> None:
         queued.step(on)
     account = queued.step(msgspec.structs.replace(on, after_drop=True))
     assert (account.state, len(account.recordings)) == (State.PLANNED, 2)
+
+
+@pytest.mark.usefixtures("_scripted")
+@pytest.mark.parametrize(
+    ("outcome", "answered", "confirmed", "state"),
+    [
+        ("fault", 900, False, State.DROPPED),
+        ("stopped", 900, False, State.DROPPED),
+        ("stopped", 900, True, State.INTERRUPTED),
+        ("fault", 0, False, State.INTERRUPTED),
+    ],
+)
+def test_an_arm_that_nobody_saw_come_to_rest_is_latched_as_a_drop_is(
+    tmp_path: Path, outcome: LoopOutcome, answered: int, confirmed: bool, state: State
+) -> None:
+    """After a kill of the loop in the motion the next one was asked for as if nothing had been."""
+    order = ran(planned(tmp_path), outcome)
+    file = Path(order.run or "") / "run.json"
+    loop = LoopReport(outcome=outcome, reason="r", sentence="s", answered=answered, standstill_confirmed=confirmed)
+    write_json(file, msgspec.structs.replace(read_json(file, RunOutcome), loop=loop))
+    assert queued.step(order).state is state
+    on = Order(folder=str(tmp_path), robot="iiwa14", goes_on=True)
+    if state is State.DROPPED:
+        with pytest.raises(ConfigurationError, match="--after-drop"):
+            queued.step(on)
+        on = msgspec.structs.replace(on, after_drop=True)
+    assert queued.step(on).state is State.PLANNED
 
 
 @pytest.mark.usefixtures("_scripted")
