@@ -28,6 +28,8 @@ _HEADER_BYTES = 65536
 
 def is_recording(file: Path) -> bool:
     """Whether a file is an MCAP log, a ROS 2 database, or a table (.npz, .csv) with time, position and torque."""
+    if not file.is_file():  # from a pipe nothing may be read, and nobody may be waited for
+        return False
     try:
         with file.open("rb") as stream:
             head = stream.read(_HEADER_BYTES)

@@ -27,7 +27,7 @@ from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountO
 from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
-from daemon.cli.protection import folder_to_write
+from daemon.cli.protection import folder_to_write, not_a_recording
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
 
@@ -136,7 +136,13 @@ def run(
         str | None, typer.Option("--serial", help="Serial number of the arm, by which its ladder is kept.")
     ] = None,
     ladder: Annotated[
-        Path | None, typer.Option("--ladder", metavar="FILE", help="Record of amplitudes done; default: the user's.")
+        Path | None,
+        typer.Option(
+            "--ladder",
+            metavar="FILE",
+            help="Record of amplitudes done; default: the user's.",
+            callback=not_a_recording,
+        ),
     ] = None,
     skip_ladder: Annotated[
         bool, typer.Option("--skip-ladder", help="Allow an amplitude before its turn; the log will say so.")

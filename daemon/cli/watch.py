@@ -14,7 +14,8 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.live_view import REFRESH_S, LiveOptions, LiveScreen, live_served
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import data, message
+from daemon.cli.output import data, message, wants_json_on_stdout
+from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.errors import DaemonError, MissingInputError
 
 if TYPE_CHECKING:
@@ -46,7 +47,10 @@ def watch(
     once: Annotated[bool, typer.Option("--once", help="Print one screen and leave.")] = False,
     live: LiveOptions,
     json_file: Annotated[
-        str | None, typer.Option("--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.")
+        Path | None,
+        typer.Option(
+            "--json", metavar="FILE", help="Frames as JSON, one a line; '-' = stdout.", callback=not_a_recording
+        ),
     ] = None,
 ) -> None:
     """See a run as it goes on: phase, time left, link, and each joint beside its limits and the model. It only reads.
@@ -69,8 +73,9 @@ def watch(
         subscription = stack.enter_context(LiveSubscription(found))
         with contextlib.suppress(KeyboardInterrupt):
             if json_file is not None:
-                stream = sys.stdout if json_file == "-" else stack.enter_context(open(json_file, "w", encoding="utf-8"))
-                _write_frames(subscription, stream)
+                on_stdout = wants_json_on_stdout(json_file)
+                file = None if on_stdout else stack.enter_context(in_its_folder(json_file).open("w", encoding="utf-8"))
+                _write_frames(subscription, file or sys.stdout)
             elif once:
                 _follow_once(subscription, watcher)
             elif sys.stdout.isatty():

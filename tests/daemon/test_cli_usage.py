@@ -6,10 +6,12 @@ Nor is a value that only a recording contradicts, such as a joint that it does n
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
+from daemon.cli.protection import not_a_recording
 from daemon.errors import LogIOError
 from daemon.folders import make_folder
 from tests.daemon.command_line import run
@@ -118,3 +120,19 @@ def test_a_folder_is_made_however_deep_it_lies(tmp_path: Path) -> None:
         make_folder(tmp_path / "file" / "new" / "folder")
     with pytest.raises(LogIOError, match=r"file: File exists"):
         make_folder(tmp_path / "file")
+
+
+@pytest.mark.parametrize("words", [("watch", "--json"), ("run", "--no-confirm", "--ladder")], ids=" ".join)
+def test_frames_and_ladders_are_not_written_into_a_recording(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "recording.mcap"
+    file.write_bytes(b"\x89MCAP0\r\n")
+    assert run(*words, file) == 2
+    assert "is a recording, and no command writes over one" in capsys.readouterr().err
+    assert file.read_bytes() == b"\x89MCAP0\r\n"
+
+
+def test_a_pipe_is_asked_nothing_before_it_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "frames")
+    assert not_a_recording(tmp_path / "frames") == tmp_path / "frames"
