@@ -121,25 +121,33 @@ INTERRUPTED_WITH_THE_FIT = """
 import os, sys
 from daemon.cli import main
 from daemon.cli.run_view import RunView
-number, observe = int(sys.argv[1]), RunView.observe
+from daemon.cli import worker_view
+number, moment, observe, wait = int(sys.argv[1]), sys.argv[2], RunView.observe, worker_view.wait_for_worker
 def interrupt(view, event):
     observe(view, event)
-    if event.kind == "worker":
+    if event.kind == moment:
         os.kill(os.getpid(), number)
-RunView.observe = interrupt
-main(sys.argv[2:])
+def interrupted_wait(folder, pid):
+    if moment == "wait":
+        os.kill(os.getpid(), number)
+    return wait(folder, pid)
+RunView.observe, worker_view.wait_for_worker = interrupt, interrupted_wait
+main(sys.argv[3:])
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interrupt_just_as_the_fit_begins_ends_the_command_and_neither_run_nor_fit(
-    number: signal.Signals, tmp_path: Path, short_trajectory: Path
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [(signal.SIGINT, "worker"), (signal.SIGTERM, "worker"), (signal.SIGHUP, "worker"), (signal.SIGTERM, "wait")],
+)
+def test_an_interrupt_as_the_fit_begins_or_goes_on_ends_the_command_and_neither_run_nor_fit(
+    number: signal.Signals, moment: str, tmp_path: Path, short_trajectory: Path
 ) -> None:
     port, folder = free_udp_port(), tmp_path / "run"
     words = ["run", short_trajectory, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--out", folder]
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 4):
         done = subprocess.run(
-            [sys.executable, "-c", INTERRUPTED_WITH_THE_FIT, str(int(number)), *map(str, words)],
+            [sys.executable, "-c", INTERRUPTED_WITH_THE_FIT, str(int(number)), moment, *map(str, words)],
             capture_output=True, text=True, timeout=WATCHDOG_S, check=False,
         )  # fmt: skip
     assert done.returncode == 130, done.stderr

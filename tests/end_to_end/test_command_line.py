@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from identification.excitation import default_trajectory
-from tests.end_to_end.processes import iiwa_ident
+from tests.end_to_end.processes import iiwa_ident, start_iiwa_ident
 from tests.ports import free_udp_port
+from tests.watchdog import WATCHDOG_S
 
 COMMANDS = (
     "fake-robot", "check", "run", "doctor", "recover", "import", "fit", "validate", "design", "demo",
@@ -110,6 +112,19 @@ def test_no_robot_is_said_after_the_time_allowed(tmp_path: Path) -> None:
     )
     assert result.returncode == 69
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_before_anything_is_recorded_leaves_no_folder(number: signal.Signals, tmp_path: Path) -> None:
+    bind = f"127.0.0.1:{free_udp_port()}"
+    process = start_iiwa_ident("run", "--bind", bind, "--out", tmp_path / "run", "--no-fit", "--fri-version", "auto")
+    assert process.stdout is not None
+    while "Listening which FRI version" not in process.stdout.readline():
+        assert process.poll() is None
+    process.send_signal(number)
+    process.communicate(timeout=WATCHDOG_S)
+    assert process.returncode == 130
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command", ["fit", "import", "recover"])
