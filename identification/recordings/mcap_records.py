@@ -111,7 +111,8 @@ def attachment_of(content: bytes) -> Attachment | DamagedAttachment:
     stated = int.from_bytes(content[-4:], "little")
     stream = ReadDataStream(BytesIO(content))
     if not stated or zlib.crc32(content[:-4]) == stated:
-        return Attachment.read(stream)
+        attachment: Attachment = Attachment.read(stream)
+        return attachment
     name = b""
     with contextlib.suppress(EndOfFile):
         stream.read(_TIMES_BYTES)
