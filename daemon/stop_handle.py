@@ -57,6 +57,8 @@ class StopHandle:
         self._watched_by_s = watched_by_s
         self._ticked = time.monotonic()
         self.signal_number: int | None = None
+        self.signals = 0
+        """How many came."""
 
     def request(self, code: EventCode = EventCode.OPERATOR_STOP) -> bool:
         """Ask for the stop ramp; False where it had been asked for before. Takes microseconds and never waits."""
@@ -107,6 +109,7 @@ class StopHandle:
         def stop(number: int, frame: FrameType | None) -> None:
             del frame
             self.signal_number = number
+            self.signals += 1
             self.request(SIGNALS[number])
 
         with handled(SIGNALS, stop):

@@ -127,7 +127,7 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
 
 
 def stopped_nothing(outcome: RunOutcome) -> bool:
-    """Whether a signal to the run came when its motion had come to its planned end, and nothing says that it was heard.
+    """Whether a signal that came after the motion changed nothing of its outcome, so that nothing says it was heard.
 
     What only records ends well by a signal.
     """

@@ -100,7 +100,7 @@ def run_acquisition(
         outcome = acquisition.run()
     motion = msgspec.structs.replace(outcome, exit_code=acquisition.motion_exit_code)
     _tell_if(observe, remember(request, motion))
-    if stop.signal_number is not None and stopped_nothing(outcome):
+    if stop.signals > acquisition.signals_in_motion and stopped_nothing(outcome):
         raise KeyboardInterrupt
     return outcome
 
@@ -124,8 +124,8 @@ class _Acquisition:
         self._disk_failed = False
         self._recorder: Child | None = None
         self._ready_parts: set[int] = set()
-        self.motion_exit_code = 0
-        """Of the run without its fit, once `run` has returned."""
+        self.motion_exit_code = self.signals_in_motion = 0
+        """Of the run without its fit, and how many signals came before its loop had ended; once `run` has returned."""
 
     def run(self) -> RunOutcome:
         """The whole acquisition."""
@@ -141,6 +141,7 @@ class _Acquisition:
             stack.enter_context(self._stop.on_signals())
             self._narrator.tell("starting", f"Run {self._request.run_id}: recording into {self._folder}.")
             report = self._run_loop(self._start_children())
+            self.signals_in_motion = self._stop.signals
             outcome = self._closed_by_loop()
             if outcome is None:
                 self._finish_recording()
