@@ -117,6 +117,23 @@ def test_links_between_pages_lead_somewhere(page: Path) -> None:
             assert (page.parent / target.split("#")[0]).exists(), target
 
 
+def headings(page: Path) -> set[str]:
+    """The anchors that the host makes of a page's headings: small letters, no punctuation, hyphens for spaces."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return {
+        re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+        for title in re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_to_a_heading_find_it(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]*#[^)\s]+)\)", page.read_text(encoding="utf-8")):
+        file, _, heading = target.partition("#")
+        if not re.match(r"\w+:", target) and (not file or file.endswith(".md")):
+            assert heading in headings(page.parent / file if file else page), target
+
+
 def test_the_application_for_the_cabinet_says_first_that_nobody_compiled_it() -> None:
     code = (ROOT / "packaging" / "sunrise" / "IiwaIdentOverlay.java").read_text(encoding="utf-8")
     assert code.startswith("// NOT COMPILED AND NOT RUN BY THIS PROJECT.")
