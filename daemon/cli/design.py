@@ -365,15 +365,16 @@ def _show_predicted(predicted: PredictedDeviations | None, units: Sequence[str])
 
 def _show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
     """The ones that show least, and how many show."""
-    from identification.excitation.effect_report import TOOL_STRENGTH
+    from identification.excitation.effect_report import NAME_STRENGTH, TOOL_STRENGTH
 
     seen = sum(item.strength >= TOOL_STRENGTH for item in effects)
     data(
         f"Missing physics in {periods} periods: {seen} of {len(effects)} effects of plausible size reach the λ of "
-        f"{TOOL_STRENGTH:.0f} that a diagnosis asks for. The twelve that show least:"
+        f"{TOOL_STRENGTH:.0f} at which a diagnosis finds them; a name needs {NAME_STRENGTH:.0f}. "
+        "The twelve that show least:"
     )
     show_table(
-        ("effect", "joint", "plausible size", "λ", "smallest, λ = 24", "smallest, diagnosis", "looks like"),
+        ("effect", "joint", "plausible size", "λ", "smallest, λ = 24", "smallest, found", "looks like"),
         [
             (
                 item.effect,
