@@ -30,19 +30,19 @@ def choose_classes(selection: Selection) -> Selection:
             elif selection.states[joint].groups:
                 selection.states[joint] = selection.settled(joint, selection.states[joint], FEW_ROUNDS)
     exchange(selection, range(selection.rows.problem.n))
-    without_lone_background(selection)
+    without_background_of_few(selection)
     return selection
 
 
-def without_lone_background(selection: Selection) -> bool:
-    """A smooth error of one joint alone is no background of the arm: there the particular classes are asked.
+def without_background_of_few(selection: Selection) -> bool:
+    """A smooth error of a few joints is no background of the arm: there the particular classes are asked.
 
-    What an unknown error of the whole model would show on every joint, and shows on none or on one, is not there.
-    Whether any joint was asked anew.
+    An unknown error of the whole model shows on most joints; one that shows on half of them, on one or on none is
+    not there. Whether any joint was asked anew.
     """
     smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
     heard = [item for item in selection.held if item.loss >= SPEAK]
-    if len({item.joint for item in heard if item.number in smooth}) > 1:
+    if len({item.joint for item in heard if item.number in smooth}) > max(1, selection.rows.problem.n // 2):
         return False
     selection.banned = smooth
     found = [item.joint for item in selection.held if smooth & {item.number, *item.alternatives}]

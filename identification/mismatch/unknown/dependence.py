@@ -11,7 +11,7 @@ from itertools import chain
 
 from identification.arrays import FloatArray
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.unknown.choice import choose_classes, kept, without_lone_background
+from identification.mismatch.unknown.choice import choose_classes, kept, without_background_of_few
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
@@ -46,7 +46,7 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection
     # Rows whose noise is not known are no proof for each other: there a class has to predict.
     alone, left, dropped = _predicting(together)
     together = kept(together, alone)
-    if without_lone_background(together):
+    if without_background_of_few(together):
         alone, left, dropped = _predicting(together)
         together = kept(together, alone)
     return _found(together, alone, left, dropped)
