@@ -152,7 +152,7 @@ class PortInUseError(DaemonError):
         holder = "another program" if holder_pid is None else f"another iiwa-ident (process {holder_pid})"
         super().__init__(
             f"UDP port {port} on {host} is in use by {holder}: stop that program or choose another port "
-            "(--bind), and set the same port in the robot's FRI configuration."
+            "(--bind, or fri.bind_port in a configuration), and set the same port in the robot's FRI configuration."
         )
 
 
