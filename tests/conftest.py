@@ -1,7 +1,10 @@
-"""For every test: none that draws its cases is judged by how long the machine takes, and each begins loud."""
+"""For every test: none that draws its cases is judged by how long the machine takes, each begins loud, and a hang-up
+does what it does in a terminal.
+"""
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Iterator
 
@@ -10,6 +13,9 @@ from hypothesis import HealthCheck, settings
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+# A suite that was started with nohup ignores it, and so would all its children.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(autouse=True)

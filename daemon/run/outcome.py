@@ -89,7 +89,7 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
     words = f" Its last words: {last_words.strip().splitlines()[-1]}" if last_words.strip() else ""
     end = (
         "; the robot gets no more answers and brakes by itself, standstill unconfirmed."
-        if status.received
+        if status.received or ring.produced
         else " before a message of a robot came; nothing was moved by this run."
     )
     return LoopReport(

@@ -37,12 +37,15 @@ def choose_classes(selection: Selection) -> Selection:
 def without_background_of_few(selection: Selection) -> bool:
     """A smooth error of a few joints is no background of the arm: there the particular classes are asked.
 
-    An unknown error of the whole model shows on most joints; one that shows on half of them, on one or on none is
-    not there. Whether any joint was asked anew.
+    An unknown error of the whole model shows on most joints; one that shows on half of them, on one or on none is not
+    there. Where the noise is not measured, slow noise is smooth too: then on one or on none. Whether any joint was
+    asked anew.
     """
     smooth = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
     heard = [item for item in selection.held if item.loss >= SPEAK]
-    if len({item.joint for item in heard if item.number in smooth}) > max(1, selection.rows.problem.n // 2):
+    problem = selection.rows.problem
+    few = max(1, problem.n // 2) if problem.noise_is_measured else 1
+    if len({item.joint for item in heard if item.number in smooth}) > few:
         return False
     selection.banned = smooth
     found = [item.joint for item in selection.held if smooth & {item.number, *item.alternatives}]
