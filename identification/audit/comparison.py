@@ -22,6 +22,8 @@ USED, REPORT, ALL = (0, 1, 2, 4, 5, 6), (3, 7), tuple(range(PARTS))
 
 LEAST_SIGMAS = 5.0
 """Deviations that what is said to be different is away from none."""
+LEAST_GAIN = 20.0
+"""Nats that another reading of a recording alone must gain: a recording's own misfit makes some."""
 MOST_NOISE = 2.0
 """Of what a model leaves of its own recordings."""
 

@@ -14,18 +14,16 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
+from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import STAYS
-from identification.audit.rows import Rows, rows_of
+from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
-LEAST_GAIN = 20.0
-"""Nats against the order as it stands: a recording's own misfit makes some."""
-REPEATED = 4.0
-"""Neighbouring rows that count as one."""
 _TURNS = 2
+"""In which the noise that an order of joints leaves and its parameters settle."""
 
 
 @dataclass(frozen=True, slots=True)

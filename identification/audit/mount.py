@@ -12,11 +12,11 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
-from identification.audit.comparison import LEAST_SIGMAS, PARTS
+from identification.audit.comparison import LEAST_GAIN, LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
-from identification.audit.exchange import LEAST_GAIN, REPEATED, exchanged_positions
+from identification.audit.exchange import exchanged_positions
 from identification.audit.given import sizes_of, wide_open
-from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, rows_of
+from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, rows_of
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation

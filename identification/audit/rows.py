@@ -30,6 +30,8 @@ COULOMB_VELOCITY = 0.02
 LEAST_TRAVEL = 1e-3
 """rad (m); a joint that moves less stands still."""
 FEWEST_ROWS = 40
+REPEATED = 4.0
+"""Neighbouring rows that count as one where their colour is not asked."""
 _ARRAYS = ("position", "velocity", "acceleration", "direction", "torque", "torque_rate", "used", "block")
 
 

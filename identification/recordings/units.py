@@ -16,7 +16,7 @@ from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
 from identification.recordings.recording import Finding, Recording
 from identification.recordings.table import RawTable
-from identification.recordings.velocities import unlike_velocities
+from identification.recordings.velocities import LEAST_CORRELATION, unlike_velocities
 from identification.robots.model import RobotModel
 
 _DEGREE = math.pi / 180.0
@@ -38,7 +38,6 @@ OVER_LIMIT = 1.0
 """Beyond its limits by this share of a joint's range, a position is in another unit; less may be another robot."""
 OVER_EFFORT = 3.0
 RATIO_TOLERANCE = 0.15
-LEAST_CORRELATION = 0.8
 SHORTEST_M = 0.3
 """Between the first axis and the last: what is smaller is a device of its own kind, whose torques nobody foretells."""
 LIGHTEST, HEAVIEST = 0.1, 2000.0

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixtures.physics import iiwa14_table_three
 from identification.audit.mount import Mounting, mounting_of, require_stated_stand
 from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
-from identification.robots import Installation, load_robot
+from identification.robots import Installation, RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
@@ -98,13 +97,10 @@ def test_a_wrong_sign_or_order_of_torques_is_not_taken_for_another_stand(file: s
     require_stated_stand([replace(sound, torque=torque) for torque in spoilt], arm)
 
 
-def test_torques_in_a_far_unit_have_an_answer() -> None:
+def test_torques_in_a_far_unit_have_an_answer(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
     """Such as kNm, with the noise of a good sensor: whether they are, others ask (`wrong_torque_unit`)."""
-    links = iiwa14_table_three()
-    bodies = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
-    arm = load_robot("iiwa14")
     states = fourier_motion(7, period_s=10.0, samples=1000, seed=7)
-    torque = np.tile(inverse_dynamics(arm, bodies, *states), (4, 1))
+    torque = np.tile(inverse_dynamics(iiwa14, table3, *states), (4, 1))
     torque += 0.01 * np.random.default_rng(7).standard_normal(torque.shape)
     recording = recording_of(np.tile(states[0], (4, 1)), 1e-3 * torque, period_s=10.0, periods=4)
-    require_stated_stand([recording], arm)
+    require_stated_stand([recording], iiwa14)

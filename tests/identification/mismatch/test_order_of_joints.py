@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixtures.physics import iiwa14_table_three
 from identification.audit.exchange import exchanged_positions
 from identification.audit.mount import require_stated_stand
 from identification.errors import RecordingError
@@ -76,20 +75,19 @@ def test_no_exchange_is_seen_in_the_recording_of_a_real_arm(file: str) -> None:
         assert exchanged_positions([each], robot) is None
 
 
-def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them() -> None:
+def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
     """Of a fit that would be refused for its gravity, and of `doctor --log`."""
-    links = iiwa14_table_three()
-    bodies = PhysicalParameters(links.mass, links.center_of_mass, links.inertia, links.viscous, links.coulomb)
-    robot = load_robot("iiwa14")
     states = fourier_motion(7, period_s=10.0, samples=1000, seed=7)
-    torque = np.tile(inverse_dynamics(robot, bodies, *states), (4, 1))
+    torque = np.tile(inverse_dynamics(iiwa14, table3, *states), (4, 1))
     torque += 0.05 * np.random.default_rng(7).standard_normal(torque.shape)
     sound = recording_of(np.tile(states[0], (4, 1)), torque, period_s=10.0, periods=4)
     spoilt = exchanged(sound, 2, 4, "position")
     with pytest.raises(RecordingError, match="joints 2 and 4") as caught:
-        require_stated_stand([spoilt], robot)
+        require_stated_stand([spoilt], iiwa14)
     assert caught.value.field == "q"
-    found, right = ({item.name: item for item in examine_set_up([each], robot)} for each in (spoilt, sound))
+    found, right = ({item.name: item for item in examine_set_up([each], iiwa14)} for each in (spoilt, sound))
     assert [item.name for item in found.values() if item.status == "failed"] == ["order of joints"]
     assert "joints 2 and 4" in found["order of joints"].sentence
     assert {item.status for item in right.values()} == {"ok"}
