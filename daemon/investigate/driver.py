@@ -20,6 +20,7 @@ from daemon.motion.tool import Tool
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
+from daemon.stop_handle import StopHandle
 from identification.robots import Installation
 
 
@@ -47,7 +48,7 @@ class FriDriver:
         """On a real arm the lower rungs of the ladder, one period each; then the motion itself.
 
         All are held against workspace, tool and stand of this very command first: a motion that was planned or broken
-        off may have been checked against others.
+        off may have been checked against others. Raises KeyboardInterrupt for a signal that came too late to stop one.
         """
         motions = [self._prepared(trajectory, rung) for rung in (RUNGS[-1:] if self.simulation else RUNGS)]
         for prepared in motions:
@@ -89,7 +90,12 @@ class FriDriver:
         request = write_run_request(
             prepared, folder, periods=periods, fit=False, simulation=self.simulation, **self.settings
         )
-        return run_acquisition(request, observe=self.observe)
+        stop = StopHandle()
+        outcome = run_acquisition(request, observe=self.observe, stop=stop)
+        if stop.signals and outcome.outcome == "completed":
+            # It came while the motion ended by itself: nothing was stopped, and yet nothing more is to move.
+            raise KeyboardInterrupt
+        return outcome
 
 
 def _rung_folder(folder: Path, rung: float) -> Path:

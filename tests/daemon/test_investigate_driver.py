@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from daemon.api import RunOutcome, RunRequest
 from daemon.investigate import driver as driver_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
@@ -18,6 +19,7 @@ from daemon.investigate.states import State
 from daemon.json_files import write_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion
 from daemon.queue.investigation_step import ORDER_NAME, Order
+from daemon.stop_handle import StopHandle
 from tests.daemon.command_line import run
 
 
@@ -161,3 +163,33 @@ def test_on_a_real_arm_nobody_is_asked_about_a_motion_of_which_a_rung_is_unsafe(
     drive = driver.drive(asked, trajectory, tmp_path / "motion-01")
     assert drive.outcome == "unsafe"
     assert drive.sentence.startswith("At amplitude 1 the motion is not safe here: ")
+
+
+def test_a_signal_in_the_planned_stop_ramp_lets_no_further_motion_begin(
+    motion: PreparedMotion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run is completed all the same; with --yes the next motion would have begun by itself."""
+    trajectory = tmp_path / "motion.json"
+    trajectory.write_bytes(msgspec.json.encode(motion.trajectory.to_json()))
+
+    def signalled(request: RunRequest, *, observe: object, stop: StopHandle) -> RunOutcome:
+        del observe
+        stop.signals += 1
+        return RunOutcome(
+            run_id=request.run_id, outcome="completed", exit_code=0, sentences=("Done.",), out_dir=request.out_dir
+        )
+
+    monkeypatch.setattr(driver_module, "run_acquisition", signalled)
+    driver = FriDriver(
+        robot="iiwa14",
+        workspace=None,
+        tool=None,
+        installation=None,
+        settings={"fri_version": "1.15", "bind_host": "127.0.0.1", "bind_port": 30200},
+        simulation=True,
+        observe=lambda _: None,
+        agree=lambda *_: True,
+    )
+    asked = Motion(number=1, kind="k", purpose="to learn", trajectory=trajectory.name, periods=4, seconds=40.0)
+    with pytest.raises(KeyboardInterrupt):
+        driver.drive(asked, trajectory, tmp_path / "motion-01")
