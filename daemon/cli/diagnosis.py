@@ -226,10 +226,11 @@ def finding_lines(finding: Finding, torque_units: Sequence[str] = ()) -> Sequenc
         f"{100 * finding.absorbed_fraction:.0f} % of it would be taken up by the base parameters",
     ]
     if finding.heldout_gain_nm.size:
-        gain = ", ".join(f"{1e3 * value:.1f}" for value in finding.heldout_gain_nm)
+        gain = ", ".join(f"{1e3 * value:z.1f}" for value in finding.heldout_gain_nm)
         count = finding.heldout_gain_nm.size
         joints = "joint 1" if count == 1 else f"joints 1 to {count}"
-        lines.append(in_units(f"lowers the held-out RMS of {joints} by {gain} mNm", torque_units))
+        raised = " (below zero: raises it)" if "-" in gain else ""
+        lines.append(in_units(f"lowers the held-out RMS of {joints} by {gain} mNm{raised}", torque_units))
     if finding.separating_experiment:
         lines.append(f"To tell them apart: {finding.separating_experiment}")
     return lines

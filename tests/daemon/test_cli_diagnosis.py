@@ -137,6 +137,16 @@ def test_numbers_under_a_sentence_show_sigma_and_no_chance_of_zero() -> None:
     assert "noise alone below 1e−6, 68 %" in sureness
 
 
+def test_a_joint_that_a_finding_makes_worse_elsewhere_is_not_said_to_be_lowered() -> None:
+    finding = SimpleNamespace(
+        parameters=(), score=60.0, significance=0.0, absorbed_fraction=0.0, separating_experiment=None,
+        heldout_gain_nm=np.array([1.5, -0.0252]),
+    )  # fmt: skip
+    assert finding_lines(finding)[-1] == (  # type: ignore[arg-type]
+        "lowers the held-out RMS of joints 1 to 2 by 1500.0, -25.2 mNm (below zero: raises it)"
+    )
+
+
 def test_a_missing_recording_is_missing_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("diagnose", str(tmp_path / "absent.npz")) == 66
     assert "absent.npz" in capsys.readouterr().err
