@@ -360,7 +360,7 @@ def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check
             row,
         )
     found = _magnitude("torque", torque, limits.torque, 0.0, "Nm")
-    return replace(found, sentence=f"Foreseen: {found.sentence[0].lower()}{found.sentence[1:]}")
+    return replace(found, sentence=f"Predicted: {found.sentence[0].lower()}{found.sentence[1:]}")
 
 
 def _where_largest(values: FloatArray) -> tuple[int, int]:

@@ -33,7 +33,7 @@ class SampledPath:
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """What paths are held against, and how far they keep from it, m."""
+    """The arm and its surroundings, and the distances in m that paths must keep from them."""
 
     geometry: RobotGeometry
     workspace: Workspace
@@ -76,8 +76,8 @@ class Distances:
 
         Distances are looked for from every 50th row, and from as many rows between as the proof needs: at no time are
         two stops further apart than sum_j reach_j (max |dq_j| + A_j T²/4), where the second term is what their
-        accelerations can add between two samples. By so much the distances of a stop are lessened that stand for those
-        of the rows around it.
+        accelerations can add between two samples. The distances of a measured stop, which stands for the rows around
+        it, are reduced by that much.
         """
         reach = np.max([self.geometry.reach(capsule) for capsule in self.geometry.capsules], axis=0)
         turn = self.limits.acceleration * period_s**2 / 4.0

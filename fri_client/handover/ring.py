@@ -223,7 +223,7 @@ class HandoverRing:
 
     def publish_status(self, status: tuple[int, ...]) -> None:
         """Store the loop's status: the 16 integers of LoopStatus in its order. Readers may see a mix of two ticks, but
-        no zeros: `pack_into` clears its target first, and a recorder that read such a time held the loop for gone.
+        no zeros: `pack_into` clears its target first, and a recorder that reads a zero time takes the loop for dead.
         """
         _STATUS.pack_into(self._next_status, 0, *status)
         self._status[:] = self._next_status

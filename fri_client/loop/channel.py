@@ -36,7 +36,7 @@ class Channel(Protocol):
         """Wait until a datagram is there, at most so long; whether one is. Nothing is taken out."""
 
     def send(self, datagram: bytes, address: Address) -> bool:
-        """Send one; False where the network refused it: for robot and log alike it then never was."""
+        """Send one; False where the network refused it. It then counts as never sent, for the robot and in the log."""
 
 
 class UdpChannel:

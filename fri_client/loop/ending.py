@@ -81,7 +81,7 @@ class Ending:
         return reason is not None and reason.code in ENDED_BY_SOMEBODY and self._session.first_fresh_ns > 0
 
     def _waited_ns(self, now: int, silent: bool) -> int:
-        """Since the first message. How long a simulated robot's milliseconds take means nothing, its silence does."""
+        """Since the first message; where the robot's time is simulated, its cycles and its last silence."""
         session = self._session
         if not session.clock.simulated:
             return now - session.first_fresh_ns

@@ -46,8 +46,8 @@ class Peer:
     def release(self) -> None:
         """After a silence the robot may come back from another port, or another one may come.
 
-        The doubt goes where the other machine was silent as well. Of either, one datagram is then enough to bring it
-        back: before a motion more of the robot's own have to come.
+        The doubt about two senders is dropped where the other machine was silent as well. Both stay known: one datagram
+        of the one that is not the robot brings it back, and before a motion more of the robot's own have to come.
         """
         known = [host for host, count in self._rivals.items() if count >= RIVAL_DATAGRAMS]
         if self.address is not None:

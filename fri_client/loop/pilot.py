@@ -173,8 +173,9 @@ class Pilot:
         return self.motion.propose(measured)
 
     def _mirror(self, ipo: tuple[float, ...], pace: Pace) -> Answer:
-        """The IPO position, if it follows from what was mirrored before; once commands move the arm, if it stands on
-        it.
+        """The IPO position as an answer, if the guard finds it good after the last command; None otherwise.
+
+        Once commands move the arm, only if it is the position on which the arm was last commanded to stand.
         """
         guard = self.motion.guard
         if not guard.anchored or pace == Pace.FIRST or (pace == Pace.STANDS and not self._commanded):

@@ -1,6 +1,6 @@
-"""The answer's code, gone through once for nothing while the loop waits for the message.
+"""Runs the code of the next answer once, without effect, while the loop waits for the message.
 
-After a millisecond of sleep the caches are cold, and filling them took a third of the turn-around.
+That fills the processor's caches: after a millisecond of sleep they are cold, and that was a third of the turn-around.
 """
 
 from __future__ import annotations

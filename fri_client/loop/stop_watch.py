@@ -39,7 +39,7 @@ class StopWatch:
 
     @property
     def is_asked(self) -> bool:
-        """Whether somebody asked for a stop, which counts in the very cycle; what is only old or full, `poll` finds."""
+        """Whether somebody asked for a stop, which counts in this very cycle. `poll` finds all other reasons."""
         return bool(self.signal_number or self._ring.stop_request)
 
     def poll(self, now_ns: int) -> StopReason | None:
@@ -83,7 +83,7 @@ def _requested(request: int) -> StopReason:
 class RecorderPatience:
     """In simulated time only: lets a recorder catch up when the ring is half full, unless it does not move at all.
 
-    The robot's next message waits meanwhile; one wait is short enough that the robot does not give it up.
+    The robot's next message waits meanwhile. One wait is so short that the robot does not count the answer as missed.
     """
 
     __slots__ = ("_ring", "_stuck_at")

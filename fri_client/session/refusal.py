@@ -28,7 +28,7 @@ UNREADABLE = frozenset(Refusal) - {
     Refusal.EXTERNAL_TORQUE,
     Refusal.COMMANDED_TORQUE,
 }
-"""Nothing in such a message is used, nor is its counter used up; of one with a wrong torque alone it is."""
+"""Nothing of such a message is used, and its counter stays free. Where only a torque is wrong, the counter counts."""
 
 _MISSING = {
     Refusal.NO_MONITOR_DATA: "monitor data",
@@ -51,7 +51,7 @@ def refusal_sentence(reason: float, joint: int, value: float) -> str:
     if reason in _MISSING:
         return f"it lacks its {_MISSING[Refusal(int(reason))]}"
     if reason in _OF_A_JOINT:
-        return f"the {_OF_A_JOINT[Refusal(int(reason))]} of joint {joint} is {value:g}, which cannot be"
+        return f"the {_OF_A_JOINT[Refusal(int(reason))]} of joint {joint} is {value:g}, which is impossible"
     if reason == Refusal.NUMBER_OF_JOINTS:
         return f"the robot reports {value:.0f} joints instead of 7"
     if reason == Refusal.COUNTER:

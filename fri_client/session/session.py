@@ -1,15 +1,15 @@
 """The client's side of one FRI session: what a monitoring message is worth, and when the session is over.
 
-Here: judging each decoded message (fresh, duplicate, stale, refused), the counters of both sides, and the latch that
-falls when a motion's session is lost. Not here: sockets (`loop`), what is answered (`pilot`), whether an answer may go
-out (`gate`).
+Here: judging each decoded message (fresh, duplicate, stale, refused), the counters of both sides, and the latch: a
+motion's session that is lost stays lost. Not here: sockets (`loop`), what is answered (`pilot`), whether an answer may
+go out (`gate`).
 
 Which messages may be answered. A fresh message of a living session may (at a receive multiplier of N every N-th,
 PROTOCOL section 7). Duplicates and stale messages may not: the robot has the answer to the duplicate, and an answer
 to an old message would reach it after the answer to a newer one. The vendor's client answers both and lets old
 values overwrite new ones (PROTOCOL section 6); a motion that advances one step per answer must not. A message
-that is refused for a torque that is no number is answered, since positions, state and quality are sound and an arm in
-motion should not feel a sensor's hiccup; its sample is refused all the same. Any other refused message is not
+that is refused for a torque that is no number is answered, since positions, state and quality are sound, and one bad
+torque must not disturb an arm in motion; its sample is refused all the same. Any other refused message is not
 answered, because nothing in it can be trusted; its counter is not used up, so that the good message with the same
 counter is taken. If refusals go on for the time-out, that is silence.
 

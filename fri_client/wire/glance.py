@@ -2,13 +2,13 @@
 
 While an arm moves, all that changes from one message to the next are two counters, the time stamp, and measured
 numbers. A `Glance` is made from one datagram after its answer has left. It says of later ones of the same length:
-either every other bit is the same (state, quality, safety state, drives, modes, periods, texts), the counter is the one
-expected, every number is finite, every joint position one that an arm can have, and then here are measured position and
-external torque; or None, and the whole way through codec and session is gone. Not here: what may be concluded from that
-(`answer_ahead`), and the drawing of shapes (`layout`), whose sketch this uses.
+whether every other bit is the same (state, quality, safety state, drives, modes, periods, texts), the counter is the
+one expected, every number is finite and every joint position one that an arm can have. If so, it gives measured
+position and external torque; if not, None, and the message goes the whole way through codec and session. Not here: what
+may be concluded from that (`answer_ahead`), and the drawing of shapes (`layout`), whose sketch this uses.
 
-Few and plain steps, because each of them stands between a message and its answer with cold caches. What a message has
-in hundreds of bytes is compared as one integer.
+The steps are few and simple, because each of them delays the answer, and the caches are cold. The hundreds of bytes of
+a message are compared as one integer.
 """
 
 from __future__ import annotations

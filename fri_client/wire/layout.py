@@ -6,8 +6,8 @@ and what they are) and one `struct` for the numbers between. If every fixed bit 
 texts, continuation bits of the varints), it means to the reader exactly what the struct takes out of it; otherwise the
 reader does the work. Not here: any number of any datagram. `codec` calls it.
 
-Only datagrams that the `writer` would write byte for byte get a page, and the book has a last page: afterwards new
-shapes are simply read the long way.
+Kept are only shapes of datagrams that the `writer` would write byte for byte, and only a limited number. Any other
+shape is read by the `reader` each time.
 """
 
 from __future__ import annotations

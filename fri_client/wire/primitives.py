@@ -1,4 +1,4 @@
-"""The alphabet of the FRI wire: variable-length integers, tags, and what one skips.
+"""The primitives of the FRI wire format: variable-length integers, tags, and skipping of unknown fields.
 
 Here: reading and writing the protobuf primitives with every bound checked. Not here: which field is what (`schema`).
 `reader` and `writer` call it. Offsets count from the start of the payload.

@@ -87,7 +87,7 @@ def test_a_motion_within_all_other_limits_is_refused_for_its_torque(
     assert run("check", motion, "--model", light) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert light in shown
-    assert "Foreseen: joint 2 reaches" in shown
+    assert "Predicted: joint 2 reaches" in shown
     assert run("check", motion, "--model", heavy, "--json", "-") == 1
     failed = [check for check in json.loads(capsys.readouterr().out)["checks"] if not check["passed"]]
     assert [(check["name"], check["joint"], check["limit"]) for check in failed] == [("torque", 2, 320.0)]
