@@ -1,11 +1,14 @@
 """What a motion will tell, as a probability: that the true hypothesis stands out from all others afterwards.
 
 Under the truth the log odds against a rival come out as N(now + λ/2, λ), λ being what the new rows add; the size of the
-truth is known with a deviation of its own, over which the probability is averaged.
+truth is known with a deviation of its own, over which the probability is averaged. A name also needs a λ of its own
+(`LEAST_SHOWN`): after a motion the size found is the mean of the one known and the one that the motion shows, weighted
+by what each adds.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +18,7 @@ from scipy.special import ndtr
 from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
+from identification.mismatch.unknown.named import LEAST_SHOWN
 
 STANDS_OUT = ALTERNATIVE
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""
@@ -40,7 +44,8 @@ class Forecast:
     """probability: that a name, or that there is nothing more, stands out afterwards and is true. now: the same without
     a motion more. Where something without a name is there, no motion gives it one: that chance is left out of both.
 
-    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds. forms: probability
+    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds, of a pair, and on the
+    diagonal of each by itself. forms: probability
     that it is a form of the library; named, named_now: that it then has its name, with the motion and without.
     """
 
@@ -62,10 +67,10 @@ class Forecast:
 def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatArray) -> Forecast:
     """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion."""
     gain = np.maximum(after - before, 0.0)
-    told = [_told(hypotheses, i, gain) for i in range(len(hypotheses))]
+    told = [_told(hypotheses, i, before, gain) for i in range(len(hypotheses))]
     one = [_all(hypotheses, i, row) for i, row in enumerate(told)]
     standing = np.zeros_like(gain)
-    now = [_all(hypotheses, i, _told(hypotheses, i, standing)) for i in range(len(hypotheses))]
+    now = [_all(hypotheses, i, _told(hypotheses, i, before, standing)) for i in range(len(hypotheses))]
     weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
     pairs = [
         Pair(i, j, float(told[i][j]))
@@ -88,8 +93,10 @@ def stands_out(hypotheses: Sequence[Hypothesis]) -> bool:
     return not others or first - others[0] >= STANDS_OUT
 
 
-def _told(hypotheses: Sequence[Hypothesis], truth: int, gain: FloatArray) -> FloatArray:
-    """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; 1 in its own place."""
+def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain: FloatArray) -> FloatArray:
+    """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; in its own place, that it shows
+    as much as a name needs.
+    """
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
     needed = np.where([_is_a_class(own, item) for item in hypotheses], STANDS_OUT, APART)
@@ -99,18 +106,31 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, gain: FloatArray) -> Flo
         strength = gain[truth] * max(0.0, 1.0 + spread * float(node)) ** 2
         deviation = np.sqrt(np.maximum(strength, 1e-12))
         total += weight * ndtr((lead + 0.5 * strength - needed) / deviation)
-    total[truth] = 1.0
+    shown = (float(values[truth, truth]) for values in (before, gain))
+    total[truth] = 1.0 if own.effect is None else _shown(*shown, own.relative_std)
     return np.minimum(total, 1.0)
 
 
-def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> float:
-    """Probability, at least, that a truth leads all rivals. told: (H,) it leads each.
+def _shown(before: float, gain: float, relative_std: float) -> float:
+    """Probability that λ at the size found is LEAST_SHOWN or more. before, gain: λ at the size known so far, of all
+    recordings and of the motion; relative_std: of that size. What is found later is as far from it as the motion adds.
+    """
+    whole = max(before + gain, 1e-12)
+    least, deviation = math.sqrt(LEAST_SHOWN / whole), max(relative_std * math.sqrt(gain / whole), 1e-9)
+    return float(ndtr((1.0 - least) / deviation) + ndtr((-1.0 - least) / deviation))
 
-    Rivals that are one class with or without a further name stand and fall together.
+
+def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> float:
+    """Probability that a truth leads all rivals, at least, and shows enough. told: (H,) of `_told`.
+
+    Rivals that are one class with or without a further name stand and fall together; whether all are led, and whether
+    enough is shown, hang on the same true size.
     """
     together = np.array([_is_a_class(hypotheses[truth], item) for item in hypotheses])
     missed = 1.0 - told
-    return float(max(0.0, 1.0 - missed[together].max(initial=0.0) - missed[~together].sum()))
+    missed[truth] = 0.0
+    leads = 1.0 - missed[together].max(initial=0.0) - missed[~together].sum()
+    return float(max(0.0, min(leads, told[truth])))
 
 
 def _is_a_class(truth: Hypothesis, rival: Hypothesis) -> bool:

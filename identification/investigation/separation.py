@@ -58,7 +58,8 @@ class Layout:
 def separations(
     sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis], beside: Discrepancies | None = None
 ) -> FloatArray:
-    """(H, H) λ of each hypothesis (row), were it true, against each rival (column); 0 on the diagonal.
+    """(H, H) λ of each hypothesis (row), were it true, against each rival (column). Diagonal: λ of it beside the base
+    parameters alone, which the diagnosis asks of a name.
 
     The classes that a rival has beside it take up what they can at their size. Against "nothing more" it is what is
     visible of the effect at all, or what the free functions that come nearest to it cannot take up, with what these
@@ -68,6 +69,11 @@ def separations(
     places = layout.places
     count = len(hypotheses)
     result = np.zeros((count, count))
+    alone = _rest(sums, None, ())
+    for i, item in enumerate(hypotheses):
+        if item.best is not None:
+            own = places[item.best]
+            result[i, i] = max(0.0, float(item.coefficients @ alone[own, own] @ item.coefficients))
     for j, rival in enumerate(hypotheses):
         rest = _rest(sums, beside, rival.beside)
         for i, truth in enumerate(hypotheses):

@@ -23,6 +23,8 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
+LEAST_SHOWN = 2.0 * ALTERNATIVE / CAPTURE
+"""λ that a name needs: one that shows less may as well be another torque which shares all of λ but `CAPTURE`."""
 ABSENT = 1e12
 """Precision beforehand of a name that is left out."""
 
@@ -168,7 +170,7 @@ def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
     part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in described)
     shown, unnamed = _energies(whole, name, own, size)
-    clear = CAPTURE * shown / 2.0 >= ALTERNATIVE
+    clear = shown >= LEAST_SHOWN
     stands = (
         odds >= (SPEAK if _unnamed(whole) else ALTERNATIVE)
         # A name that shows less than the classes beside it may be what their functions fail to describe.

@@ -86,7 +86,7 @@ def test_a_name_that_a_free_function_can_stand_for_is_told_from_nothing_by_less(
 
 def test_a_name_is_earned_by_more_over_a_name_than_over_a_class() -> None:
     """Truth: what the diagnosis asks, 10 nats over another name and 3 over a class with or without a further name."""
-    sure = 1e6 * (1.0 - np.eye(2))
+    sure = np.full((2, 2), 1e6)
     for rival, margin in (
         (hypothesis("joint_elasticity", 0.0, 0.1), APART),
         (replace(NOTHING, probability=0.1, beside=(np.array([0.2]),)), STANDS_OUT),

@@ -21,6 +21,7 @@ from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, agreement, separations
 from identification.mismatch.effects.base import Place
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.named import LEAST_SHOWN
 
 ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
 
@@ -67,21 +68,34 @@ def test_classes_take_up_what_their_size_allows() -> None:
     np.testing.assert_allclose(sums.projected([deviations]), column.T @ (precision - taken) @ column, rtol=1e-8)
 
 
+SHOWN = 1e4 * np.eye(2)
+"""Much more of each hypothesis than a name needs."""
+
+
 def test_what_has_no_name_is_not_foretold_to_get_one() -> None:
     """A class of its own leads: whatever a motion shows, a form that is not there does not come to stand out."""
     unnamed = replace(NOTHING, probability=0.9, log_odds=0.0, beside=(np.array([0.1]),))
     alive = (unnamed, hypothesis("cable_spring", 1, -2.2, 0.1))
-    after = np.array([[0.0, 400.0], [400.0, 0.0]])
+    after = np.full((2, 2), 400.0)
     assert forecast(alive, np.zeros((2, 2)), after).probability == pytest.approx(0.1, abs=1e-3)
     assert unnamed.name == "no form of the library (joint 1)"
+
+
+@pytest.mark.parametrize("shown", [1.1, 0.9])
+def test_a_name_is_foretold_where_it_will_show_as_much_as_the_diagnosis_asks(shown: float) -> None:
+    """A weak effect that nothing looks like leads every rival for certain, and has no name below λ = 60."""
+    alive = (hypothesis("cable_spring", 1, 50.0, 1.0), NOTHING)
+    then = np.array([[shown * LEAST_SHOWN, 1e3], [1e3, 0.0]])
+    found = forecast(alive, np.array([[20.0, 0.0], [0.0, 0.0]]), then)
+    assert found.named_now == pytest.approx(0.0, abs=1e-6)
+    assert found.named == pytest.approx(float(shown > 1.0), abs=1e-6)
 
 
 def test_a_forecast_of_two_hypotheses_is_the_gaussian_log_odds_integral() -> None:
     """Truth: log odds of a known waveform are N(λ/2, λ), drawn a hundred thousand times."""
     alive = (hypothesis("torque_offset", 1, 0.0, 0.5), hypothesis("cable_spring", 1, 0.0, 0.5))
     strength = 16.0
-    after = np.array([[0.0, strength], [strength, 0.0]])
-    found = forecast(alive, np.zeros((2, 2)), after)
+    found = forecast(alive, SHOWN, SHOWN + strength * (1.0 - np.eye(2)))
     random = np.random.default_rng(1)
     rows = random.normal(size=(100_000, 4))
     truth = np.full(4, math.sqrt(strength) / 2.0)
@@ -93,7 +107,7 @@ def test_a_forecast_of_two_hypotheses_is_the_gaussian_log_odds_integral() -> Non
 
 def test_a_motion_that_adds_nothing_foretells_nothing() -> None:
     alive = (hypothesis("torque_offset", 1, 1.0, 0.6), hypothesis("cable_spring", 1, 0.5, 0.4))
-    standing = np.array([[0.0, 9.0], [9.0, 0.0]])
+    standing = np.array([[100.0, 9.0], [9.0, 100.0]])
     found = forecast(alive, standing, standing)
     assert found.probability == pytest.approx(found.now)
     assert found.probability < 1e-3
@@ -103,7 +117,7 @@ def test_a_motion_that_adds_nothing_foretells_nothing() -> None:
 def test_the_more_a_motion_shows_the_more_surely_it_tells() -> None:
     alive = (hypothesis("torque_offset", 1, 1.0, 0.6), hypothesis("cable_spring", 1, 0.5, 0.4))
     chances = [
-        forecast(alive, np.zeros((2, 2)), strength * (1.0 - np.eye(2))).probability for strength in (1, 9, 30, 90)
+        forecast(alive, SHOWN, SHOWN + strength * (1.0 - np.eye(2))).probability for strength in (1, 9, 30, 90)
     ]
     assert chances == sorted(chances)
     assert chances[-1] > 0.99
@@ -271,7 +285,12 @@ def one_forecast(random: np.random.Generator) -> tuple[float, bool]:
     then = separations(sums(slice(0, rows + new)), layout, alive, Beside())  # type: ignore[arg-type]
     foretold = forecast(alive, now, then).probability
     after = evidences(rows + new)
-    return foretold, after[true] - after[1 - true] >= APART
+    matrix = np.hstack([base, classes, shapes[true]])
+    precision = matrix.T @ matrix + np.diag(1.0 / np.r_[np.full(3, 9.0), np.full(5, CLASS**2), SIZE**2])
+    found = float(np.linalg.solve(precision, matrix.T @ torque)[-1])
+    left = shapes[true][:, 0] - base @ np.linalg.lstsq(base, shapes[true][:, 0], rcond=None)[0]
+    shown = found**2 * float(left @ left)
+    return foretold, after[true] - after[1 - true] >= APART and shown >= LEAST_SHOWN
 
 
 def test_a_forecast_comes_true_as_often_as_it_says() -> None:
