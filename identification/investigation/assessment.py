@@ -51,7 +51,8 @@ def assess(
     (claimed by the diagnosis, or among its alternatives).
     """
     rows = tuple(_with_known(item, known) for item in evidences)
-    unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None)
+    named = {joint - 1 for _, joint in asked if joint is not None}
+    unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None, named)
     plain = Selection.of(unknown, range(unknown.folds))
     nothing = _with_classes(plain)
     beside = any(state.groups for state in nothing.states)
@@ -69,6 +70,10 @@ def assess(
             noise.append(weighed[1])
             free.setdefault((item.effect.name, item.place), {}).update(weighed[2])
     leader = max(range(len(found)), key=lambda number: found[number].log_odds)
+    first = found[leader]
+    if first.effect is not None and first.place.joint is not None and not unknown.asked[first.place.joint - 1]:
+        # The diagnosis holds a name against the classes of its joint, however little that joint shows.
+        return assess(evidences, known, {*asked, (first.effect, first.place.joint)})
     inflated = tuple(
         replace(item, noise=item.noise * np.sqrt(noise[leader].T[unknown.band[own]]))
         for item, own in zip(rows, rows_of_each(rows), strict=True)

@@ -101,28 +101,32 @@ def _left(rest: FloatArray, own: slice, forms: Sequence[slice], size: FloatArray
 
 
 def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, truth: Hypothesis, own: slice) -> float:
-    """Twice the nats by which a name leads the best free function in its place, among those that are at hand."""
+    """Twice the nats by which a name leads the best free function in its place, among those that are at hand.
+
+    One that stands in the rival already may be larger or smaller with the motion in: the size that suits it best counts.
+    """
     found = math.inf
     if truth.place.joint is None:
         return found
     joint = truth.place.joint - 1
-    width = [2 * basis.centre.size for basis in beside.bases[joint]]
+    group = np.repeat(np.arange(len(beside.bases[joint])), [2 * basis.centre.size for basis in beside.bases[joint]])
     rivals = [
-        place for place, (basis, held) in enumerate(zip(beside.bases[joint], variances[joint], strict=True))
+        place for place, (basis, held) in enumerate(zip(beside.bases[joint], truth.beside[joint], strict=True))
         if held == 0.0 and truth.effect not in CLASSES[basis.number].described
     ]  # fmt: skip
-    if not rivals:
-        return found
-    group = np.repeat(np.arange(len(width)), width)
-    kept = np.flatnonzero(np.isin(group, rivals))
-    rest = sums.projected(beside.deviations(variances), (joint, kept))
-    first = len(rest) - kept.size
+    standing = [place for place in rivals if variances[joint][place] > 0.0]
     size = truth.coefficients
-    strength = float(size @ rest[own, own] @ size)
-    for place in rivals:
-        chosen = first + np.flatnonzero(group[kept] == place)
-        nats = lead(strength, rest[chosen[:, None], chosen], rest[chosen, own] @ size)
-        found = min(found, 2.0 * (nats + PRIOR_COST))
+    for places in ([place for place in rivals if place not in standing], *([place] for place in standing)):
+        kept = np.flatnonzero(np.isin(group, places))
+        others = [own * 1.0 for own in variances]
+        others[joint][places] = 0.0
+        rest = sums.projected(beside.deviations(tuple(others)), (joint, kept))
+        first = len(rest) - kept.size
+        strength = float(size @ rest[own, own] @ size)
+        for place in places:
+            chosen = first + np.flatnonzero(group[kept] == place)
+            nats = lead(strength, rest[chosen[:, None], chosen], rest[chosen, own] @ size)
+            found = min(found, 2.0 * (nats + PRIOR_COST))
     return found
 
 
