@@ -89,6 +89,11 @@ class Model:
             if recording.source.sha256 in fitted or any(holds_samples(recording, kept) for kept in prints)
         )
 
+    @property
+    def turns_torque(self) -> bool:
+        """Whether its fit turned the sign of all torques first (`fit --flip-torque`)."""
+        return bool(self.data.get("provenance", {}).get("settings", {}).get("flip_torque", False))
+
     def torque_shift(self, joints: int) -> FloatArray:
         """(n,) s by which its fit took the torque earlier. Raises ModelFileError for another number of joints."""
         shift = self.data.get("provenance", {}).get("torque_shift_s") or [0.0] * joints

@@ -1,7 +1,8 @@
 """Validation: a model on recordings that were not used for it, as in section 4.6 and Table 4 of the paper.
 
-Here: RMS per joint of identified models on recordings, and folds over recordings. The split of one recording into
-fitted and held-out rows is a setting of the fit (`Split`).
+Here: what base parameters leave of the torque of a recording (`torque_left`, for whoever compares models with
+recordings), RMS per joint of identified models, and folds over recordings. The split of one recording into fitted and
+held-out rows is a setting of the fit (`Split`). Effects of a model file: `mismatch.prediction`.
 """
 
 from __future__ import annotations
@@ -15,31 +16,36 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
-from identification.fitting.blocks import Block, build_block, rms_over
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
-from identification.fitting.rms import RmsRow, RmsTable
+from identification.fitting.rms import RmsRow, RmsTable, rms_of_rows
 from identification.fitting.settings import OF_SIGNALS, FitSettings, Split
 from identification.model_file import Model
 from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.signals.processed import ProcessedSignals
 
-__all__ = ["RmsRow", "RmsTable", "Split", "cross_validate", "validate_model"]
+__all__ = ["RmsRow", "RmsTable", "Split", "cross_validate", "measured_torque", "torque_left", "validate_model"]
 
 Progress = Callable[[str, float], None]
 
 
 def validate_model(
-    model: Model | FitResult, recordings: Sequence[Recording], *, robot: RobotModel | None = None
+    model: Model | FitResult,
+    recordings: Sequence[Recording],
+    *,
+    robot: RobotModel | None = None,
+    left_to: Sequence[Recording] | None = None,
 ) -> RmsTable:
     """RMS per joint of a model on each recording: lines "NAME, base" and, where the model has them, "NAME, physical".
 
     The recordings go through the pipeline of the model's fit, cutoffs and sign included. A torque that the fit took
     earlier is taken earlier here, too.
-    robot: overrides the robot the model names. Periodic recordings are compared on their mean period without any
-    filter; the others through the low-pass of the aperiodic pipeline, on rows in which the joint moves.
+    robot: overrides the robot the model names. left_to: the recordings as the base parameters have to explain them,
+    where the model predicts more (`mismatch.prediction`). Periodic recordings are compared on their mean period
+    without any filter; the others through the low-pass of the aperiodic pipeline, on rows in which the joint moves.
     Raises ModelFileError if the model is of another robot, RecordingError if a recording cannot be used or comes twice.
     """
     refuse_repeated(recordings)
@@ -59,14 +65,53 @@ def validate_model(
             sets["physical"] = physical
         noted, shift = model.data.get("provenance", {}).get("settings", {}), model.torque_shift(robot.n)
     rows = []
-    for recording, name in zip(recordings, recording_names(recordings), strict=True):
-        blocks = _blocks(recording, robot, regressor, _as_fitted(noted, recording), shift)
-        parts = [block.evaluation for block in blocks]
-        floors = np.array([block.signals.noise_floor_nm for block in blocks])
-        floor = np.sqrt(np.mean(floors**2, axis=0))
-        torque = rms_over(parts, None)
-        rows += [RmsRow(f"{name}, {label}", rms_over(parts, values), torque, floor) for label, values in sets.items()]
+    names, left_to = recording_names(recordings), recordings if left_to is None else left_to
+    for recording, remaining, name in zip(recordings, left_to, names, strict=True):
+        settings = _as_fitted(noted, recording)
+        stretches = process(recording, robot, settings).stretches
+        torque = rms_of_rows(measured_torque(stretches, robot, shift))
+        if remaining is not recording:
+            stretches = process(remaining, robot, settings).stretches
+        left = torque_left(stretches, regressor, list(sets.values()), shift)
+        floor = np.sqrt(np.mean([stretch.noise_floor_nm**2 for stretch in stretches], axis=0))
+        rows += [
+            RmsRow(f"{name}, {label}", rms_of_rows(each), torque, floor) for label, each in zip(sets, left, strict=True)
+        ]
     return RmsTable(tuple(rows))
+
+
+def measured_torque(stretches: Sequence[ProcessedSignals], robot: RobotModel, shift: FloatArray) -> FloatArray:
+    """(E, n) Nm, the torque of processed stretches over time, each joint's taken earlier by its shift (n,) s.
+
+    nan in rows in which a joint stands still, or follows another and has no torque of its own.
+    """
+    return np.concatenate([_evaluated(signals, _at_motion(signals, shift), robot) for signals in stretches])
+
+
+def torque_left(
+    stretches: Sequence[ProcessedSignals], regressor: BaseRegressor, sets: Sequence[FloatArray], shift: FloatArray
+) -> tuple[FloatArray, ...]:
+    """(E, n) Nm of each set of base parameters (p,): `measured_torque` minus what the set predicts.
+
+    Both go through the filter of the stretch.
+    """
+    left: list[list[FloatArray]] = [[] for _ in sets]
+    for signals in stretches:
+        torque = _at_motion(signals, shift)
+        columns = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
+        for values, parts in zip(sets, left, strict=True):
+            predicted = np.column_stack([values[used] @ packed for packed, used in columns])
+            parts.append(_evaluated(signals, torque - predicted, regressor.robot))
+    return tuple(np.concatenate(parts) for parts in left)
+
+
+def _at_motion(signals: ProcessedSignals, shift: FloatArray) -> FloatArray:
+    return earlier(signals, shift).torque if shift.any() else signals.torque
+
+
+def _evaluated(signals: ProcessedSignals, torque: FloatArray, robot: RobotModel) -> FloatArray:
+    counts = signals.evaluated & np.isin(np.arange(robot.n), robot.driven)
+    return np.where(counts, signals.evaluate(torque), np.nan)
 
 
 def cross_validate(
@@ -112,18 +157,6 @@ def cross_validate(
         )
         together.append(RmsRow(f"all left out, {label}", rms, torque, floor))
     return RmsTable((*lines, *together))
-
-
-def _blocks(
-    recording: Recording, robot: RobotModel, regressor: BaseRegressor, settings: FitSettings, shift: FloatArray
-) -> list[Block]:
-    stretches = process(recording, robot, settings).stretches
-    if shift.any():
-        stretches = tuple(earlier(stretch, shift) for stretch in stretches)
-    built = [
-        build_block(stretch, regressor, None, float(recording.time[0]), recording.duration_s) for stretch in stretches
-    ]
-    return [block for block in built if block is not None]
 
 
 def _as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:

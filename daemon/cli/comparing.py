@@ -35,7 +35,7 @@ def compare(
     ],
     *,
     models: Annotated[
-        bool, typer.Option("--models", help="Instead: MODEL… -- LOG…, which model foretells the torque, and what not.")
+        bool, typer.Option("--models", help="Instead: MODEL… -- LOG…: the models by how well they predict the torque.")
     ] = False,
     offsets: Annotated[
         bool, typer.Option("--offsets", help="With --models: fit one constant torque a joint; nothing else is fitted.")
@@ -58,7 +58,7 @@ def compare(
 ) -> None:
     """What changed between two dates, arms or tools: the fewest causes, then parameter by parameter in σ.
 
-    --models: RMS of measured minus foretold torque of every model, best first, and what is wrong in each.
+    --models: RMS of measured minus predicted torque of every model, best first, and what is wrong in each.
     Four recordings or more are a series: friction by date (of the runs, else as given), and when it changed at once.
     Exit code 0 whatever the answer; 1 where a model is of another arm.
     Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
@@ -191,7 +191,7 @@ def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) ->
     fitted = "one constant a joint fitted" if offsets else "nothing fitted"
     lines = tuple(item.rms for item in standings if item.rms is not None)
     if lines:
-        show_rms(RmsTable(lines), f"RMS of measured minus foretold torque per joint, {fitted}", unit=unit)
+        show_rms(RmsTable(lines), f"RMS of measured minus predicted torque per joint, {fitted}", unit=unit)
     for item in standings:
         data(f"{item.name}:")
         for sentence in item.sentences:

@@ -14,6 +14,7 @@ from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
 from identification.json_values import plain
+from identification.mismatch.prediction import left_to_parameters
 from identification.model_file import Model
 from identification.recording_fit import fit_recordings
 from identification.recordings.recording import Recording
@@ -69,8 +70,10 @@ def model_of_fit(fit: FitResult, name: str) -> Model:
 def changes_between(model: Model, recording: Recording, robot: RobotModel, called: str = "") -> Change:
     """What of a recording differs from a model of the same arm. Raises the errors of a fit and of an audit.
 
-    called: the model's name in the sentences, in place of its file's.
+    called: the model's name in the sentences, in place of its file's. Effects and class terms of the model are taken
+    off the recording first: parameters are compared that explain the same torque.
     """
+    (recording,) = left_to_parameters(model, [recording], robot)
     fit = fitted_to(recording, robot)
     before = dict(zip(model.names, zip(model.values, _deviations(model, robot), strict=True), strict=True))
     units = dict(zip(fit.names, fit.regressor.units, strict=True))

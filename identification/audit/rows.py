@@ -103,13 +103,18 @@ class Rows:
         )  # fmt: skip
 
 
+def band_of(recordings: Sequence[Recording]) -> float:
+    """Hz, the cutoff that all of some recordings are compared up to."""
+    step = max(recording.sampling_period_s for recording in recordings)
+    return min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
+
+
 def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_VELOCITY) -> Rows:
     """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest.
 
     A joint whose torque never changes has none that was measured, so no row of it is used.
     """
-    step = max(recording.sampling_period_s for recording in recordings)
-    low_pass_hz = min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
+    low_pass_hz = band_of(recordings)
     found: list[Rows] = []
     for recording in recordings:
         if float(np.ptp(recording.position, axis=0).max()) < LEAST_TRAVEL:

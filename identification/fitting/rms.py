@@ -66,3 +66,9 @@ class RmsTable:
     def to_json(self) -> list[dict[str, Any]]:
         """The table as plain JSON types."""
         return [row.to_json() for row in self.rows]
+
+
+def rms_of_rows(values: FloatArray) -> FloatArray:
+    """(n,) RMS over rows (R, n) without those that are nan; nan for a joint without any other."""
+    counts = np.isfinite(values).sum(axis=0)
+    return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.where(counts > 0, counts, np.nan)), dtype=np.float64)

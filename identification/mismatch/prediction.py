@@ -1,7 +1,8 @@
 """Torque of effects that a diagnosis found, on other motions: what makes them part of the model.
 
-Findings come as they stand in `model.json`. Here: their torque on a motion, and recordings with it taken off. Not here:
-how they were found.
+Findings come as they stand in `model.json`. Here: their torque on a motion, and recordings with it taken off. What a
+model file predicts of a recording is this and the torque of its base parameters (`validation.torque_left`): `validate`,
+`leaderboard` and `compare` ask both. Not here: how they were found.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
+from identification.robots import RobotModel
 from identification.validation import RmsTable, validate_model
 
 EffectJson = Mapping[str, Any]
@@ -102,20 +104,42 @@ def without_effects(
     return replace(recording, torque=torque)
 
 
+def acting(model: Model) -> tuple[tuple[EffectJson, ...], Mapping[str, Any] | None]:
+    """What a model file predicts in every recording beside its base parameters: repeatable effects, class terms."""
+    return repeatable(model.data.get("effects", [])), model.data.get("class_terms")
+
+
+def left_to_parameters(
+    model: Model, recordings: Sequence[Recording], robot: RobotModel | None = None
+) -> tuple[Recording, ...]:
+    """Recordings as base parameters alone have to explain them: what else a model file predicts is taken off.
+
+    What was found to change within one recording is taken to be absent from others. Of a joint whose torque was not
+    measured nothing is taken. robot: overrides the robot the model names. Raises ModelFileError for a model of another
+    robot or effects that are not complete, RecordingError where a recording cannot be used.
+    """
+    effects, terms = acting(model)
+    if not effects and terms is None:
+        return tuple(recordings)
+    regressor = BaseRegressor(model.load_robot() if robot is None else robot, model.options)
+    values = model.base_values(regressor)
+    band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
+    sign = -1.0 if model.turns_torque else 1.0
+    left = []
+    for recording in recordings:
+        upright = replace(recording, torque=sign * recording.torque)
+        torque = sign * without_effects(upright, effects, regressor, values, band, terms).torque
+        measured = np.ptp(recording.torque, axis=0) > 0.0
+        left.append(replace(recording, torque=np.where(measured, torque, recording.torque)))
+    return tuple(left)
+
+
 def validate_with_effects(model: Model, recordings: Sequence[Recording]) -> RmsTable:
     """`validate_model` with the model's repeatable effects and class terms in its torque; without any, the same table.
 
-    What was found to change within one recording is taken to be absent from others. Raises as `validate_model` does.
+    Raises as `validate_model` and `left_to_parameters` do.
     """
-    effects, terms = repeatable(model.data.get("effects", [])), model.data.get("class_terms")
-    if not effects and terms is None:
-        return validate_model(model, recordings)
-    regressor = BaseRegressor(model.load_robot(), model.options)
-    values = model.base_values(regressor)
-    band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
-    return validate_model(
-        model, [without_effects(item, effects, regressor, values, band, terms) for item in recordings]
-    )
+    return validate_model(model, recordings, left_to=left_to_parameters(model, recordings))
 
 
 def torque_along(

@@ -37,7 +37,12 @@ Prints = npt.NDArray[np.int64]
 
 def recording_names(recordings: Sequence[Recording]) -> list[str]:
     """File names, with as many of their folders as tell them apart (every run calls its log alike)."""
-    parts = [Path(recording.source.path).parts for recording in recordings]
+    return names_apart([recording.source.path for recording in recordings])
+
+
+def names_apart(paths: Sequence[str | Path]) -> list[str]:
+    """Names of files, with as many of their folders as tell the files apart."""
+    parts = [Path(path).parts for path in paths]
     depth = 1
     while len({item[-depth:] for item in parts}) < len(set(parts)):
         depth += 1
