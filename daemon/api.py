@@ -74,7 +74,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     ladder_file: record of the amplitudes done (None: the user's own); serial: which arm it is, where addresses do not
     tell arms apart; skip_ladder: an amplitude may be skipped, which the log then says.
     simulation: only a robot that says it is the fake one is moved; nobody is asked, and there is no ladder.
-    model_file: model.json that foresaw the torque, None = what is taken to be known of the arm; live views show it.
+    model_file: model.json that predicted the torque, None = what is taken to be known of the arm; live views show it.
     diagnose: the fit is followed by a diagnosis; heldout: recordings of other motions that check its names.
     gravity_m_s2: in the frame of the base, None: the arm stands on a floor.
     monitor_only: nothing is commanded, table_file and trajectory_file are empty, and the run lasts until somebody ends

@@ -44,7 +44,7 @@ WorkspaceOption = Annotated[
 ]
 ModelOption = Annotated[
     Path | None,
-    typer.Option("--model", metavar="MODEL.json", help="Foresees the torque; default for the iiwa14: Table 3."),
+    typer.Option("--model", metavar="MODEL.json", help="Predicts the torque; default for the iiwa14: Table 3."),
 ]
 AmplitudeOption = Annotated[
     float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
@@ -92,7 +92,7 @@ def fake_robot(context: typer.Context) -> None:
 
 @app.command()
 def judge(
-    log: Annotated[Path, typer.Argument(help="Recording of a run.")],
+    log: Annotated[Path, typer.Argument(help="Recording of a run, or its folder.")],
     json_file: JsonOption = None,
     hidden_answers: Annotated[
         bool, typer.Option("--hidden-answers", help="A wire may have lost answers: a short gap may hide commands.")

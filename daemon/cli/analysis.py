@@ -182,7 +182,7 @@ def show_certificate(certificate: dict[str, Any]) -> None:
 
 @app.command()
 def validate(
-    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")],
+    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")],
     logs: LogsArgument,
     robot: RobotOption = None,
     joints: JointsOption = None,

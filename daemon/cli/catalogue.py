@@ -35,7 +35,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("validate", "analysis", "RMS of a model on recordings it has not seen."),
         Entry("diagnose", "diagnosis", "Find and name what the model leaves out."),
         Entry("compare", "comparing", "What changed between recordings, dates or arms."),
-        Entry("leaderboard", "comparing", "Which of several models foretells the torque best."),
+        Entry("leaderboard", "comparing", "Which of several models predicts the torque best."),
         Entry("payload", "payload", "Mass, centre and inertia of a tool."),
         Entry("batch", "diagnosis", "Fit or diagnose many recordings at once."),
         Entry("feasibility", "feasibility", "Can any robot have these parameters?"),

@@ -31,7 +31,8 @@ MODELS = (".json", ".urdf", ".xml", ".sdf")
 def compare(
     ctx: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(metavar="A B…", help="Recordings, each compared with the first; A: or a model.json.")
+        list[Path],
+        typer.Argument(metavar="A B…", help="Recordings, each compared with the first, which may be a model.json."),
     ],
     *,
     models: Annotated[

@@ -44,17 +44,17 @@ def design(
     ] = "arm",
     objective: Annotated[
         str | None,
-        typer.Option("--objective", help="cond, d, a, detectability, payload or a mix: cond:1,d:2; default: cond."),
+        typer.Option("--objective", help="cond, d, a, detectability, payload or a mix: cond:1,d:2; default: by --for."),
     ] = None,
     harmonics: Annotated[int, typer.Option("--harmonics", min=3)] = 5,
     period: Annotated[float | None, typer.Option("--period", help="Seconds; default: 10, for a payload 20.")] = None,
     limits: Annotated[
         Literal["paper", "true"],
-        typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| as far as it is foreseen."),
+        typer.Option("--limits", help="paper: (14c-g); true: |q|, |dq|, |ddq|, and |τ| where a model predicts it."),
     ] = "paper",
     robot: Annotated[str, typer.Option("--robot", help="iiwa14, iiwa7 or a URDF with limits.")] = "iiwa14",
     seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
-    budget: Annotated[float | None, typer.Option("--budget", help="Seconds; without one, all starts.")] = 170.0,
+    budget: Annotated[float | None, typer.Option("--budget", help="Seconds that the design may take.")] = 170.0,
     table: Annotated[bool, typer.Option("--table", help="Also write the 1 kHz table into the file.")] = False,
     periods: Annotated[int, typer.Option("--periods", min=1, help="Periods of the run that σ is predicted for.")] = 16,
     noise: Annotated[
@@ -66,7 +66,7 @@ def design(
     ] = "0.3:5",
     prior: Annotated[
         Path | None,
-        typer.Option("--model", metavar="MODEL.json", help="What the arm is taken to be; default: URDF, or Table 3."),
+        typer.Option("--model", metavar="MODEL.json", help="Predicts the torque; default: masses of URDF, or Table 3."),
     ] = None,
     workspace: Annotated[
         Path | None,
@@ -80,7 +80,7 @@ def design(
     gravity: GravityOption = None,
     reference: Annotated[
         Literal["excitation", "sine_series", "polynomial_10", "polynomial_20"] | None,
-        typer.Option("--reference", help="Instead, a motion to score models on."),
+        typer.Option("--reference", help="Instead, a motion to score models on; nothing is searched."),
     ] = None,
     out: Annotated[
         Path | None,

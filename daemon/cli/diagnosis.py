@@ -58,7 +58,7 @@ def diagnose(
     ] = None,
     model: Annotated[
         Path | None,
-        typer.Option("--model", metavar="MODEL.json|FILE.urdf", help="Diagnose against this model, not a nominal fit."),
+        typer.Option("--model", metavar="MODEL.json|FILE.urdf", help="Also: what of this model is wrong."),
     ] = None,
     split: Annotated[
         str | None,
@@ -66,7 +66,7 @@ def diagnose(
     ] = None,
     low_pass_hz: Annotated[
         float | None,
-        typer.Option("--low-pass-hz", min=0.1, help="Without periods: band compared; default: as the motion asks."),
+        typer.Option("--low-pass-hz", min=0.1, help="Without periods: band compared; default: that of the fit."),
     ] = None,
     write_model: Annotated[
         Path | None,
@@ -270,7 +270,9 @@ def show_joints(diagnosis: Diagnosis) -> None:
 def batch(
     task: Annotated[Task, typer.Argument(help="fit or diagnose.")],
     files: Annotated[list[Path], typer.Argument(help="Recordings, one job each.")],
-    heldout: Annotated[list[Path] | None, typer.Option("--heldout", help="Of diagnose: checks every file.")] = None,
+    heldout: Annotated[
+        list[Path] | None, typer.Option("--heldout", help="Of diagnose: recording that checks the names in every file.")
+    ] = None,
     robot: read.RobotOption = None,
     joints: read.JointsOption = None,
     lock: read.LockOption = None,
@@ -282,7 +284,9 @@ def batch(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask cluster, such as tcp://10.0.0.5:8786.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="At a time on this machine.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="At a time on this machine; default: processors.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Fit or diagnose many recordings at once; exit code 1 if any failed, and the others are done all the same.

@@ -16,7 +16,7 @@ MOST_STATES = 2000
 
 @app.command()
 def feasibility(
-    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")],
+    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")],
     logs: Annotated[
         list[Path] | None, typer.Argument(help="Motion to judge on; default: the shipped excitation of an iiwa.")
     ] = None,

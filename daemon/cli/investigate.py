@@ -35,7 +35,8 @@ def investigate(
         typer.Option("--from", help="Recording or run folder at hand; may be given repeatedly. Without: from nothing."),
     ] = None,
     budget: Annotated[
-        float | None, typer.Option("--budget", metavar="MINUTES", min=0.0, help="Minutes of motion at most.")
+        float | None,
+        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Minutes of motion at most; needed to begin."),
     ] = None,
     out: Annotated[
         Path,

@@ -48,11 +48,13 @@ def prove(
     ] = None,
     closed_loop: Annotated[
         int | None,
-        typer.Option("--closed-loop", metavar="N", min=1, help="N cases that ask for their own motions, three arms."),
+        typer.Option(
+            "--closed-loop", metavar="N", min=1, help="Instead: N cases of investigate beside two other ways."
+        ),
     ] = None,
     first: Annotated[int, typer.Option("--first", min=0, help="Number of the first case of --closed-loop.")] = 0,
     report: Annotated[
-        bool, typer.Option("--report", help="Write each case's report too, within the time of the case.")
+        bool, typer.Option("--report", help="Write a page of each case, in its time; --out keeps them.")
     ] = False,
     out: Annotated[
         Path | None,
@@ -109,7 +111,7 @@ def _close_the_loop(seed: int, indices: range, json_file: Path | None, pages: Pa
     titles = ("named rightly", "leader right", "pair told apart", "wrong names", "s of motion", "limits broken")
     show_table(("group", "motions", *titles), loop_rows(summary))
     data("Forecasts: the probability that the truth would stand out, and how often it did:")
-    show_table(("foretold", "motions", "mean", "came true"), reliability_rows(summary))
+    show_table(("predicted", "motions", "mean", "came true"), reliability_rows(summary))
 
 
 def _run(

@@ -23,7 +23,9 @@ from daemon.config import DaemonConfig, load_config
 from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
 
-ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).")]
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", help="Configuration file (YAML); default: for a fake robot.")
+]
 ConfirmOption = Annotated[
     bool, typer.Option("--confirm", help="The arm may move when the queue comes to it; nobody is asked again.")
 ]
@@ -74,7 +76,7 @@ def show(reply: msgspec.Struct, json_file: Path | None, text: str) -> None:
 
 @app.command()
 def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
-    """Serve one robot: keep the queue of runs and fits, run them one after the other, obey `stop` at any time.
+    """Serve one robot: keep the queue of runs and investigations, run one after the other, obey `stop` at any time.
 
     Ends on SIGTERM or Ctrl-C, after a stop ramp where the arm moves. Jobs stand on the disk and outlive it.
 
@@ -92,8 +94,12 @@ def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
 def submit(
     trajectory: Annotated[Path | None, typer.Argument(help="Trajectory file; without one, the shipped motion.")] = None,
     *,
-    periods: Annotated[int | None, typer.Option("--periods", min=1, help="Periods to record.")] = None,
-    amplitude: Annotated[float | None, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction.")] = None,
+    periods: Annotated[
+        int | None, typer.Option("--periods", min=1, help="Periods to record; default: the service's.")
+    ] = None,
+    amplitude: Annotated[
+        float | None, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction; default: the service's.")
+    ] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     confirm: ConfirmOption = False,
     service: Connection,
@@ -136,10 +142,11 @@ def submit(
 def submit_investigation(
     *,
     go_on: Annotated[
-        str | None, typer.Option("--go-on", metavar="JOB", help="Go on with this one, which rests.")
+        str | None, typer.Option("--go-on", metavar="JOB", help="Go on with this investigation, which rests.")
     ] = None,
     budget: Annotated[
-        float | None, typer.Option("--budget", metavar="MINUTES", min=0.1, help="Minutes of motion at most.")
+        float | None,
+        typer.Option("--budget", metavar="MINUTES", min=0.1, help="Minutes of motion at most; needed to begin."),
     ] = None,
     given: Annotated[
         list[str] | None, typer.Option("--from", metavar="JOB", help="Run of the service at hand; may be repeated.")
@@ -227,7 +234,7 @@ def jobs(
     service: Connection,
     json_file: JsonOption = None,
 ) -> None:
-    """The queue and what became of earlier runs and fits.
+    """The queue, and what became of earlier runs and investigations.
 
     Example: iiwa-ident jobs
     """
@@ -278,7 +285,7 @@ def resume(
     service: Connection,
     json_file: JsonOption = None,
 ) -> None:
-    """Let the runs that are held after a stop, a failed run or a restart take their turn again: those it names first.
+    """Let runs that are held after a stop, a failed run or a restart take their turn again; it says which first.
 
     Example: iiwa-ident resume
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from identification.export.write import ExportResult
     from identification.model_file import Model
 
-ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit.")]
+ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")]
 ParametersOption = Annotated[
     Literal["consistent", "physical"],
     typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),

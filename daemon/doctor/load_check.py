@@ -109,7 +109,7 @@ def load_before_motion(
     worst = int(np.argmax(np.abs(left)))
     return (
         f"Before the motion the arm bears about {abs(mass):.1f} kg {more} on its flange than was declared (tool: "
-        f"{request.tool}): its torque at rest is {abs(left[worst]):.1f} Nm from the foreseen one on A{worst + 1}. "
+        f"{request.tool}): its torque at rest is {abs(left[worst]):.1f} Nm from the predicted one on A{worst + 1}. "
         "Torque limits, distances and the fit count with the declared tool: give it with --tool, unless somebody leans "
         "on the arm."
     )

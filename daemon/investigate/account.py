@@ -38,7 +38,7 @@ class Motion(_Entry, frozen=True, kw_only=True):
     """A motion that was chosen. purpose: in words. tells: the pair it is to tell apart.
 
     forecast: probability that the truth has its name afterwards, or that nothing is there; now: the same without it;
-    None where nothing is foretold (the first two motions). forms: probability that it is a form of the library; named,
+    None where nothing is predicted (the first two motions). forms: probability that it is a form of the library; named,
     named_now: that it then has its name. seconds: of recorded motion. trajectory: file in the folder.
     """
 

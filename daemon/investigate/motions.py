@@ -92,10 +92,10 @@ def same_motion(account: Account, folder: Path) -> Planned:
 def describe_motion(motion: Motion) -> str:
     """What a motion is for and what it will tell, in two sentences."""
     what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods, {motion.seconds:.0f} s."
-    return what if motion.forecast is None else f"{what} {foretold(motion)}"
+    return what if motion.forecast is None else f"{what} {prediction_of(motion)}"
 
 
-def foretold(motion: Motion) -> str:
+def prediction_of(motion: Motion) -> str:
     """What a motion with a forecast will tell."""
     if motion.tells is None:
         return "Nothing that has a name is likely so far: it is to show whether there is something after all."

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.investigate.account import Account, Alive, Named, Recorded, Step
-from daemon.investigate.motions import foretold
+from daemon.investigate.motions import prediction_of
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
 from identification.investigation.equivalences import unasked
@@ -147,7 +147,7 @@ def _why(recorded: Recorded) -> str:
         return f"Given: {recorded.file}."
     text = f"{motion.periods} periods, {motion.seconds:.0f} s of motion."
     if motion.forecast is not None:
-        text += f" {foretold(motion)}"
+        text += f" {prediction_of(motion)}"
     return text
 
 
@@ -193,6 +193,6 @@ def _reckoning(account: Account) -> Section:
             outcome += ", not named yet"
         rows.append((str(number), motion.kind.replace("_", " "), f"{motion.seconds:.0f} s",
                      f"{100 * motion.forecast:.0f} %", outcome))  # fmt: skip
-    head = ("recording", "motion", "time", "foretold", "came out")
+    head = ("recording", "motion", "time", "predicted", "came out")
     table = Table("Forecast against outcome", head, tuple(rows), "words")
     return Section("forecasts", "Forecasts and what came of them", (table,))

@@ -1,1 +1,1 @@
-"""A motion before it is run: tool, cell, foreseen torque, room to move, picture."""
+"""A motion before it is run: tool, cell, predicted torque, room to move, picture."""

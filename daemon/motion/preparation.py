@@ -44,7 +44,7 @@ class PreparedMotion:
     table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
     surroundings: what it was held against, the tool among them; workspace_file: where they are described, None: a floor
     alone. lead_in_s: end of the period that is driven before the first recorded one, s.
-    foresight: what its torque was foreseen with, None: nothing is known of the arm, and no torque was checked.
+    foresight: what its torque was predicted with, None: nothing is known of the arm, and no torque was checked.
     installation: how the arm stands.
     """
 
@@ -72,8 +72,8 @@ class PreparedMotion:
             return f"No torque was checked: nothing is known of the masses of {self.robot}; give a model with --model."
         tool = "The tool is counted in" if self.foresight.has_tool else "No tool is counted in but what the model has"
         return (
-            f"Torque along the motion is foreseen with {self.foresight.source}. {tool}; start ramp and stops are not "
-            "foreseen."
+            f"Torque along the motion is predicted with {self.foresight.source}. {tool}. That of start ramp and stops "
+            "is not predicted."
         )
 
 

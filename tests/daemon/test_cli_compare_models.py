@@ -1,4 +1,4 @@
-"""Claims about `compare --models`: who foretells best, what is wrong in whom, bad input.
+"""Claims about `compare --models`: who predicts best, what is wrong in whom, bad input.
 
 Truth: torque of the paper's arm by Pinocchio; models of that arm as files, one of which has a heavier last link.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -58,6 +59,7 @@ def test_the_help_of_a_command_shows_an_example_and_loads_nothing_it_computes_wi
     text, modules = run(CALL, command, "--help")
     assert "Usage: iiwa-ident" in text
     assert f"Example: iiwa-ident {command}" in " ".join(text.split())
+    assert not re.search("fore(tell|told|see)", text), "plain words: a model predicts"
     assert not modules & HEAVY
 
 
