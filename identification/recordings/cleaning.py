@@ -14,6 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
+from identification.recordings.held import held_rows, rows_of_a_slower_source
 from identification.recordings.labels import label_by_time, repeating_period, standing_apart, unfilled
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.table import RawTable
@@ -113,16 +114,23 @@ def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> BoolA
         "stands alone far away from its neighbours in q or tau; the row was left out",
     )
     keep[keep] = ~spikes
-    held = _held_rows(_kept(table.position, keep), _kept(table.torque, keep))
-    _note_runs(
-        findings,
-        "repeated_rows",
-        number[keep][held],
-        "repeats q and tau of the row before in the middle of a motion (a held sample); the row was left out",
+    repeated, name, every = rows_of_a_slower_source(_kept(table.position, keep), _kept(table.torque, keep))
+    what = (
+        f"brings no new {name}, which comes once in {every} rows, from a source slower than the file; it was left out"
     )
-    if held.mean() < LARGEST_SHARE_OF_BAD_ROWS:
+    _note_runs(findings, "repeated_rows", number[keep][repeated], what)
+    slower = np.zeros_like(keep)
+    slower[keep] = repeated
+    keep[keep] = ~repeated
+    held = held_rows(_kept(table.position, keep), _kept(table.torque, keep))
+    left_out = held.mean() < LARGEST_SHARE_OF_BAD_ROWS  # of coarse sensors many rows are alike, and true
+    what = "repeats q and tau of the row before in the middle of a motion (a held sample); the row was "
+    _note_runs(
+        findings, "repeated_rows", number[keep][held], what + ("left out" if left_out else "kept, as so many do")
+    )
+    if left_out:
         keep[keep] = ~held
-    _refuse_too_many(table, keep, "are garbled or repeated")
+    _refuse_too_many(table, keep | slower, "are garbled or repeated")
     return keep
 
 
@@ -258,20 +266,6 @@ def _spikes(values: FloatArray) -> BoolArray:
     scatter = 1.4826 * np.median(deviation, axis=0)
     limit = np.maximum(SPIKE_STEPS * step, SPIKE_SCATTER * scatter) + 1e-9
     return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)
-
-
-def _held_rows(position: FloatArray, torque: FloatArray) -> BoolArray:
-    """Rows equal to the row before in every q and tau, while the next different row shows that the robot moved."""
-    same = np.zeros(position.shape[0], dtype=np.bool_)
-    same[1:] = (np.diff(position, axis=0) == 0.0).all(axis=1) & (np.diff(torque, axis=0) == 0.0).all(axis=1)
-    if not same.any():
-        return same
-    # Position of the first row after each run of equal rows: a robot at rest shows the same position there.
-    starts = np.flatnonzero(~same)
-    following = np.searchsorted(starts, np.arange(same.size), side="right")
-    next_row = np.append(starts, same.size - 1)[np.minimum(following, starts.size)]
-    moved = (position[next_row] != position).any(axis=1)
-    return np.asarray(same & moved, dtype=np.bool_)
 
 
 def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: IntArray, period: float) -> None:

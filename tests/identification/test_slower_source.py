@@ -1,0 +1,70 @@
+"""Claims about files that were written faster than their source. Truth: the source's own rows, written alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from identification.recordings import Recording, read_recording
+
+ROWS, EVERY, STEP = 2000, 10, 0.002
+
+
+def arrays(seed: int = 0) -> dict[str, np.ndarray]:
+    """Three joints in motion for 4 s, with noisy torques."""
+    time = STEP * np.arange(ROWS)
+    phases = np.outer(time, [1.0, 1.7, 2.3])
+    noise = np.random.default_rng(seed).normal(scale=0.01, size=phases.shape)
+    return {"t": time, "q": np.sin(phases), "tau": 5.0 * np.cos(phases) + noise}
+
+
+def read(folder: Path, name: str, **values: Any) -> Recording:
+    np.savez(folder / f"{name}.npz", robot="three.urdf", **values)
+    return read_recording(folder / f"{name}.npz")
+
+
+@pytest.mark.parametrize("held", [("q", "tau"), ("q",), ("tau",)])
+def test_of_a_file_faster_than_its_source_only_rows_with_news_are_taken(tmp_path: Path, held: tuple[str, ...]) -> None:
+    """All rows were taken: positions that stand for 20 ms and jump gave a friction of -3 Nm where 5 Nm were put in."""
+    values = arrays()
+    source = read(tmp_path, "source", **{name: value[::EVERY] for name, value in values.items()})
+    values.update({name: np.repeat(values[name][::EVERY], EVERY, axis=0) for name in held})
+    recording = read(tmp_path, "held", **values)
+    assert recording.sampling_period_s == pytest.approx(EVERY * STEP)
+    np.testing.assert_array_equal(recording.position, source.position)
+    np.testing.assert_array_equal(recording.torque, source.torque)
+    (finding,) = recording.report.of_kind("repeated_rows")
+    assert finding.count == ROWS - ROWS // EVERY
+    assert f"no new {held[0]}, which comes once in {EVERY} rows" in finding.sentence
+
+
+def test_a_source_that_is_late_now_and_then_is_a_slower_source_still(tmp_path: Path) -> None:
+    values = arrays()
+    news = np.cumsum(np.random.default_rng(1).choice([9, 10, 10, 10, 11], size=ROWS // EVERY))
+    row = np.concatenate([[0], news[news < ROWS]])
+    last = row[np.searchsorted(row, np.arange(ROWS), side="right") - 1]
+    recording = read(tmp_path, "late", t=values["t"], q=values["q"][last], tau=values["tau"])
+    np.testing.assert_array_equal(recording.position, values["q"][row])
+
+
+def test_rest_of_a_slower_source_stays(tmp_path: Path) -> None:
+    values = arrays()
+    values["q"] = np.repeat(values["q"][::EVERY], EVERY, axis=0)
+    values["q"][1000:1500] = values["q"][1000]
+    recording = read(tmp_path, "rest", **values)
+    at_rest = (recording.time > 1000 * STEP) & (recording.time < 1490 * STEP)
+    assert at_rest.sum() >= 20
+    assert np.ptp(recording.position[at_rest], axis=0).max() == 0.0
+
+
+def test_a_coarse_sensor_is_no_slower_source_and_no_row_is_said_to_be_left_out(tmp_path: Path) -> None:
+    values = arrays()
+    values["q"] = np.round(values["q"], 1)
+    values["tau"] = 5.0 * values["q"]
+    recording = read(tmp_path, "coarse", **values)
+    assert recording.samples == ROWS
+    (finding,) = recording.report.of_kind("repeated_rows")
+    assert finding.sentence.endswith("the row was kept, as so many do")
