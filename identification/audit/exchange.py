@@ -16,7 +16,7 @@ from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
-from identification.audit.given import sizes_of, wide_open
+from identification.audit.given import Sizes, sizes_of, wide_open
 from identification.audit.misread import STAYS
 from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
@@ -55,22 +55,37 @@ def exchanged_positions(
         return None
     rows = rows_of(recordings)
     gravity, sizes = np.array(robot.gravity, dtype=np.float64), sizes_of(robot, rows)
-    factor, mean = wide_open(sizes), np.zeros(len(sizes.each))
+    factor = wide_open(sizes)
     stated = Directions.of(Geometry(robot, rows), rows.torque)
     best: Exchange | None = None
     for pair in combinations(range(robot.n), 2):
         other = Directions.of(Geometry(robot, _exchanged(rows, pair)), rows.torque)
-        std = np.maximum(0.1 * sizes.torque, 1e-9)
-        for _ in range(_TURNS):
-            std = np.maximum(other.left(gravity, 1.0 / std**2, factor), sizes.least_noise)
-        weight = 1.0 / (REPEATED * std**2)
-        gain = other.evidence(gravity, weight, mean, factor) - stated.evidence(gravity, weight, mean, factor)
-        if gain <= max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain):
-            continue
-        after, before = (float((item.left(gravity, weight, factor) ** 2 / std**2).sum()) for item in (other, stated))
-        if after <= STAYS * before:
+        std = noise_left(other, gravity, factor, sizes)
+        least = max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain)
+        gain = likelier(other, stated, gravity, std, factor, least)
+        if gain is not None:
             best = Exchange((pair[0] + 1, pair[1] + 1), gain)
     return best
+
+
+def noise_left(other: Directions, gravity: FloatArray, factor: FloatArray, sizes: Sizes) -> FloatArray:
+    """(n,) Nm that free parameters leave when the rows are read in another way."""
+    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    for _ in range(_TURNS):
+        std = np.maximum(other.left(gravity, 1.0 / std**2, factor), sizes.least_noise)
+    return std
+
+
+def likelier(
+    other: Directions, stated: Directions, gravity: FloatArray, std: FloatArray, factor: FloatArray, least: float
+) -> float | None:
+    """Nats by which rows read in another way are likelier; None for `least` or fewer, or where much misfit stays."""
+    weight, mean = 1.0 / (REPEATED * std**2), np.zeros(len(factor))
+    gain = other.evidence(gravity, weight, mean, factor) - stated.evidence(gravity, weight, mean, factor)
+    if gain <= least:
+        return None
+    after, before = (float((item.left(gravity, weight, factor) ** 2 / std**2).sum()) for item in (other, stated))
+    return gain if after <= STAYS * before else None
 
 
 def _exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:

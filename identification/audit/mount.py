@@ -17,6 +17,7 @@ from identification.audit.directions import Directions
 from identification.audit.exchange import exchanged_positions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, rows_of
+from identification.audit.turned import turned_joint
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
@@ -118,7 +119,7 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
 
     Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing; an arm with
     joints that follow others is not asked. Raises RecordingError, field q, where it is no other stand that a recording
-    shows but the positions of two joints in each other's place.
+    shows but the positions of two joints in each other's place, or one that counts the other way.
     """
     if robot.mimics:
         return None
@@ -128,9 +129,10 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
         except RecordingError:
             continue
         if found is not None and found.is_other:
-            exchange = exchanged_positions([excerpt(recording)], robot, found.gain)
-            if exchange is not None:
-                raise RecordingError.at(recording.source.path, exchange.sentence, field="q")
+            part = [excerpt(recording)]
+            misplaced = exchanged_positions(part, robot, found.gain) or turned_joint(part, robot, found.gain)
+            if misplaced is not None:
+                raise RecordingError.at(recording.source.path, misplaced.sentence, field="q")
             return recording, found
     return None
 

@@ -21,6 +21,7 @@ from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import in_degrees
 from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.rows import Rows, rows_of
+from identification.audit.turned import turned_joint
 from identification.base_parameters import BaseRegressor
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
@@ -67,8 +68,10 @@ class SetUpCheck:
     sentence: str
 
 
-UNKNOWN_SIGNS = SetUpCheck("torque signs", "warning", "Signs cannot be told while torques stand under other joints.")
-UNKNOWN_STAND = SetUpCheck("gravity", "warning", "How the base stands cannot be told while joints are exchanged.")
+UNKNOWN_SIGNS = SetUpCheck("torque signs", "warning", "Signs cannot be told while joints are exchanged or turned.")
+UNKNOWN_STAND = SetUpCheck(
+    "gravity", "warning", "How the base stands cannot be told while joints are exchanged or turned."
+)
 
 
 def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[SetUpCheck, ...]:
@@ -106,7 +109,9 @@ def set_up_checks(
 def _places(
     recordings: Sequence[Recording], rows: Rows, robot: RobotModel, stand: Mounting | None, faults: Sequence[DataFault]
 ) -> tuple[SetUpCheck, bool]:
-    """Whether torques, positions and velocities stand under their own joints, and whether positions were exchanged."""
+    """Whether torques, positions and velocities stand under their own joints, and whether positions were exchanged or
+    turned.
+    """
     other = stand is not None and stand.is_other
     # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
     order = _order(rows, robot, np.array(robot.gravity), only_decisive=True)
@@ -115,9 +120,10 @@ def _places(
     if order.status != "ok":
         return order, False
     rival = stand.gain if stand is not None and other else 0.0
-    exchange = exchanged_positions([excerpt(recording) for recording in recordings], robot, rival)
-    if exchange is not None:
-        return SetUpCheck(order.name, "failed", exchange.sentence), True
+    excerpts = [excerpt(recording) for recording in recordings]
+    misplaced = exchanged_positions(excerpts, robot, rival) or turned_joint(excerpts, robot, rival)
+    if misplaced is not None:
+        return SetUpCheck(order.name, "failed", misplaced.sentence), True
     velocities = " ".join(fault.sentence for fault in faults if fault.fault == "wrong_joint_order")
     # No fit uses a recorded velocity.
     return (SetUpCheck(order.name, "warning", f"{order.sentence} {velocities}") if velocities else order), False

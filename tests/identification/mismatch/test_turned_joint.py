@@ -1,0 +1,81 @@
+"""Joints that count the other way than their model. Truth: torques by the closed form, columns turned; real arms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from identification.audit.mount import require_stated_stand
+from identification.audit.turned import turned_joint
+from identification.errors import RecordingError
+from identification.mismatch.set_up import examine_set_up
+from identification.recordings import Recording
+from identification.robots import RobotModel, load_robot
+from tests.identification.exported import random_arm, random_bodies
+from tests.identification.mismatch.test_order_of_joints import ARMS, measured
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+
+
+def turned(recording: Recording, joint: int, *names: str) -> Recording:
+    """Columns of one joint, from 1, with the other sign."""
+    sign = np.where(np.arange(recording.n) == joint - 1, -1.0, 1.0)
+    return replace(recording, **{name: getattr(recording, name) * sign for name in names})
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, RobotModel]:
+    """Four joints, 20 s of motion, 10 mNm of noise."""
+    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    file.write_text(random_arm(4, 2))
+    robot = load_robot(file)
+    states = fourier_motion(4, period_s=20.0, samples=2000, seed=2)
+    torque = inverse_dynamics(robot, random_bodies(4, 2), *states)
+    torque += 0.01 * np.random.default_rng(3).standard_normal(torque.shape)
+    return recording_of(states[0], torque, period_s=20.0), robot
+
+
+@pytest.mark.parametrize("names", [("position",), ("position", "torque")])
+@pytest.mark.parametrize("joint", [1, 2, 3, 4])
+def test_a_joint_that_counts_the_other_way_is_named(
+    arm: tuple[Recording, RobotModel], joint: int, names: tuple[str, ...]
+) -> None:
+    recording, robot = arm
+    found = turned_joint([turned(recording, joint, *names)], robot)
+    assert found is not None
+    assert (found.joint, found.with_torque) == (joint, len(names) == 2)
+
+
+@pytest.mark.parametrize("joint", [None, 1, 2, 3, 4])
+def test_a_torque_that_alone_has_the_wrong_sign_is_no_turned_joint(
+    arm: tuple[Recording, RobotModel], joint: int | None
+) -> None:
+    recording, robot = arm
+    assert turned_joint([recording if joint is None else turned(recording, joint, "torque")], robot) is None
+
+
+def test_the_examination_says_so_and_no_other_stand_is_advised(arm: tuple[Recording, RobotModel]) -> None:
+    """Every check was well, or --mount auto was advised, under which the fit went on with a wrong gravity."""
+    recording, robot = arm
+    recording = turned(recording, 2, "position", "torque")
+    checks = {check.name: check for check in examine_set_up([recording], robot)}
+    assert checks["order of joints"].status == "failed"
+    assert checks["order of joints"].sentence.startswith("Joint 2 counts the other way than the robot's model")
+    assert checks["gravity"].status == "warning"
+    with pytest.raises(RecordingError, match="Joint 2 counts the other way") as caught:
+        require_stated_stand([recording], robot)
+    assert caught.value.field == "q"
+
+
+@pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz"])
+def test_no_joint_of_a_real_arm_is_said_to_be_turned(file: str) -> None:
+    recording, robot = measured(file)
+    assert turned_joint([recording], robot) is None
+
+
+def test_a_turned_joint_of_a_real_arm_is_named() -> None:
+    recording, robot = measured("ur10.npz")
+    found = turned_joint([turned(recording, 2, "position", "torque")], robot)
+    assert found is not None
+    assert (found.joint, found.with_torque) == (2, True)
