@@ -14,12 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.errors import RecordingError
 from identification.recordings.recording import OPTIONAL_ARRAYS, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
 LARGEST_SHARE_OF_PARTIAL_ROWS = 0.2
+HELD_WITHIN = 0.02
+"""rad or m: a brake's play, and what `--lock` is written to."""
 _NUMBERED = re.compile(r"^(.*?)(\d+)$")
 _SHOWN = 24
 _OF_MOTION = ("position", "velocity", "command_position", "link_position")
@@ -224,8 +227,9 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
     changes: dict[str, Any] = {name: _columns(getattr(table, name), columns) for name in ("position", "torque")}
     optional = {name: _columns(values, columns) for name, values in table.optional.items()}
     findings, time, period = list(table.findings), table.time, table.period_index
-    if choice.sentence:
-        findings.append(Finding.of_all("joints_chosen", table.time.shape[0], choice.sentence))
+    in_si = table.units.get("q", "rad") in ("rad", "m")  # where it is not, `--lock` and the column are of two units
+    held_by, rows = robot if in_si else None, table.time.shape[0]
+    findings += _left_out(table.path, choice, table.joint_names, table.position, held_by, rows)
     if table.named is not None:
         named = table.named[:, columns]
         mine = named.any(axis=1)
@@ -300,5 +304,35 @@ def _chosen_of(recording: Recording, robot: RobotModel, wanted: Sequence[str] | 
         values = getattr(recording, name)
         if values is not None:
             changed[name] = values[:, columns]
-    note = Finding.of_all("joints_chosen", recording.report.rows_read, choice.sentence)
-    return replace(recording, joint_names=choice.names, report=recording.report.first([note]), **changed)
+    rows_read = recording.report.rows_read
+    notes = _left_out(recording.source.path, choice, recording.joint_names, recording.position, robot, rows_read)
+    return replace(recording, joint_names=choice.names, report=recording.report.first(notes), **changed)
+
+
+def _left_out(
+    file: str | Path,
+    choice: JointChoice,
+    recorded: Sequence[str] | None,
+    position: FloatArray,
+    robot: RobotModel | None,
+    rows: int,
+) -> list[Finding]:
+    """What is said of the joints left out. Raises RecordingError where one of them stood still, and not where `--lock`
+    says.
+    """
+    notes = [Finding.of_all("joints_chosen", rows, choice.sentence)] if choice.sentence else []
+    for joint, held in robot.locked_joints if robot is not None else ():
+        own = position[:, recorded.index(joint)] if recorded is not None and joint in recorded else position[:0, 0]
+        own = own[np.isfinite(own)]
+        if own.size == 0 or np.abs(own - held).max() <= HELD_WITHIN:
+            continue
+        if np.ptp(own) <= HELD_WITHIN:
+            at = float(np.median(own))
+            what = f"joint {joint} stood at {at:.4g} rad (m), not at {held:g}; give --lock {joint}={at:.6g}"
+            raise RecordingError.named(file, what, field="joint_names")
+        sentence = (
+            f"WARNING, joint {joint} is taken as held at {held:g} rad (m), but it was recorded from {own.min():.3g} to "
+            f"{own.max():.3g}; of a gripper that may do, of an arm's joint it does not"
+        )
+        notes.append(Finding.of_all("held_joint_moves", rows, sentence))
+    return notes

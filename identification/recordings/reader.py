@@ -108,8 +108,9 @@ def read_recording(
         recording = found if arm is None else with_whole_turns(for_robot(found, arm, joints), arm)
         stated = {**dict.fromkeys(found.source.metadata.get("units_stated", "").split(), ""), **(units or {})}
     else:
-        table, arm, notes = _chosen(found, robot, installation, joints, model_robot, topic)
-        table = in_si(table, arm, units)
+        tables = [replace(each, units={**each.units, **(units or {})}) for each in found]
+        table, arm, notes = _chosen(tables, robot, installation, joints, model_robot, topic)
+        table = in_si(table, arm)
         stated = table.units
         recording = build_recording(table, sha256=digest.result())
         recording = recording if arm is None else with_whole_turns(recording, arm)

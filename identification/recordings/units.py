@@ -52,11 +52,11 @@ def unknown_unit(quantity: str, unit: str) -> str:
     return f"the unit of {quantity} is '{unit}'; known are {known}"
 
 
-def in_si(table: RawTable, robot: RobotModel | None, stated: dict[str, str] | None = None) -> RawTable:
-    """The table in s, rad (m), rad/s (m/s), Nm (N) by the units that the file or `stated` names; degrees turn revolute
-    joints only, millimetres prismatic ones only. Raises RecordingError for a unit that is not known.
+def in_si(table: RawTable, robot: RobotModel | None) -> RawTable:
+    """The table in s, rad (m), rad/s (m/s), Nm (N) by its units; degrees turn revolute joints only, millimetres
+    prismatic ones only. Raises RecordingError for a unit that is not known.
     """
-    units = {**table.units, **(stated or {})}
+    units = table.units
     for quantity, unit in units.items():
         if unknown := unknown_unit(quantity, unit):
             raise RecordingError.named(table.path, unknown, field=f"{quantity}_unit")

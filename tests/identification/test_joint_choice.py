@@ -322,6 +322,33 @@ def test_joints_that_stood_still_are_locked_and_stay_so_in_the_log(tmp_path: Pat
     np.testing.assert_array_equal(inputs.recordings[0].position, POSITION[:, [1, 0]])
 
 
+def test_a_recorded_joint_has_to_stand_where_it_is_locked(tmp_path: Path) -> None:
+    """It was left out without a look, and the fit went on with an arm of another shape."""
+    urdf, held = tmp_path / "hand.urdf", POSITION[:, :3].copy()
+    urdf.write_text(HAND.format(mimic='<mimic joint="finger_1"/>'))
+    held[:, 2] = 0.3
+    file = tmp_path / "a.npz"
+    arrays = {"t": TIME, "q": held, "tau": TORQUE[:, :3], "joint_names": np.array(["shoulder", "elbow", "finger_1"])}
+    np.savez(file, **arrays)
+
+    def read(at: float, **options: Any) -> Recording:
+        return read_recording(file, robot=urdf, installation=Installation(locked_joints=(("finger_1", at),)), **options)
+
+    assert read(0.29).n == 2
+    with pytest.raises(RecordingError, match=r"finger_1 stood at 0\.3 rad \(m\), not at 0; give --lock finger_1=0\.3"):
+        read(0.0)
+    log = write_recording(read_recording(file), tmp_path / "all.mcap")
+    with pytest.raises(RecordingError, match=r"stood at 0\.3"):
+        read_recording(log, robot=urdf, installation=Installation(locked_joints=(("finger_1", 0.0),)))
+    assert read(0.0, units={"q": "deg"}).n == 2  # in other units, the two numbers are not compared
+    held[:, 2] = np.linspace(0.0, 0.08, ROWS)
+    np.savez(file, **arrays)
+    (moved,) = read(0.0).report.of_kind("held_joint_moves")
+    assert moved.sentence.startswith(
+        "WARNING, joint finger_1 is taken as held at 0 rad (m), but it was recorded from 0"
+    )
+
+
 def test_a_joint_that_follows_a_locked_one_is_locked_with_it(tmp_path: Path) -> None:
     urdf = tmp_path / "hand.urdf"
     urdf.write_text(HAND.format(mimic='<mimic joint="finger_1"/>'))
