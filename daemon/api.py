@@ -42,6 +42,8 @@ RUN_NAME, REPORT_NAME, LAST_SAMPLES_NAME = "run.json", "loop_report.json", "last
 """Files in the folder of a run: its account, the loop's report, the seconds around an end that was not planned."""
 AUTO_VERSION = "auto"
 """In place of an FRI version: the supervisor listens to the robot first."""
+FEWEST_RING_SLOTS, MOST_RING_SLOTS = 64, 2**19
+"""Of 2 kB each: the most are 1 GB, nine minutes that the recorder may be late at 1 kHz."""
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 _FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
 WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
@@ -141,8 +143,15 @@ class RunRequest(Message, frozen=True, kw_only=True):
             raise ConfigurationError(f"{limits} is not 7 positive torques in Nm.", field="external_torque_limit")
         if not 0.0 <= self.lead_in_s < float("inf"):
             raise ConfigurationError(f"{self.lead_in_s:g} s is negative or no number.", field="lead_in_s")
-        if self.ring_slots < 64:
-            raise ConfigurationError(f"{self.ring_slots} slots; at least 64 are needed.", field="ring_slots")
+        if (reason := ring_slots_reason(self.ring_slots)) is not None:
+            raise ConfigurationError(reason, field="ring_slots")
+
+
+def ring_slots_reason(slots: int) -> str | None:
+    """Why a hand-over ring cannot have so many slots, or None. Far more are all of a machine's memory."""
+    if not FEWEST_RING_SLOTS <= slots <= MOST_RING_SLOTS:
+        return f"{slots} slots are not between {FEWEST_RING_SLOTS} and {MOST_RING_SLOTS}."
+    return None
 
 
 class RecorderJob(Message, frozen=True, kw_only=True):

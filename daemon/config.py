@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from daemon.api import AUTO_VERSION, FitPipeline
+from daemon.api import AUTO_VERSION, FitPipeline, ring_slots_reason
 from daemon.endpoints import endpoint_reason, is_ipv4
 from daemon.errors import ConfigurationError, MissingInputError
 from fri_client.errors import UnknownFriVersion
@@ -309,8 +309,10 @@ def _check(config: DaemonConfig, file: str) -> None:
         raise refuse(
             "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."
         )
-    if realtime.ring_slots < 64:
-        raise refuse("realtime.ring_slots", f"{realtime.ring_slots} slots; at least 64 are needed.")
+    if realtime.cpu is not None and realtime.cpu < 0:
+        raise refuse("realtime.cpu", f"{realtime.cpu} is no processor; the first is 0.")
+    if (slots := ring_slots_reason(realtime.ring_slots)) is not None:
+        raise refuse("realtime.ring_slots", slots)
 
 
 def _check_run(run: RunSettings, refuse: Callable[[str, str], ConfigurationError]) -> None:

@@ -15,6 +15,7 @@ load data on the cabinet.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import msgspec
@@ -28,6 +29,8 @@ HEAVIEST_KG = 50.0
 """More than any arm of the family carries: such a mass is meant in grams."""
 FARTHEST_M = 2.0
 """Farther from the flange is meant in mm."""
+_A_LOAD_ALONE = re.compile(r"[\s\d.,;:+-]*(kg|g)?[\s\d.,;:+-]*", re.IGNORECASE)
+"""Numbers and at most a unit of mass: "2.5", "2.5 kg", "2.5; 0, 0, 0.06"."""
 
 
 class Tool(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -106,7 +109,7 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
         return check_tool(Tool(mass_kg=numbers[0], center_of_mass_m=(numbers[1], numbers[2], numbers[3])), None)
     if is_name and text.strip() and not _is_meant_as_more(text):
         return Tool(name=text.strip())
-    name = " A name has no @, no / and no ending of a file." if is_name else ""
+    name = " A name has a letter, no @, no / and no ending of a file." if is_name else ""
     raise ConfigurationError(
         f"'{text}' is no tool: give MASS@X,Y,Z in kg and m from the flange, such as 2.5@0,0,0.06, a file tool.yaml, or "
         f"none.{name}",
@@ -116,7 +119,12 @@ def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
 
 def _is_meant_as_more(text: str) -> bool:
     """Whether a text that is no load and no file of ours was meant as one: as a name it would weigh nothing."""
-    return "@" in text or "/" in text or Path(text).suffix.lower() in (".json", ".toml", ".txt", ".urdf", ".xml")
+    return (
+        "@" in text
+        or "/" in text
+        or Path(text).suffix.lower() in (".json", ".toml", ".txt", ".urdf", ".xml")
+        or _A_LOAD_ALONE.fullmatch(text) is not None
+    )
 
 
 def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:

@@ -121,6 +121,7 @@ def test_an_absent_request_is_missing_input(tmp_path: Path) -> None:
         ("lead_in_s", -1.0),
         ("lead_in_s", float("nan")),
         ("ring_slots", 3),
+        ("ring_slots", 10**14),
     ],
 )
 def test_a_request_out_of_range_names_its_field(field: str, value: float) -> None:

@@ -97,6 +97,8 @@ def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
         ("run: {fit_pipeline: best}", "run.fit_pipeline"),
         ("realtime: {priority: 99}", "realtime.priority"),
         ("realtime: {ring_slots: 2}", "realtime.ring_slots"),
+        ("realtime: {ring_slots: 100000000000000}", "realtime.ring_slots"),
+        ("realtime: {cpu: -1}", "realtime.cpu"),
     ],
 )
 def test_a_mistake_is_named_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:

@@ -47,7 +47,8 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
 
 
 def test_a_name_is_taken_where_names_are_noted_and_refused_where_a_tool_is_asked_for() -> None:
-    assert read_tool("gripper", is_name=True) == Tool(name="gripper")
+    for name in ("gripper", "2F-85"):
+        assert read_tool(name, is_name=True) == Tool(name=name)
     with pytest.raises(ConfigurationError, match="gripper"):
         read_tool("gripper")
 
@@ -75,7 +76,20 @@ def test_what_no_tool_can_be_is_refused_with_its_field(text: str, field: str, tm
     assert (refusal.value.file, refusal.value.field) == (str(file), field)
 
 
-@pytest.mark.parametrize("text", ["2.5kg@0,0,0.06", "2.5@0;0;0.06", "2.5@0,0", "tools/gripper", "gripper.json"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "2.5kg@0,0,0.06",
+        "2.5@0;0;0.06",
+        "2.5@0,0",
+        "tools/gripper",
+        "gripper.json",
+        "2.5",
+        "2,5",
+        "2.5 kg",
+        "2.5; 0, 0, 0.06",
+    ],
+)
 def test_what_was_meant_as_a_load_or_a_file_is_not_taken_for_the_name_of_a_tool_that_weighs_nothing(text: str) -> None:
     with pytest.raises(ConfigurationError, match="is no tool: give MASS@X,Y,Z"):
         read_tool(text, is_name=True)
