@@ -172,17 +172,11 @@ def _finite(table: FloatArray) -> Check:
     if bad.size == 0:
         return Check("finite", True, None, 0.0, 0.0, "", f"All {table.size} positions are finite numbers.")
     row, column = int(bad[0, 0]), int(bad[0, 1])
-    return Check(
-        "finite",
-        False,
-        column + 1,
-        float(len(bad)),
-        0.0,
-        "",
+    sentence = (
         f"Row {row} of the table holds {table[row, column]} for joint {column + 1}; {len(bad)} of its positions are "
-        "not finite numbers.",
-        row,
+        "not finite numbers."
     )
+    return Check("finite", False, column + 1, float(len(bad)), 0.0, "", sentence, row)
 
 
 def _position(table: FloatArray, limits: JointLimits) -> Check:
@@ -192,51 +186,30 @@ def _position(table: FloatArray, limits: JointLimits) -> Check:
     near_lower = limits.position_lower[column] - value >= value - limits.position_upper[column]
     limit = float((limits.position_lower if near_lower else limits.position_upper)[column])
     passed = bool(beyond[row, column] <= POSITION_TOLERANCE_RAD)
-    return Check(
-        "position",
-        passed,
-        column + 1,
-        value,
-        limit,
-        "rad",
-        f"Joint {column + 1} comes to {value:.4f} rad in row {row}, "
-        f"{'inside' if passed else 'beyond'} its limit of {limit:.4f} rad.",
-        row,
-    )
+    side = "inside" if passed else "beyond"
+    sentence = f"Joint {column + 1} comes to {value:.4f} rad in row {row}, {side} its limit of {limit:.4f} rad."
+    return Check("position", passed, column + 1, value, limit, "rad", sentence, row)
 
 
 def _magnitude(name: str, values: FloatArray, limit: FloatArray, tolerance: float, unit: str) -> Check:
     row, column = _where_largest(np.abs(values) / limit)
     value, bound = float(abs(values[row, column])), float(limit[column])
-    passed = value <= bound * (1.0 + tolerance)
-    return Check(
-        name,
-        passed,
-        column + 1,
-        value,
-        bound,
-        unit,
+    sentence = (
         f"Joint {column + 1} reaches {value:.3f} {unit} in row {row}, {100.0 * value / bound:.1f} % of its {name} "
-        f"limit of {bound:.3f} {unit}.",
-        row,
+        f"limit of {bound:.3f} {unit}."
     )
+    return Check(name, value <= bound * (1.0 + tolerance), column + 1, value, bound, unit, sentence, row)
 
 
 def _jerk(jerk: FloatArray, limits: JointLimits) -> Check:
     row, column = _where_largest(np.abs(jerk) / limits.jerk)
     value, bound = float(abs(jerk[row, column])), float(limits.jerk[column])
     # Reported only: the limit is ours, and a table rounded to 1e-7 rad already shows 100 rad/s³ that nobody feels.
-    return Check(
-        "jerk",
-        True,
-        column + 1,
-        value,
-        bound,
-        "rad/s³",
+    sentence = (
         f"Joint {column + 1} reaches a jerk of {value:.1f} rad/s³ in row {row} (reported only; stops are planned with "
-        f"{bound:.1f} rad/s³).",
-        row,
+        f"{bound:.1f} rad/s³)."
     )
+    return Check("jerk", True, column + 1, value, bound, "rad/s³", sentence, row)
 
 
 def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> Check:
@@ -245,18 +218,13 @@ def _stopping_velocity(motion: _Motion, limits: JointLimits, period: float) -> C
     )
     allowed = limits.velocity * (1.0 + VELOCITY_TOLERANCE) + limits.jerk * period**2
     row, column = _where_largest(peak / allowed)
-    value, limit = float(peak[row, column]), float(limits.velocity[column])
-    return Check(
-        "stopping_velocity",
-        bool(value <= allowed[column]),
-        column + 1,
-        value,
-        limit,
-        "rad/s",
-        f"A stop that begins in row {motion.rows[row]} takes joint {column + 1} to {value:.3f} rad/s; its velocity "
-        f"limit is {limit:.3f} rad/s.",
-        int(motion.rows[row]),
+    value, limit, begins = float(peak[row, column]), float(limits.velocity[column]), int(motion.rows[row])
+    sentence = (
+        f"A stop that begins in row {begins} takes joint {column + 1} to {value:.3f} rad/s; its velocity "
+        f"limit is {limit:.3f} rad/s."
     )
+    passed = bool(value <= allowed[column])
+    return Check("stopping_velocity", passed, column + 1, value, limit, "rad/s", sentence, begins)
 
 
 def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int) -> tuple[Check, FloatArray | None]:
@@ -299,16 +267,7 @@ def _stops(table: FloatArray, motion: _Motion, limits: JointLimits, stride: int)
         try:
             ramps.append(plan_stop_ramp(here[k], motion.stop_velocity[k], motion.stop_acceleration[k], limits))
         except RampError as error:
-            return Check(
-                "stop",
-                False,
-                error.joint,
-                error.value,
-                error.limit,
-                error.unit,
-                f"No stop fits in row {motion.rows[k]}: {error}",
-                int(motion.rows[k]),
-            ), None
+            return _no_ramp("stop", error, f"No stop fits in row {motion.rows[k]}: {error}", int(motion.rows[k])), None
     times = np.arange(math.ceil(max(ramp.duration_s for ramp in ramps) / RAMP_SAMPLES_S) + 1) * RAMP_SAMPLES_S
     stops = np.array([[ramp.position_at(time) for time in times.tolist()] for ramp in ramps])
     return Check("stop", passed, column + 1, value, limit, "rad", sentence, int(motion.rows[row])), stops
@@ -330,17 +289,15 @@ def _start(
             begin, table[row], motion.at_velocity[at], motion.at_acceleration[at], limits, command_period_s=period
         )
     except RampError as error:
-        return Check("start_ramp", False, error.joint, error.value, error.limit, error.unit, str(error), row), []
-    return Check(
-        "start_ramp",
-        True,
-        None,
-        ramp.duration_s,
-        math.nan,
-        "s",
-        f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {100.0 * ramp.fraction:.0f} % of the limits.",
-        row,
-    ), [SampledPath(sample(ramp, RAMP_SAMPLES_S), RAMP_SAMPLES_S, row)]
+        return _no_ramp("start_ramp", error, str(error), row), []
+    share = 100.0 * ramp.fraction
+    sentence = f"A start ramp of {ramp.duration_s:.2f} s leads to row {row} at {share:.0f} % of the limits."
+    check = Check("start_ramp", True, None, ramp.duration_s, math.nan, "s", sentence, row)
+    return check, [SampledPath(sample(ramp, RAMP_SAMPLES_S), RAMP_SAMPLES_S, row)]
+
+
+def _no_ramp(name: str, error: RampError, sentence: str, row: int) -> Check:
+    return Check(name, False, error.joint, error.value, error.limit, error.unit, sentence, row)
 
 
 def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check:
@@ -349,16 +306,8 @@ def _torque(torque: FloatArray, table: FloatArray, limits: JointLimits) -> Check
     bad = np.argwhere(~np.isfinite(torque))
     if bad.size:
         row, column = int(bad[0, 0]), int(bad[0, 1])
-        return Check(
-            "torque",
-            False,
-            column + 1,
-            math.nan,
-            float(limits.torque[column]),
-            "Nm",
-            f"The expected torque of joint {column + 1} in row {row} is not a finite number.",
-            row,
-        )
+        sentence = f"The expected torque of joint {column + 1} in row {row} is not a finite number."
+        return Check("torque", False, column + 1, math.nan, float(limits.torque[column]), "Nm", sentence, row)
     found = _magnitude("torque", torque, limits.torque, 0.0, "Nm")
     return replace(found, sentence=f"Predicted: {found.sentence[0].lower()}{found.sentence[1:]}")
 

@@ -8,6 +8,8 @@ from typing import Any
 
 from safety.collision import Clearance
 
+_OF_A_CLEARANCE = ("pair", "along", "distance_m", "guaranteed_m", "margin_m", "row")
+
 
 @dataclass(frozen=True, slots=True)
 class Check:
@@ -71,15 +73,5 @@ class PreflightReport:
         return {
             "safe": self.safe,
             "checks": [check.to_json() for check in self.checks],
-            "clearances": [
-                {
-                    "pair": c.pair,
-                    "along": c.along,
-                    "distance_m": c.distance_m,
-                    "guaranteed_m": c.guaranteed_m,
-                    "margin_m": c.margin_m,
-                    "row": c.row,
-                }
-                for c in self.clearances
-            ],
+            "clearances": [{name: getattr(each, name) for name in _OF_A_CLEARANCE} for each in self.clearances],
         }
