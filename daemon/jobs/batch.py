@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -49,16 +49,9 @@ class BatchItem:
 
     def to_json(self) -> dict[str, Any]:
         """The item as plain JSON types."""
-        return {
-            "file": self.file,
-            "exit_code": self.exit_code,
-            "sentence": self.sentence,
-            "files": list(self.files),
-            "name": self.name,
-            "rms_nm": list(self.rms_nm),
-            "noise_floor_nm": list(self.noise_floor_nm),
-            "torque_units": list(self.torque_units),
-        }
+        document = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        del document["tone"]
+        return document
 
 
 def run_item(

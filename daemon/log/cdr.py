@@ -58,6 +58,19 @@ class SampleLabels(NamedTuple):
     non_finite: bool
 
 
+class LoggedEvent(NamedTuple):
+    """One message of /run/events; host_time_ns: UNIX; joint counts from 1, 0 = none."""
+
+    code: int
+    name: str
+    sentence: str
+    host_time_ns: int
+    sample_index: int = 0
+    joint: int = 0
+    value: float = _NAN
+    limit: float = _NAN
+
+
 class DiagnosticStatus(NamedTuple):
     """One entry of /diagnostics: level 0 OK, 1 warning, 2 error, 3 stale."""
 
@@ -247,18 +260,9 @@ def pack_joint_state(
     )
 
 
-def pack_event(
-    code: int,
-    name: str,
-    sentence: str,
-    *,
-    host_time_ns: int,
-    sample_index: int = 0,
-    joint: int = 0,
-    value: float = _NAN,
-    limit: float = _NAN,
-) -> bytes:
-    """CDR of iiwa_ident_msgs/msg/RunEvent; joint counts from 1, 0 = none."""
+def pack_event(event: LoggedEvent) -> bytes:
+    """CDR of iiwa_ident_msgs/msg/RunEvent."""
+    code, name, sentence, host_time_ns, sample_index, joint, value, limit = event
     data = bytearray(_EVENT.pack(_ENCAPSULATION, value, limit, host_time_ns, sample_index, code, joint))
     _append_string(data, name)
     _append_string(data, sentence)

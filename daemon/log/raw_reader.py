@@ -11,11 +11,13 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from daemon.errors import BadLogError
 
@@ -35,75 +37,33 @@ _LONGEST_NAME = 200
 class Found:
     """Everything the bytes gave, in file order; ids as in the original."""
 
-    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
-    channels: dict[int, tuple[int, str, str, dict[str, str]]] = field(default_factory=dict)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: list[Metadata] = field(default_factory=list)
     damaged_chunks: int = 0
     damaged_attachments: list[str] = field(default_factory=list)
     bytes_used: int = 0
     complete: bool = False
 
 
-class _Cursor:
-    """Reads MCAP primitives from bytes; raises ValueError when they are too few."""
-
-    __slots__ = ("_data", "_position")
+class _Cursor(ReadDataStream):
+    """Reads MCAP primitives from bytes as the library does, but raises ValueError when they are too few."""
 
     def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._position = 0
+        super().__init__(BytesIO(data))
+        self._size = len(data)
 
-    def take(self, length: int) -> bytes:
-        end = self._position + length
-        if length < 0 or end > len(self._data):
+    def read(self, length: int) -> bytes:
+        if length > self.left:
             raise ValueError("record ends early")
-        part = self._data[self._position : end]
-        self._position = end
-        return part
-
-    def integer(self, size: int) -> int:
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        return self.take(self.integer(4)).decode("utf-8")
-
-    def text_map(self) -> dict[str, str]:
-        inner = _Cursor(self.take(self.integer(4)))
-        result: dict[str, str] = {}
-        while inner.left:
-            key = inner.text()
-            result[key] = inner.text()
-        return result
+        return super().read(length)
 
     @property
     def left(self) -> int:
-        return len(self._data) - self._position
-
-    def rest(self) -> bytes:
-        return self.take(self.left)
+        return self._size - self.count
 
 
-class RawMessage(NamedTuple):
-    """One message; channel as numbered in its file, times in ns."""
-
-    channel: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
-class RawAttachment(NamedTuple):
-    """One attachment; times in ns."""
-
-    log_time: int
-    create_time: int
-    name: str
-    media_type: str
-    data: bytes
-
-
-def readable_items(source: Path, found: Found) -> Iterator[RawMessage | RawAttachment]:
+def readable_items(source: Path, found: Found) -> Iterator[Message | Attachment]:
     """Messages and attachments in file order, as far as the bytes go; the rest is noted in `found`."""
     with source.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
@@ -129,7 +89,7 @@ def readable_items(source: Path, found: Found) -> Iterator[RawMessage | RawAttac
                     return
                 elif opcode == Opcode.ATTACHMENT:
                     if _has_checksum_of(content):
-                        yield _attachment(content)
+                        yield Attachment.read(_Cursor(content))
                     else:
                         found.damaged_attachments.append(_name_of(content))
                 else:
@@ -143,15 +103,15 @@ def readable_items(source: Path, found: Found) -> Iterator[RawMessage | RawAttac
             found.bytes_used = stream.tell()
 
 
-def _chunk_messages(content: bytes, found: Found, whole: bool) -> Iterator[RawMessage]:
+def _chunk_messages(content: bytes, found: Found, whole: bool) -> Iterator[Message]:
     """The messages of one chunk; of a broken or damaged one those that stand complete before the damage."""
     if len(content) < _CHUNK.size:
         return
     _, _, uncompressed_size, checksum = _CHUNK.unpack_from(content)
     cursor = _Cursor(content[_CHUNK.size :])
-    compression = cursor.text()
-    stated = cursor.integer(8)
-    packed = cursor.take(min(stated, cursor.left))
+    compression = cursor.read_prefixed_string()
+    stated = cursor.read8()
+    packed = cursor.read(min(stated, cursor.left))
     if uncompressed_size > MAXIMUM_CHUNK_BYTES:
         raise ValueError("implausible chunk size")
     data = _decompress(packed, compression, uncompressed_size)
@@ -188,30 +148,23 @@ def _decompress(packed: bytes, compression: str, size: int) -> bytes:
     return bytes(result)
 
 
-def _plain_record(opcode: int, content: bytes, found: Found) -> RawMessage | None:
+def _plain_record(opcode: int, content: bytes, found: Found) -> Message | None:
     """Note a schema, channel or metadata; give back a message. Raises ValueError on a malformed record."""
-    cursor = _Cursor(content)
     if opcode == Opcode.MESSAGE:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack(cursor.take(_MESSAGE.size))
-        return RawMessage(channel, sequence, log_time, publish_time, cursor.rest())
-    if opcode == Opcode.SCHEMA:
-        number = cursor.integer(2)
-        name, encoding = cursor.text(), cursor.text()
-        found.schemas[number] = (name, encoding, cursor.take(cursor.integer(4)))
-    elif opcode == Opcode.CHANNEL:
-        number, schema = cursor.integer(2), cursor.integer(2)
-        topic, encoding = cursor.text(), cursor.text()
-        found.channels[number] = (schema, topic, encoding, cursor.text_map())
-    elif opcode == Opcode.METADATA:
-        found.metadata.append((cursor.text(), cursor.text_map()))
-    return None
-
-
-def _attachment(content: bytes) -> RawAttachment:
+        if len(content) < _MESSAGE.size:
+            raise ValueError("record ends early")
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
+        return Message(channel, log_time, content[_MESSAGE.size :], publish_time, sequence)
     cursor = _Cursor(content)
-    log_time, create_time = cursor.integer(8), cursor.integer(8)
-    name, media_type = cursor.text(), cursor.text()
-    return RawAttachment(log_time, create_time, name, media_type, cursor.take(cursor.integer(8)))
+    if opcode == Opcode.SCHEMA:
+        schema = Schema.read(cursor)
+        found.schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        channel = Channel.read(cursor)
+        found.channels[channel.id] = channel
+    elif opcode == Opcode.METADATA:
+        found.metadata.append(Metadata.read(cursor))
+    return None
 
 
 def damaged_attachments(source: Path) -> list[str]:

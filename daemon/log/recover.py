@@ -18,18 +18,12 @@ from pathlib import Path
 from typing import IO, Any
 
 from mcap.reader import make_reader
+from mcap.records import Attachment, Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from daemon.errors import BadLogError, LogIOError, MissingInputError
 from daemon.log.cdr import command_index, event_index, is_out_of_order, state_counters
-from daemon.log.raw_reader import (
-    MAGIC,
-    Found,
-    RawAttachment,
-    RawMessage,
-    damaged_attachments,
-    readable_items,
-)
+from daemon.log.raw_reader import MAGIC, Found, damaged_attachments, readable_items
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
 from fri_client.session.replayed_counter import ReplayedCounter
@@ -211,31 +205,31 @@ class _Copy:
         """What earlier parts hold is not taken again."""
         self._known = dict(self._last)
 
-    def add(self, message: RawMessage, found: Found) -> None:
+    def add(self, message: Message, found: Found) -> None:
         """Copy one message unless its channel or schema is lost, or an earlier part has it."""
-        if message.channel not in found.channels:
+        channel = found.channels.get(message.channel_id)
+        if channel is None:
             return
-        schema, topic, encoding, metadata = found.channels[message.channel]
-        if (schema and schema not in found.schemas) or self._is_known(topic, message):
+        schema = found.schemas.get(channel.schema_id)
+        if (channel.schema_id and schema is None) or self._is_known(channel.topic, message):
             return
-        key = (topic, encoding)
+        key = (channel.topic, channel.message_encoding)
         if key not in self._channels:
-            self._channels[key] = self.writer.register_channel(
-                topic, encoding, self._schema(found.schemas.get(schema)), metadata
-            )
+            self._channels[key] = self.writer.register_channel(*key, self._schema(schema), channel.metadata)
         self.writer.add_message(
             self._channels[key], message.log_time, message.data, message.publish_time, message.sequence
         )
-        self.counts.add(topic, message.data)
+        self.counts.add(channel.topic, message.data)
 
-    def _schema(self, schema: tuple[str, str, bytes] | None) -> int:
+    def _schema(self, schema: Schema | None) -> int:
         if schema is None:
             return 0
-        if schema not in self._schemas:
-            self._schemas[schema] = self.writer.register_schema(*schema)
-        return self._schemas[schema]
+        key = (schema.name, schema.encoding, schema.data)
+        if key not in self._schemas:
+            self._schemas[key] = self.writer.register_schema(*key)
+        return self._schemas[key]
 
-    def _is_known(self, topic: str, message: RawMessage) -> bool:
+    def _is_known(self, topic: str, message: Message) -> bool:
         """True when an earlier part has this sample's message on this topic."""
         try:
             place = _place_in_recording(topic, message)
@@ -247,7 +241,7 @@ class _Copy:
         return place <= self._known.get(topic, -1)
 
 
-def _place_in_recording(topic: str, message: RawMessage) -> int | None:
+def _place_in_recording(topic: str, message: Message) -> int | None:
     """A number that grows with the samples of a topic; None for a topic that does not belong to samples."""
     if topic == "/fri/state":
         return state_counters(message.data)[0]
@@ -272,7 +266,7 @@ def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
                         # What is recovered is a log of ours, whatever is left of its header.
                         copy.writer.start(profile="ros2", library="iiwa-ident recover")
                         started = True
-                    if isinstance(item, RawAttachment):
+                    if isinstance(item, Attachment):
                         if source == sources[0]:
                             copy.writer.add_attachment(
                                 item.create_time, item.log_time, item.name, item.media_type, item.data
@@ -281,16 +275,16 @@ def _rewrite(sources: Sequence[Path], temporary: Path) -> tuple[_Counts, Found]:
                         copy.add(item, found)
             except BadLogError as error:
                 unreadable = error
-            known = {name for name, _ in total.metadata}
-            total.metadata += [each for each in found.metadata if each[0] not in known]
+            known = {each.name for each in total.metadata}
+            total.metadata += [each for each in found.metadata if each.name not in known]
             total.bytes_used += found.bytes_used
             total.damaged_chunks += found.damaged_chunks
             total.damaged_attachments += found.damaged_attachments
             total.complete = found.complete
         if not copy.counts.messages:
             raise unreadable or BadLogError(str(sources[0]), "holds no readable message; nothing can be recovered.")
-        for name, metadata in total.metadata:
-            copy.writer.add_metadata(name, metadata)
+        for each in total.metadata:
+            copy.writer.add_metadata(each.name, each.metadata)
         note = {
             "sources": ", ".join(source.name for source in sources),
             "bytes_used": str(total.bytes_used),

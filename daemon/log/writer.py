@@ -30,6 +30,7 @@ from daemon.host import own_version
 from daemon.log import definitions
 from daemon.log.cdr import (
     DiagnosticStatus,
+    LoggedEvent,
     SampleLabels,
     pack_diagnostics,
     pack_event,
@@ -123,7 +124,7 @@ class LogWriter:
             writer.add_attachment(now, now, attachment.name, attachment.media_type, attachment.data)
         if robot_description:
             writer.add_message(self._description, now, pack_string(robot_description), now)
-        self.write_event(RECORDING_STARTED, "RECORDING_STARTED", "The recorder opened this file.", host_time_ns=now)
+        self.write_event(LoggedEvent(RECORDING_STARTED, "RECORDING_STARTED", "The recorder opened this file.", now))
         self._next_flush = 0.0
         self.flush()
 
@@ -182,30 +183,9 @@ class LogWriter:
         self._previous_position, self._previous_time_ns = position, time_ns
         return self._velocity
 
-    def write_event(
-        self,
-        code: int,
-        name: str,
-        sentence: str,
-        *,
-        host_time_ns: int,
-        sample_index: int = 0,
-        joint: int = 0,
-        value: float = math.nan,
-        limit: float = math.nan,
-    ) -> None:
+    def write_event(self, event: LoggedEvent) -> None:
         """Something that happened, on /run/events."""
-        data = pack_event(
-            code,
-            name,
-            sentence,
-            host_time_ns=host_time_ns,
-            sample_index=sample_index,
-            joint=joint,
-            value=value,
-            limit=limit,
-        )
-        self._writer.add_message(self._events, host_time_ns, data, host_time_ns)
+        self._writer.add_message(self._events, event.host_time_ns, pack_event(event), event.host_time_ns)
 
     def write_diagnostics(self, statuses: Sequence[DiagnosticStatus], hardware: str, host_time_ns: int) -> None:
         """State of the link and of the recorder, on /diagnostics; meant for about one a second."""

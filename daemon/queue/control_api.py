@@ -124,6 +124,10 @@ ControlRequest: TypeAlias = (
 # ---- replies
 
 
+class _Reply(Message, frozen=True, kw_only=True):
+    api: int = API_VERSION
+
+
 class JobView(Message, frozen=True, kw_only=True):
     """One job as clients see it. folder: where its files are; exit_code: of one that has ended."""
 
@@ -140,21 +144,19 @@ class JobView(Message, frozen=True, kw_only=True):
     exit_code: int | None = None
 
 
-class Pong(Message, frozen=True, kw_only=True, tag="pong"):
+class Pong(_Reply, frozen=True, kw_only=True, tag="pong"):
     """Here I am."""
 
-    api: int = API_VERSION
     pid: int
     software_version: str
 
 
-class StatusReply(Message, frozen=True, kw_only=True, tag="status"):
+class StatusReply(_Reply, frozen=True, kw_only=True, tag="status"):
     """What the service does, and the link it serves. moves_an_arm: false on a loopback address, which no cabinet can
     reach; needs_confirmation then says whether submissions have to be confirmed. run, fit: job ids; the numbers belong
     to the run. investigation: job id of the one that thinks. malformed: requests that could not be read, so far.
     """
 
-    api: int = API_VERSION
     state: str
     sentence: str
     pid: int
@@ -179,26 +181,23 @@ class StatusReply(Message, frozen=True, kw_only=True, tag="status"):
     recent: tuple[str, ...] = ()
 
 
-class JobsReply(Message, frozen=True, kw_only=True, tag="jobs"):
+class JobsReply(_Reply, frozen=True, kw_only=True, tag="jobs"):
     """The newest jobs, newest first; total: how many there are."""
 
-    api: int = API_VERSION
     jobs: tuple[JobView, ...]
     total: int
 
 
-class Submitted(Message, frozen=True, kw_only=True, tag="submitted"):
+class Submitted(_Reply, frozen=True, kw_only=True, tag="submitted"):
     """The job's number; whether its motion is safe is found out next."""
 
-    api: int = API_VERSION
     job_id: str
     sentence: str
 
 
-class Stopped(Message, frozen=True, kw_only=True, tag="stopped"):
+class Stopped(_Reply, frozen=True, kw_only=True, tag="stopped"):
     """What the stop did. was_moving: a run was under way; already: it had been asked to stop before."""
 
-    api: int = API_VERSION
     was_moving: bool
     already: bool
     run: str | None
@@ -206,26 +205,23 @@ class Stopped(Message, frozen=True, kw_only=True, tag="stopped"):
     sentence: str
 
 
-class Resumed(Message, frozen=True, kw_only=True, tag="resumed"):
+class Resumed(_Reply, frozen=True, kw_only=True, tag="resumed"):
     """How many held runs wait for their turn again."""
 
-    api: int = API_VERSION
     released: int
     sentence: str
 
 
-class Cancelled(Message, frozen=True, kw_only=True, tag="cancelled"):
+class Cancelled(_Reply, frozen=True, kw_only=True, tag="cancelled"):
     """The job is out of the queue."""
 
-    api: int = API_VERSION
     job_id: str
     sentence: str
 
 
-class ErrorReply(Message, frozen=True, kw_only=True, tag="error"):
+class ErrorReply(_Reply, frozen=True, kw_only=True, tag="error"):
     """Why a request was not done. code: for programs; exit_code: for the command line (CONTRACT)."""
 
-    api: int = API_VERSION
     code: str
     sentence: str
     exit_code: int

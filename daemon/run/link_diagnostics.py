@@ -7,7 +7,8 @@ from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import name_or_number
 
-_COUNTS = ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
+COUNTS = ("received", "answered", "late", "missing", "duplicates", "stale", "refused", "undecodable")
+"""What the loop's status counts of the link."""
 
 
 def diagnostics_of(ring: HandoverRing, samples: int) -> list[DiagnosticStatus]:
@@ -18,7 +19,7 @@ def diagnostics_of(ring: HandoverRing, samples: int) -> list[DiagnosticStatus]:
             int(status.late + status.missing > 0),
             "FRI link",
             f"{name_or_number(MotionPhase, status.phase)}, {status.missing} missing, {status.late} late",
-            tuple((name, str(getattr(status, name))) for name in _COUNTS),
+            tuple((name, str(getattr(status, name))) for name in COUNTS),
         ),
         DiagnosticStatus(
             2 if lost else 0,

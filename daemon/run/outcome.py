@@ -23,6 +23,7 @@ from daemon.api import (
 from daemon.children import Child
 from daemon.errors import DaemonError, FolderGoneError, LogIOError
 from daemon.json_files import read_json, write_json
+from daemon.run.link_diagnostics import COUNTS
 from daemon.run.spare_folder import find_run_file, write_run_file
 from daemon.times import now_text
 from fri_client.handover.last_samples import read_last_samples
@@ -97,17 +98,10 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
         reason="LOOP_LOST",
         sentence=f"The loop process {_how(return_code)}{end}{words}",
         tick=status.tick,
-        received=status.received,
-        answered=status.answered,
-        late=status.late,
-        missing=status.missing,
-        duplicates=status.duplicates,
-        stale=status.stale,
-        refused=status.refused,
-        undecodable=status.undecodable,
         foreign=status.foreign,
         lost_in_handover=ring.lost,
         periods_completed=max(status.period, 0),
+        **{name: getattr(status, name) for name in COUNTS},
     )
 
 

@@ -41,7 +41,7 @@ from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.event_text import event_name, event_sentence
-from daemon.log.cdr import SampleLabels
+from daemon.log.cdr import LoggedEvent, SampleLabels
 from daemon.log.stream import DiskReserve, is_full
 from daemon.log.writer import LogWriter, has_non_finite
 from daemon.run.account import leave_outcome
@@ -191,27 +191,18 @@ class Recorder:
         if self._live is not None:
             self._live.event(sentence)
         self._writer.write_event(
-            record.event_code,
-            event_name(record.event_code),
-            sentence,
-            host_time_ns=time_ns,
-            sample_index=record.index,
-            joint=record.event_joint,
-            value=record.event_value,
-            limit=record.event_limit,
-        )
+            LoggedEvent(
+                record.event_code, event_name(record.event_code), sentence, time_ns, record.index, record.event_joint,
+                record.event_value, record.event_limit,
+            )
+        )  # fmt: skip
 
     def _write_undecodable(self, record: HandoverRecord, time_ns: int, error: CodecError) -> None:
         """Keep the bytes themselves, for the first thousand; count all."""
         self._undecodable += 1
         if self._undecodable <= MAXIMUM_UNDECODABLE_TEXTS:
-            self._writer.write_event(
-                UNDECODABLE,
-                "UNDECODABLE",
-                f"{error} Datagram of {len(record.monitoring)} bytes: {record.monitoring.hex()}",
-                host_time_ns=time_ns,
-                sample_index=record.index,
-            )
+            sentence = f"{error} Datagram of {len(record.monitoring)} bytes: {record.monitoring.hex()}"
+            self._writer.write_event(LoggedEvent(UNDECODABLE, "UNDECODABLE", sentence, time_ns, record.index))
 
     def _keep_safe(self, *, final: bool) -> None:
         """Hand over what is due; when the disk refuses, open the reserve, then try again for DISK_PATIENCE_S."""
@@ -238,7 +229,7 @@ class Recorder:
         helped = is_full(error) and self._reserve.give_back()
         self._report(RecorderTrouble(part=self._job.part, sentence=str(error), reserve_opened=helped))
         if helped:
-            self._writer.write_event(DISK_TROUBLE, "DISK_TROUBLE", str(error), host_time_ns=time.time_ns())
+            self._writer.write_event(LoggedEvent(DISK_TROUBLE, "DISK_TROUBLE", str(error), time.time_ns()))
         else:
             time.sleep(RETRY_S)
 
@@ -265,12 +256,8 @@ class Recorder:
     def _close(self) -> int:
         if not self._ring.finished:
             keep_last_samples(self._ring, self._job.request, None)
-            self._writer.write_event(
-                RECORDING_ENDED,
-                "RECORDING_ENDED",
-                "The recording ended because the supervisor and the loop were gone.",
-                host_time_ns=time.time_ns(),
-            )
+            sentence = "The recording ended because the supervisor and the loop were gone."
+            self._writer.write_event(LoggedEvent(RECORDING_ENDED, "RECORDING_ENDED", sentence, time.time_ns()))
         for attachment in closing_attachments_of(self._job):
             self._writer.add_attachment(attachment)
         self._keep_safe(final=True)

@@ -15,6 +15,7 @@ from rosbags.typesys import get_types_from_msg
 from daemon.log import definitions
 from daemon.log.cdr import (
     DiagnosticStatus,
+    LoggedEvent,
     pack_diagnostics,
     pack_event,
     pack_fri_command,
@@ -219,7 +220,9 @@ def test_small_messages_read_back(decode: Any) -> None:
     assert list(joints.effort) == [1, 2, 3, 4, 5, 6, 7]
     event = decode(
         pack_event(
-            12, "GUARD", "Gelenk 3 – zu schnell.", host_time_ns=7, sample_index=8, joint=3, value=1.5, limit=1.2
+            LoggedEvent(
+                12, "GUARD", "Gelenk 3 – zu schnell.", host_time_ns=7, sample_index=8, joint=3, value=1.5, limit=1.2
+            )
         ),
         definitions.RUN_EVENT,
     )
