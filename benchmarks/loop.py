@@ -37,7 +37,7 @@ from fixtures.fake_robot.link import claim_real_time, sharpen_timers
 from fixtures.fake_robot.wire import COMMAND_IDENTIFIER, Datagrams
 from fri_client.handover.ring import HandoverRing
 from fri_client.loop.answer_ahead import AnswerAhead
-from fri_client.loop.channel import UdpChannel, open_channel
+from fri_client.loop.channel import UdpChannel
 from fri_client.loop.loop import FriLoop
 from fri_client.loop.result import LoopSettings
 from fri_client.messages import (
@@ -165,7 +165,8 @@ def client_side(
     pipe: Connection, contender: str, version: FriVersion, block_s: float, program: Path | None = None
 ) -> None:
     """Process: one contender for one block; sends its address, then its turn-arounds (ns) and what realtime refused."""
-    channel = open_channel("127.0.0.1", 0)
+    channel = UdpChannel()
+    channel.bind("127.0.0.1", 0)
     total = SETTLING + round(block_s * 1000) + sum(count for _, count in PREFACE)
     run: Callable[[], NDArray[np.int64]]
     if contender in ("loop", "plain"):

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from benchmarks.compiled_client import compile_client, serve
-from fri_client.loop.channel import open_channel
+from fri_client.loop.channel import UdpChannel
 from fri_client.messages import FriVersion
 from fri_client.wire.codec import Codec
 from tests.reference import golden_datagrams
@@ -31,7 +31,8 @@ def test_the_compiled_client_answers_as_the_vendors_does(version: str, tmp_path:
     ]
     assert whole
     codec = Codec(FriVersion(version))
-    with open_channel("127.0.0.1", 0) as channel, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:
+    with UdpChannel() as channel, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:
+        channel.bind("127.0.0.1", 0)
         robot.bind(("127.0.0.1", 0))
         robot.settimeout(600.0)
         found: list[Any] = []

@@ -10,17 +10,7 @@ from typing import Any
 
 from daemon.proof.prove import ProvenCase, Source
 from daemon.proof.score import CaseScore
-from daemon.proof.table import (
-    NO_NAME,
-    Rate,
-    Target,
-    confusion,
-    family_rows,
-    negatives,
-    summary,
-    targets,
-    wrong_answers,
-)  # fmt: skip
+from daemon.proof.table import NO_NAME, Target, confusion, family_rows, negatives, summary, targets, wrong_answers
 from daemon.proof.worlds import STRONG_IN, world_family_rows, world_summary, world_targets
 from identification.report.document import Document, Paragraph, Section, Table, Tone
 
@@ -80,7 +70,7 @@ def _library_tables(scores: Sequence[CaseScore]) -> list[Table]:
             ("family", "cases", *_RATES.values(), "λ50", "λ90"),
             tuple(
                 (
-                    row["family"], str(row["cases"]), *(_short(row[name]) for name in _RATES),
+                    row["family"], str(row["cases"]), *(row[name].short for name in _RATES),
                     *("-" if row[name] is None else f"{row[name]:.0f}" for name in ("lambda50", "lambda90")),
                 )
                 for row in family_rows(scores)
@@ -155,8 +145,3 @@ def _cases(proven: Sequence[ProvenCase], pages: Mapping[int, str]) -> Table:
 
 def _tone(met: bool | None) -> Tone:
     return "neutral" if met is None else "good" if met else "attention"
-
-
-def _short(value: Rate) -> str:
-    """'11/12', or '-' of nothing."""
-    return f"{value.hits}/{value.count}" if value.count else "-"

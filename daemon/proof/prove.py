@@ -53,9 +53,12 @@ class LineProcess:
     """A child that answers one JSON line with one JSON line."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        self._name = " ".join(arguments)
+        self._arguments = arguments
+        self._begin()
+
+    def _begin(self) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, *arguments],
+            [sys.executable, *self._arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -72,7 +75,7 @@ class LineProcess:
             self._child.stdin.flush()
         line = self._child.stdout.readline()
         if not line.endswith("\n"):  # nothing, or what it had written when it was killed
-            raise ProofProcessError(self._name, self._child.wait())
+            raise ProofProcessError(" ".join(self._arguments), self._child.wait())
         answer: dict[str, Any] = json.loads(line)
         return answer
 
@@ -84,25 +87,17 @@ class LineProcess:
         self._child.wait()
 
 
-class _Diagnoser:
+class _Diagnoser(LineProcess):
     """The process that diagnoses; started anew when it has gone, and the case it was on is answered by that."""
-
-    def __init__(self, arguments: Sequence[str]) -> None:
-        self._arguments = arguments
-        self._process = LineProcess(arguments)
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
         """The diagnosis, or {"error": …}."""
         try:
-            return self._process.ask(request)
+            return super().ask(request)
         except ProofProcessError as error:
-            self._process.close()
-            self._process = LineProcess(self._arguments)
+            self.close()
+            self._begin()
             return {"error": str(error)}
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.close()
 
 
 @dataclass(frozen=True, slots=True)

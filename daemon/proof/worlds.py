@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from daemon.proof.score import CaseScore
-from daemon.proof.table import NO_NAME, Rate, Target, rate
+from daemon.proof.table import NO_NAME, Target, at_least, rate
 
 STRONG_IN = {"alien": 100.0, "hybrid": 200.0}
 """λ from which on a class is asked for: against the sensor's noise, or against the real background's own power."""
@@ -72,31 +72,22 @@ def world_family_rows(world: str, scores: Sequence[CaseScore]) -> list[tuple[str
             (
                 family,
                 str(len(own)),
-                str(rate(score.extras > 0 for score in own).hits),
-                _short(rate(score.effects[0].in_set for score in strong)),
-                _short(rate(bool(score.class_right) for score in judged)),
+                str(sum(score.extras > 0 for score in own)),
+                rate(score.effects[0].in_set for score in strong).short,
+                rate(bool(score.class_right) for score in judged).short,
                 ", ".join(said),
             )
         )
     return rows
 
 
-def _short(value: Rate) -> str:
-    return f"{value.hits}/{value.count}" if value.count else "-"
-
-
 def world_targets(world: str, figures: Mapping[str, Any]) -> list[Target]:
     """What was to be reached in a world, and whether this run did."""
-    wrong, right = figures["wrong_names"], figures["strong_class_right"]
+    wrong = figures["wrong_names"]
     least, taken = {"alien": (0.90, 0.85), "hybrid": (0.85, None)}[world]
     aims = [
         Target("wrong names", "≤ 3 %", str(wrong), wrong.share <= 0.03 if wrong.count else None),
-        Target(
-            f"right joint and class, λ ≥ {STRONG_IN[world]:g}",
-            f"≥ {100 * least:g} %",
-            str(right),
-            right.share >= least if right.count else None,
-        ),
+        at_least(figures, f"right joint and class, λ ≥ {STRONG_IN[world]:g}", "strong_class_right", least),
     ]
     if taken is not None:
         value = figures["removed_by_classes_median"]

@@ -195,16 +195,11 @@ def _asked(order: Order, request: SubmitInvestigation) -> Order:
 
 def _next_order(order: Order) -> Order:
     """The order of a step that follows one: the same arm, and nothing that was said for that one."""
-    return msgspec.structs.replace(
-        order,
-        budget_s=None,
-        recordings=(),
-        goes_on=False,
-        number=0,
-        run=None,
-        declined=False,
-        settle=(),
-        done=None,
-        added_mass=None,
-        after_drop=False,
+    return Order(
+        folder=order.folder,
+        robot=order.robot,
+        workspace_file=order.workspace_file,
+        tool=order.tool,
+        gravity_m_s2=order.gravity_m_s2,
+        seed=order.seed,
     )

@@ -100,14 +100,3 @@ class UdpChannel:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def open_channel(host: str, port: int) -> UdpChannel:
-    """A bound channel. Raises OSError."""
-    channel = UdpChannel()
-    try:
-        channel.bind(host, port)
-    except BaseException:
-        channel.close()
-        raise
-    return channel

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fri_client.handover.ring import HandoverRecord, HandoverRing
-from fri_client.loop.channel import open_channel
+from fri_client.loop.channel import UdpChannel
 from fri_client.loop.loop import FriLoop
 from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import (
@@ -177,7 +177,8 @@ class Client:
         **motion: Any,
     ) -> None:
         self.ring = HandoverRing.create(slots)
-        channel = open_channel("127.0.0.1", 0)
+        channel = UdpChannel()
+        channel.bind("127.0.0.1", 0)
         self.address = channel.address
 
         def make(command_period_s: float, samples_per_command: int) -> MotionProgram:
