@@ -15,11 +15,11 @@ from __future__ import annotations
 import statistics
 from itertools import pairwise
 
-from daemon.doctor.fri_guess import VersionGuess, guess_version
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_observation import LinkObservation, Mirror
 from daemon.doctor.load_check import check_load_at_rest
 from fri_client.messages import ConnectionQuality, SessionState, name_or_number
+from fri_client.wire.version_guess import VersionGuess, guess_version
 
 STALE_S = 0.5
 """No send period is longer than 0.1 s; a last message older than this means that the sender stopped."""

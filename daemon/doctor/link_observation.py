@@ -10,12 +10,12 @@ import socket
 import time
 from dataclasses import dataclass, field
 
-from daemon.doctor.fri_guess import guess_version
 from fri_client.errors import CodecError
 from fri_client.loop.pilot import monitoring_echo
 from fri_client.messages import COMMAND_IDENTIFIER, CommandMessage, FriVersion, MessageHeader, SessionState
 from fri_client.session.session import Session
 from fri_client.wire.codec import Codec
+from fri_client.wire.version_guess import guess_version
 
 MAXIMUM_DATAGRAMS = 200_000
 

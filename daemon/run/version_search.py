@@ -1,7 +1,7 @@
 """`--fri-version auto`: listening to the robot, before anything is started, until its messages tell the FRI version.
 
-Here: whose datagrams count, how long, and what is said. Not here: what the bytes tell (`fri_guess`). Nothing is sent:
-a cabinet sends by itself and waits. The supervisor asks before it makes the run's folder.
+Here: whose datagrams count, how long, and what is said. Not here: what the bytes tell (`version_guess`). Nothing is
+sent: a cabinet sends by itself and waits. The supervisor asks before it makes the run's folder.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 import time
 
 from daemon.api import AUTO_VERSION, RunRequest
-from daemon.doctor.fri_guess import VersionGuess, guess_version
 from daemon.errors import ProtocolMismatchError, RobotUnreachableError
 from daemon.run.loop_process import bind
 from daemon.stop_handle import StopHandle
 from fri_client.loop.channel import UdpChannel
 from fri_client.messages import FriVersion
+from fri_client.wire.version_guess import VersionGuess, guess_version
 
 _UNDECIDED_S = 1.0
 """So long messages that 1.x and 2.5 would both send are listened to; then they are taken as 1.15, which reads them."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from fri_client.errors import CodecError
 from fri_client.messages import FriVersion
-from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES, Codec
+from fri_client.wire.codec import MAXIMUM_DATAGRAM_BYTES
+from fri_client.wire.version_guess import guess_version
 
 
 class VersionEvidence:
@@ -41,42 +42,22 @@ class VersionEvidence:
 
 def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
     """What a datagram that is none of version `mine` is instead, found by trying the other wire formats."""
-    for version in (FriVersion.V2_7, FriVersion.V2_5, FriVersion.V1_15):
-        try:
-            monitor = Codec(version).decode_monitoring(datagram).monitor_data
-        except CodecError:
-            continue
-        if version == FriVersion.V2_5 and (monitor is None or monitor.measured_cartesian_pose is None):
-            continue  # the same format as 1.x but for what it holds
-        return f"The robot speaks FRI {version}, but this run was told FRI {mine}: choose --fri-version {version}."
-    return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
+    seen = guess_version(datagram).candidates
+    if not seen:
+        return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
+    return f"The robot speaks FRI {seen[0]}, but this run was told FRI {mine}: choose --fri-version {seen[0]}."
 
 
 def version_doubt(datagram: bytes, mine: FriVersion) -> str:
     """What speaks against version `mine` in a message that decodes as one; empty where nothing does.
 
-    1.x and 2.5 share their wire format and a header names no version (PROTOCOL section 13). What tells them apart is
-    what a robot puts in: only 1.x has a commanded joint position, only 2.x a Cartesian pose and a redundancy value. A
-    robot that sends neither cannot be told, and nothing in this run depends on which it is.
+    1.x and 2.5 share their wire format and a header names no version (PROTOCOL section 13). A robot that sends nothing
+    that tells them apart cannot be told, and nothing in this run depends on which it is.
     """
-    try:
-        first = Codec(FriVersion.V1_15).decode_monitoring(datagram).monitor_data
-        second = Codec(FriVersion.V2_5).decode_monitoring(datagram).monitor_data
-    except CodecError:
+    seen = guess_version(datagram).candidates
+    if (mine.major, seen) != (1, ("2.5",)) and (mine, seen) != (FriVersion.V2_5, ("1.15",)):
         return ""
-    if first is None or second is None:
-        return ""
-    is_first = first.commanded_joint_position is not None
-    is_second = second.measured_cartesian_pose is not None or second.measured_redundancy_information is not None
-    if mine.major == 1 and is_second and not is_first:
-        return _doubt("2.5", mine)
-    if mine == FriVersion.V2_5 and is_first:
-        return _doubt("1.15", mine)
-    return ""
-
-
-def _doubt(seen: str, mine: FriVersion) -> str:
     return (
-        f" The robot's messages hold what only FRI {seen} sends, but this run was told FRI {mine}: joint positions and "
-        f"torques are the same, the rest was left out; choose --fri-version {seen}."
+        f" The robot's messages hold what only FRI {seen[0]} sends, but this run was told FRI {mine}: joint positions "
+        f"and torques are the same, the rest was left out; choose --fri-version {seen[0]}."
     )

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from daemon.doctor.doctor import DoctorReport, check_address, check_interfaces, examine, port_holder
-from daemon.doctor.fri_guess import guess_version
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation
 from fri_client.messages import FriVersion
+from fri_client.wire.version_guess import guess_version
 from tests.daemon.command_line import run
 from tests.reference import golden_datagrams
 

@@ -6,14 +6,11 @@ Pure.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 from fri_client.errors import CodecError
 from fri_client.messages import FriVersion, MonitoringMessage
 from fri_client.wire.codec import Codec
-
-_CODECS = {
-    version: Codec(version) for version in (FriVersion.V1_11, FriVersion.V1_15, FriVersion.V2_5, FriVersion.V2_7)
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +52,11 @@ def guess_version(datagram: bytes) -> VersionGuess:
 
 def _decoded(datagram: bytes, version: FriVersion) -> MonitoringMessage | None:
     try:
-        return _CODECS[version].decode_monitoring(datagram)
+        return _codec(version).decode_monitoring(datagram)
     except CodecError:
         return None
+
+
+@cache
+def _codec(version: FriVersion) -> Codec:
+    return Codec(version)
