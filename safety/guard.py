@@ -153,11 +153,6 @@ class CommandGuard:
         """Largest distance of a command to the measured position, rad, per joint."""
 
     @property
-    def limits(self) -> JointLimits:
-        """The limits the commands are held against."""
-        return self._limits
-
-    @property
     def position(self) -> FloatArray:
         """Last accepted command, (n,) rad."""
         return np.array(self._position)

@@ -99,7 +99,6 @@ class TransitionError(DaemonError):
     """An event that cannot happen in a state."""
 
     def __init__(self, state: State, event: Event) -> None:
-        self.state, self.event = state, event
         super().__init__(f"The investigation is {state.value.replace('_', ' ')}, where '{event.value}' cannot happen.")
 
 

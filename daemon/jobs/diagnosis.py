@@ -9,7 +9,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from daemon.folders import make_folder
 from daemon.json_files import write_bytes_atomically
@@ -32,10 +31,9 @@ _SHARE_OF_DIAGNOSIS = 0.6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiagnosisFiles:
-    """A diagnosis, its extended model as JSON, and the files in which they stand."""
+    """A diagnosis, and the files in which it, its extended model and its page stand."""
 
     diagnosis: Diagnosis
-    model: dict[str, Any]
     files: tuple[Path, ...]
 
 
@@ -83,7 +81,7 @@ def diagnose_recordings(
         report_file, diagnosis=diagnosis, set_up=_set_up(recordings, robot, diagnosis), model=model,
         recordings=recordings, heldout=heldout, robot=robot, links=links,
     )  # fmt: skip
-    return DiagnosisFiles(diagnosis, model, (result_file, model_file, report_file))
+    return DiagnosisFiles(diagnosis, (result_file, model_file, report_file))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ the loop when a run ended otherwise than as planned, or by the supervisor when t
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from fri_client.errors import CodecError
@@ -54,10 +54,6 @@ class LastSamples:
 
     def __len__(self) -> int:
         return len(self.columns.get("index", ()))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, texts and lists; the reason first."""
-        return asdict(self)
 
 
 def read_last_samples(ring: HandoverRing, codec: Codec) -> LastSamples:

@@ -110,8 +110,15 @@ class Ending:
             hindrance=self._pilot.hindrance,
             refused=self._pilot.refused,
             version=self._versions.mismatch() if outcome == "version_mismatch" else "",
-            foreign=foreign,
         )
+        if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
+            result.criterion = motion.stop_reason.criterion
+        if outcome == "no_robot" and foreign:
+            host = self._settings.robot_host
+            only = f": only {host} is listened to" if host else ""
+            result.sentence += f" {foreign} datagrams came from elsewhere{only}."
+        result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
+        result.overruled = motion.overruled
         if motion.commanded and not standstill.confirmed:
             result.sentence += " The stop is NOT confirmed: fresh samples showed no standstill; look at the arm."
         result.sentence += self._versions.doubt()

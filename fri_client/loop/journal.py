@@ -39,11 +39,6 @@ class Journal:
         self.tick = 0
         self.stop_tick: int | None = None
 
-    @property
-    def pending(self) -> bool:
-        """Events wait for a record."""
-        return bool(self._events)
-
     def event(self, code: EventCode, joint: int = 0, value: float = 0.0, limit: float = 0.0) -> None:
         """Note an event of this tick."""
         self._events.append((code, joint, float(value), float(limit)))

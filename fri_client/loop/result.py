@@ -105,37 +105,15 @@ def explain(
     session: Session,
     settings: LoopSettings,
     *,
-    hindrance: str = "",
-    refused: Exception | None = None,
-    version: str = "",
-    foreign: int = 0,
-) -> LoopResult:
-    """The result for an outcome: the event behind it, one sentence with joint and numbers, and how the arm was stopped.
-
-    hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
-    the sentence of `VersionEvidence`. foreign: datagrams of senders that are not the robot.
-    """
-    result = _explain(outcome, motion, session, settings, hindrance=hindrance, refused=refused, version=version)
-    if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
-        result.criterion = motion.stop_reason.criterion
-    if outcome == "no_robot" and foreign:
-        only = f": only {settings.robot_host} is listened to" if settings.robot_host else ""
-        result.sentence += f" {foreign} datagrams came from elsewhere{only}."
-    result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
-    result.overruled = motion.overruled
-    return result
-
-
-def _explain(
-    outcome: Outcome,
-    motion: MotionProgram,
-    session: Session,
-    settings: LoopSettings,
-    *,
     hindrance: str,
     refused: Exception | None,
     version: str,
 ) -> LoopResult:
+    """The event behind an outcome, and one sentence with joint and numbers.
+
+    hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
+    the sentence of `VersionEvidence`.
+    """
     reason, drop = motion.stop_reason, session.drop
     if outcome == "completed" and settings.monitor_only:
         ended = "The robot ended its session." if reason is None else reason.sentence

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 
 import pytest
 
@@ -73,7 +74,7 @@ def test_a_ring_that_went_round_and_records_without_a_message_are_no_obstacle() 
     assert kept.columns["disposition"] == ["UNDECODABLE", "EVENT_ONLY"]
     assert kept.columns["measured_position"] == [None, None]
     assert kept.columns["session_state"] == [None, None]
-    json.dumps(kept.to_json(), allow_nan=False)
+    json.dumps(asdict(kept), allow_nan=False)
     ring.close()
 
 
