@@ -96,16 +96,11 @@ def _how_much_longer(body: Body) -> str | None:
         return (
             "Where its centre is cannot be said: the load is too light for these motions, or they turn it too little."
         )
-    worst = CENTER_KNOWN_M * math.sqrt(needed / body.seconds)
+    worst, tens = CENTER_KNOWN_M * math.sqrt(needed / body.seconds), math.ceil(needed / 10.0)
     return (
         f"The centre is known within ± {1e3 * worst:.1f} mm: the load is too light for ± {1e3 * CENTER_KNOWN_M:g} mm "
-        f"from {body.seconds:.0f} s of motion. About {_rounded(needed):.0f} s without and as much with it would do."
+        f"from {body.seconds:.0f} s of motion. About {10 * tens} s without and as much with it would do."
     )
-
-
-def _rounded(seconds: float) -> float:
-    """Up to full ten seconds."""
-    return 10.0 * math.ceil(seconds / 10.0)
 
 
 def compared(body: Body, stated: Sequence[dict[str, str]]) -> str:

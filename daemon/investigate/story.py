@@ -100,7 +100,8 @@ def _course(account: Account) -> Figure:
         course = np.array([each.get(name, 0.0) for each in courses])
         text = ", ".join(f"{value:.2f} after {count:.0f}" for value, count in zip(course, recordings, strict=True))
         lines = tuple(Line("fitted", recordings, course, marks=marks) for marks in ("dots", "line"))
-        panels.append(Panel(_sentence(name), "recordings", "probability", lines, f"{name}: {text}", chances=True))
+        title = name[:1].upper() + name[1:]
+        panels.append(Panel(title, "recordings", "probability", lines, f"{name}: {text}", chances=True))
     return Figure(
         "Probability of whatever led or was named, after each recording; a name that stands alone counts as one.",
         tuple(panels),
@@ -118,10 +119,6 @@ def _words(item: Alive | Named) -> str:
     if isinstance(item, Alive) and item.effect is None:
         return item.name.split(" (")[0]
     return describe(item.effect, Place(item.joint))
-
-
-def _sentence(name: str) -> str:
-    return name[:1].upper() + name[1:]
 
 
 def _chapter(account: Account, number: int) -> Section:

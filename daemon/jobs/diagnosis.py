@@ -52,7 +52,7 @@ def diagnose_recordings(
     baseline: the model to diagnose against, None for a nominal fit. settings: None for the defaults. Raises the errors
     of the recordings, of the diagnosis, and OSError.
     """
-    report = progress if progress is not None else _silent
+    report = progress or (lambda *_: None)
     diagnosis = diagnose(
         recordings,
         robot,
@@ -117,7 +117,3 @@ def _set_up(recordings: Sequence[Recording], robot: RobotModel, diagnosis: Diagn
 def _baseline(file: Path | None) -> Model | Path | None:
     """A model.json as read; a simulator's file is read by the diagnosis, which knows the robot's parameters."""
     return read_model(file) if file is not None and file.suffix == ".json" else file
-
-
-def _silent(phase: str, share: float) -> None:
-    """Progress that nobody watches."""

@@ -185,21 +185,21 @@ def _random(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) ->
     """Random Fourier motions that the preflight accepts, as many as there is time for, and one diagnosis of them."""
     random = np.random.default_rng([start.seed, 7])
     room = Room(iiwa_limits(ROBOT), default_trajectory(ROBOT).offset)
-    recordings = start.recordings
-    while sum(_seconds(item) for item in recordings) + _ONE_MOTION * PERIOD_S <= start.budget_s:
+    account = start
+    while account.left_s >= _ONE_MOTION * PERIOD_S:
         trajectory = experiment(random, room, "fourier", None).trajectory(ROBOT)
         if not check_table(trajectory.table(), ROBOT).safe:
             continue
-        out = driver.record(trajectory, _ONE_MOTION, folder / f"random-{len(recordings)}")
-        recordings = (*recordings, _recorded(out, "random", _ONE_MOTION))
-    return _known(start, recordings, driver, folder, tell)
+        out = driver.record(trajectory, _ONE_MOTION, folder / f"random-{len(account.recordings)}")
+        account = _with_recording(account, out, "random", _ONE_MOTION)
+    return _known(account, driver, folder, tell)
 
 
 def _repeated(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
     """The shipped excitation again for all the time there is."""
     periods = int(start.budget_s / PERIOD_S)
     out = driver.record(default_trajectory(ROBOT), periods, folder / "repeated")
-    return _known(start, (*start.recordings, _recorded(out, "repeated", periods)), driver, folder, tell)
+    return _known(_with_recording(start, out, "repeated", periods), driver, folder, tell)
 
 
 _ARMS: dict[Arm, Callable[[Account, _RequestDriver, Path, Tell], Account]] = {
@@ -209,21 +209,15 @@ _ARMS: dict[Arm, Callable[[Account, _RequestDriver, Path, Tell], Account]] = {
 }
 
 
-def _known(
-    start: Account, recordings: tuple[Recorded, ...], driver: _RequestDriver, folder: Path, tell: Tell
-) -> Account:
-    """What is known of recordings when no motion more is asked for."""
-    account = msgspec.structs.replace(start, recordings=recordings, state=State.DIAGNOSING)
-    return Investigation(folder, account, driver, ask=lambda _: None, tell=tell, progress=_silent).know()
+def _known(account: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
+    """What is known of an account's recordings when no motion more is asked for."""
+    loop = Investigation(folder, account, driver, ask=lambda _: None, tell=tell, progress=_silent)
+    return loop.know()
 
 
-def _recorded(file: Path, kind: str, periods: int) -> Recorded:
+def _with_recording(account: Account, file: Path, kind: str, periods: int) -> Account:
     motion = Motion(number=0, kind=kind, purpose=kind, trajectory="", periods=periods, seconds=periods * PERIOD_S)
-    return Recorded(file=str(file), motion=motion)
-
-
-def _seconds(item: Recorded) -> float:
-    return 0.0 if item.motion is None else item.motion.seconds
+    return msgspec.structs.replace(account, recordings=(*account.recordings, Recorded(file=str(file), motion=motion)))
 
 
 def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], broken: int) -> Answer:

@@ -111,7 +111,7 @@ def score_case(
     own = [(finding["effect"], finding.get("joint")) for finding in (bare or {}).get("findings", ())]
     extras = sum(
         id(finding) not in used
-        and not _is_covering(truths, finding)
+        and not any(_covers(truth, finding) for truth in truths)
         and (finding["effect"], finding.get("joint")) not in own
         for finding in findings
     )
@@ -126,7 +126,7 @@ def score_case(
         set_sizes=tuple(1 + len(finding.get("alternatives", ())) for finding in findings),
         extras=extras,
         misnamed=min(extras, sum(match is None for match in matches)),
-        detected=bool(findings) or _is_detected(diagnosis),
+        detected=bool(findings) or (diagnosis is not None and any(diagnosis["baseline"]["detected"])),
         right=_is_structurally_right(label, diagnosis, findings, extras),
         removed=_removed(label, diagnosis, bare, "heldout", ("rms_before_nm", "rms_after_nm")),
         seconds=seconds,
@@ -141,10 +141,6 @@ def score_case(
         else _removed(label, diagnosis, bare, "class_model", ("heldout_before_nm", "heldout_after_nm")),
         recording=label.get("recording"),
     )
-
-
-def _is_detected(diagnosis: Json | None) -> bool:
-    return diagnosis is not None and any(diagnosis["baseline"]["detected"])
 
 
 def _matches(truths: Sequence[Json], findings: Sequence[Json]) -> list[Json | None]:
@@ -182,10 +178,6 @@ def _is_in_set(truth: Json, finding: Json) -> bool:
 
 def _covers(truth: Json, finding: Json) -> bool:
     return finding["effect"] in truth.get("covered_by", ()) and finding.get("joint") == truth["joint"]
-
-
-def _is_covering(truths: Sequence[Json], finding: Json) -> bool:
-    return any(_covers(truth, finding) for truth in truths)
 
 
 def _is_placed(truth: Json, finding: Json) -> bool:
@@ -265,7 +257,7 @@ def _removed(
     as those of the held-out recording are its own and are found there.
     """
     truths = label["effects"]
-    if not truths or any(_is_change(truth) for truth in truths):
+    if not truths or any(truth["effect"] in _BETWEEN_PERIODS or "time" in truth.get("classes", ()) for truth in truths):
         return None
     if diagnosis is None:
         return 0.0
@@ -279,7 +271,3 @@ def _removed(
         return None
     before, after = ([row[joint] for joint in joints] for row in values)
     return excess_removed(before, after, [floors[joint] for joint in joints])
-
-
-def _is_change(truth: Json) -> bool:
-    return truth["effect"] in _BETWEEN_PERIODS or "time" in truth.get("classes", ())

@@ -184,13 +184,10 @@ def _percentile(values: Sequence[float], percent: float) -> float:
     return float(np.percentile(values, percent)) if len(values) else math.nan
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else math.nan
-
-
 def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
     """Every figure of the proof that is not per family."""
     seconds = [score.seconds for score in scores if score.failed is None]
+    sizes = [size for score in scores for size in score.set_sizes]
     return {
         "cases": len(scores),
         "failed": sum(score.failed is not None for score in scores),
@@ -198,7 +195,7 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
         **_sizes_and_gains(scores),
         **_nothing_or_several(scores),
         **_beside_background(scores),
-        "names_left_open_a_finding": _mean([size for score in scores for size in score.set_sizes]),
+        "names_left_open_a_finding": float(np.mean(sizes)) if sizes else math.nan,
         "extras": rate(score.extras > score.misnamed or score.failed is not None for score in scores),
         "seconds_median": _percentile(seconds, 50),
         "seconds_largest": max(seconds, default=math.nan),

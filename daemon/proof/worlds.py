@@ -21,11 +21,6 @@ def _with_effect(scores: Sequence[CaseScore]) -> list[CaseScore]:
     return [score for score in scores if score.effects]
 
 
-def _answered(score: CaseScore) -> bool:
-    """Named rightly, or of a right class on the right joint."""
-    return score.effects[0].in_set or bool(score.class_right)
-
-
 def world_summary(world: str, scores: Sequence[CaseScore]) -> dict[str, Any]:
     """Every figure of one world. Bare recordings count for the time only."""
     cases = _with_effect(scores)
@@ -46,7 +41,7 @@ def world_summary(world: str, scores: Sequence[CaseScore]) -> dict[str, Any]:
         "strong_named_right": rate(score.effects[0].in_set for score in strong),
         "strong_class_right": rate(bool(score.class_right) for score in judged),
         "strong_class_right_by_share": rate(bool(score.class_right_by_share) for score in judged),
-        "strong_name_or_class_right": rate(_answered(score) for score in strong),
+        "strong_name_or_class_right": rate(score.effects[0].in_set or bool(score.class_right) for score in strong),
         "strong_nothing_said": rate(not score.claimed and not score.classes for score in strong),
         "strong_passed_as_no_mismatch": rate(score.verdict == "no_mismatch" for score in strong),
         "classes_on_other_joints": rate(

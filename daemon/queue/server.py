@@ -156,12 +156,9 @@ class Service:
             case api.GetJobs():
                 listed = self._jobs.views(request.limit, request.job_id, held=request.held)
                 return api.JobsReply(jobs=listed, total=len(self._jobs.store.jobs))
-            case api.SubmitRun():
+            case api.SubmitRun() | api.SubmitInvestigation():
                 # Answered when it is on the disk.
                 self._submit(request, address)
-                return None
-            case api.SubmitInvestigation():
-                self._submit_investigation(request, address)
                 return None
             case api.ResumeQueue():
                 self._require_confirmation(request.confirmed)
@@ -187,19 +184,21 @@ class Service:
         self._tell(sentence)
         return api.Stopped(was_moving=moving, already=moving and already, run=run, held=held, sentence=sentence)
 
-    def _submit(self, request: api.SubmitRun, address: list[bytes]) -> None:
+    def _submit(self, request: api.SubmitRun | api.SubmitInvestigation, address: list[bytes]) -> None:
         if self._state in (State.CLOSING, State.CLOSED):
             raise RefusedRequestError("closing", "The service is about to end; nothing is taken any more.", 69)
-        self._require_confirmation(request.confirmed)
-        self._jobs.add(request, lambda job_id, error: self._posted.put(Stored(job_id, address, error)))
 
-    def _submit_investigation(self, request: api.SubmitInvestigation, address: list[bytes]) -> None:
-        """Moves nothing by itself: each of its motions waits for a confirmed `resume`."""
-        if self._state in (State.CLOSING, State.CLOSED):
-            raise RefusedRequestError("closing", "The service is about to end; nothing is taken any more.", 69)
+        def stored(job_id: str, error: OSError | None) -> None:
+            self._posted.put(Stored(job_id, address, error))
+
+        if isinstance(request, api.SubmitRun):
+            self._require_confirmation(request.confirmed)
+            self._jobs.add(request, stored)
+            return
+        # Moves nothing by itself: each of its motions waits for a confirmed `resume`.
         if request.unasked and self._needs_confirmation:
             raise RefusedRequestError("not_confirmed", "A real arm asks before each motion of an investigation.", 2)
-        self._investigations.add(request, lambda job_id, error: self._posted.put(Stored(job_id, address, error)))
+        self._investigations.add(request, stored)
 
     def _require_confirmation(self, confirmed: bool) -> None:
         if self._needs_confirmation and not confirmed:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.api import LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, LoopReport, RunOutcome, RunRequest
+from daemon.api import LAST_SAMPLES_NAME, REPORT_NAME, RUN_NAME, RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError
 from daemon.folders import make_folder
 from daemon.json_files import read_json, write_json
@@ -120,9 +120,10 @@ def nothing_moved(outcome: RunOutcome) -> bool:
     loop, request = outcome.loop, outcome.request
     if request is not None and request.monitor_only and outcome.samples:
         return False  # whatever led the arm: it is in the recording
-    return outcome.outcome in _BEFORE_MOTION or (
-        loop is not None and (not loop.answered or (outcome.outcome == "stopped" and _only_waited(loop)))
-    )
+    if loop is None or outcome.outcome in _BEFORE_MOTION:
+        return outcome.outcome in _BEFORE_MOTION
+    only_waited = bool(loop.phases) and all(span.phase in _AT_REST for span in loop.phases)
+    return not loop.answered or (outcome.outcome == "stopped" and only_waited)
 
 
 def _nothing_moved_in(folder: Path) -> bool:
@@ -130,10 +131,6 @@ def _nothing_moved_in(folder: Path) -> bool:
         return nothing_moved(read_json(folder / RUN_NAME, RunOutcome))
     except DaemonError:
         return False
-
-
-def _only_waited(loop: LoopReport) -> bool:
-    return bool(loop.phases) and all(span.phase in _AT_REST for span in loop.phases)
 
 
 def _set_aside(folder: Path) -> None:

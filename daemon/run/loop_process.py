@@ -20,6 +20,8 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,6 +56,9 @@ from safety.limits import JointLimits, limits_for
 
 STANDING = np.zeros((16, 7))
 """In place of a motion where none is driven, rad: a row for each command period, whatever that is."""
+_OF_THE_RESULT = tuple(each.name for each in fields(LoopResult) if each.name not in ("last_samples", "phases"))
+_OF_THE_SESSION = ("received", "answered", "missing", "duplicates", "stale", "refused")
+"""What a report takes as it is."""
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -108,10 +113,7 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
     """
     with UdpChannel() as channel:
         try:
-            version = FriVersion.parse(request.fri_version)
-            limits = limits_for(request.robot)
-            table = STANDING if request.monitor_only else load_table(request.table_file)
-            loop = _make_loop(request, channel, version, limits, table, ring)
+            loop = _make_loop(request, channel, ring)
         except (DaemonError, FriError, SafetyError) as error:
             return _not_run("refused", error), error.exit_code
         settings = RealtimeSettings(
@@ -126,7 +128,9 @@ def run_loop(request: RunRequest, ring: HandoverRing) -> tuple[LoopReport, int]:
             return _not_run("port_in_use", error), error.exit_code
         except ConfigurationError as error:
             return _not_run("refused", error), error.exit_code
-    _write_last_samples(request, result)
+    if result.last_samples:
+        with contextlib.suppress(LogIOError):  # a full disk costs no more than them
+            write_run_file(request, LAST_SAMPLES_NAME, result.last_samples)
     code = loop.refusal_exit_code or EXIT_CODES[result.outcome]
     return _report(loop, result, obtained, ring), code
 
@@ -180,17 +184,9 @@ def motion_of(
     )
 
 
-def _make_loop(
-    request: RunRequest,
-    channel: UdpChannel,
-    version: FriVersion,
-    limits: JointLimits,
-    table: NDArray[np.float64],
-    ring: HandoverRing,
-) -> FriLoop:
-    def make_motion(command_period_s: float, samples_per_command: int) -> MotionProgram:
-        return motion_of(request, table, limits, command_period_s, samples_per_command)
-
+def _make_loop(request: RunRequest, channel: UdpChannel, ring: HandoverRing) -> FriLoop:
+    version, limits = FriVersion.parse(request.fri_version), limits_for(request.robot)
+    table = STANDING if request.monitor_only else load_table(request.table_file)
     settings = LoopSettings(
         receive_timeout_s=request.receive_timeout_s,
         start_timeout_s=request.start_timeout_s,
@@ -203,16 +199,7 @@ def _make_loop(
         monitor_only=request.monitor_only,
         test_mode_only=request.test_mode_only,
     )
-    return FriLoop(channel, version, make_motion, ring, settings)
-
-
-def _write_last_samples(request: RunRequest, result: LoopResult) -> None:
-    """The seconds around an end that was not the planned one, into the run's folder; a full disk costs no more than
-    them.
-    """
-    if result.last_samples:
-        with contextlib.suppress(LogIOError):
-            write_run_file(request, LAST_SAMPLES_NAME, result.last_samples)
+    return FriLoop(channel, version, partial(motion_of, request, table, limits), ring, settings)
 
 
 def _not_run(outcome: LoopOutcome, error: DaemonError | FriError | SafetyError) -> LoopReport:
@@ -223,28 +210,9 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
     counts = loop.session.counts
     link = loop.statistics.summary()
     return LoopReport(
-        outcome=result.outcome,
-        reason=result.reason,
-        sentence=result.sentence,
-        joint=result.joint,
-        value=result.value,
-        limit=result.limit,
-        tick=result.tick,
-        criterion=result.criterion,
-        stop_kind=result.stop_kind,
-        stop_duration_s=result.stop_duration_s,
-        overruled=result.overruled,
+        **{name: getattr(result, name) for name in _OF_THE_RESULT},
+        **{name: getattr(counts, name) for name in _OF_THE_SESSION},
         last_samples=0 if result.last_samples is None else len(result.last_samples),
-        standstill_confirmed=result.standstill_confirmed,
-        received=counts.received,
-        answered=counts.answered,
-        late=result.late,
-        missing=counts.missing,
-        duplicates=counts.duplicates,
-        stale=counts.stale,
-        refused=counts.refused,
-        undecodable=result.undecodable,
-        foreign=result.foreign,
         lost_in_handover=ring.lost,
         send_period_ms=loop.session.send_period_ms,
         turn_around=_histogram(link["turn_around"]),
@@ -259,7 +227,6 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
             for span in result.phases
         ),
         periods_completed=loop.motion.periods_completed,
-        duration_s=result.duration_s,
         realtime=obtained.to_json(),
         link=link,
     )

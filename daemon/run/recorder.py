@@ -130,7 +130,8 @@ class Recorder:
                     time.sleep(IDLE_SLEEP_S)
             return self._close()
         except _DiskRefusedError as refusal:
-            return self._give_up(refusal.error)
+            self._report(RecorderFailed(part=self._job.part, sentence=str(refusal.error)))
+            return refusal.error.exit_code
         finally:
             self._reserve.give_back()
 
@@ -289,10 +290,6 @@ class Recorder:
             )
         )
         return 0
-
-    def _give_up(self, error: LogIOError) -> int:
-        self._report(RecorderFailed(part=self._job.part, sentence=str(error)))
-        return error.exit_code
 
 
 class _DiskRefusedError(Exception):

@@ -26,7 +26,7 @@ _MOST_RECORDS = 16384
 
 _NO_MONITOR, _NO_CONNECTION, _NO_IPO = MonitorData(), ConnectionInfo(0, 0), IpoData()
 
-_STOP_REASONS = frozenset(int(code) for code in EventCode if code.is_stop_reason)
+_ENDS = frozenset(int(code) for code in EventCode if code.is_stop_reason or code is EventCode.SESSION_DROP)
 
 
 @dataclass(slots=True)
@@ -63,7 +63,7 @@ def read_last_samples(ring: HandoverRing, codec: Codec) -> LastSamples:
     """
     records = ring.newest(_MOST_RECORDS)
     if records:
-        ends = [record.receive_ns for record in records if _is_end(record.event_code)]
+        ends = [record.receive_ns for record in records if record.event_code in _ENDS]
         end_ns = ends[0] if ends else records[-1].receive_ns
         since, until = end_ns - LAST_SAMPLES_S * 1e9, end_ns + AFTERWARDS_S * 1e9
         records = [record for record in records if since <= record.receive_ns <= until]
@@ -111,10 +111,6 @@ def _row(record: HandoverRecord, codec: Codec, epoch_offset_ns: int) -> dict[str
         "event_value": record.event_value,
         "event_limit": record.event_limit,
     }
-
-
-def _is_end(code: int) -> bool:
-    return code == EventCode.SESSION_DROP or code in _STOP_REASONS
 
 
 def _listed(values: tuple[float, ...] | None) -> list[float] | None:

@@ -20,6 +20,7 @@ from fri_client.session.robot_counter import WRAP
 _HALF = 1 << 31
 _WINDOW = 64
 _WINDOW_MASK = (1 << _WINDOW) - 1
+_COUNTS = ("received", "answered", "missing", "late", "duplicates", "reordered", "stale", "undecodable")
 
 
 class Arrival(IntEnum):
@@ -200,14 +201,7 @@ class LinkStatistics:
     def summary(self) -> dict[str, Any]:
         """Everything counted, as plain numbers, lists and dicts that JSON can hold."""
         return {
-            "received": self.received,
-            "answered": self.answered,
-            "missing": self.missing,
-            "late": self.late,
-            "duplicates": self.duplicates,
-            "reordered": self.reordered,
-            "stale": self.stale,
-            "undecodable": self.undecodable,
+            **{name: getattr(self, name) for name in _COUNTS},
             "turn_around": self.turn_around.summary(),
             "jitter": self.jitter.summary(),
         }

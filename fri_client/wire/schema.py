@@ -252,9 +252,8 @@ def check_count(row: Field, message: str, count: int) -> None:
         raise WrongValueCount(message=message, field=row.name, count=count, limit=row.limit, exact=False)
 
 
-def _rows(group: type[Any], version: FriVersion) -> tuple[Field, ...]:
-    rows = (row for row in _TABLE[group][1] if version in row.versions)
-    return tuple(sorted(rows, key=lambda row: row.number))
-
-
-_ROWS = {(group, version): _rows(group, version) for group in _TABLE for version in FriVersion}
+_ROWS = {
+    (group, version): tuple(sorted((row for row in rows if version in row.versions), key=lambda row: row.number))
+    for group, (_, rows) in _TABLE.items()
+    for version in FriVersion
+}
