@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.cli.design import _show_effects, show_verified
+from daemon.cli.design_parts import show_effects, show_verified
 from identification.excitation import load_trajectory
 from tests.daemon.command_line import run
 
@@ -78,5 +78,5 @@ def test_how_near_the_limits_a_design_comes_is_a_table_in_percent(capsys: pytest
 
 def test_what_is_found_and_what_gets_a_name_are_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
     """Truth: docs/mismatch-proof.md; half a χ² of 14 is λ = 28, and a name needs λ ≥ 60."""
-    _show_effects((), periods=4)
+    show_effects((), periods=4)
     assert "reach the λ of 28 at which a diagnosis finds them; a name needs 60." in capsys.readouterr().out
